@@ -35,6 +35,12 @@ def add_parser(subparsers: Any) -> None:
         metavar="NM",
         help="of every hinge [N·m], 0 to leave one out (default: the model's)",
     )
+    parser.add_argument(
+        "--engine",
+        metavar="NAME",
+        help="where the joints are tested: mujoco (default), warp, mjx or newton, which are extras; "
+        "there a robot's name means what `stiction export ROBOT --engine NAME` writes",
+    )
     common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
 
 
@@ -48,6 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         result = conformance(
             args.robot,
             args.stiction,
+            engine=args.engine or "mujoco",
             chain=args.chain,
             threads=args.threads,
             progress=lambda k, n: progress.set("conformance", k, n),
@@ -56,12 +63,15 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         result.write(folder.path)
     answer = result.to_json()
     stuck = [r["joint"] for r in answer["rows"] if not (r["holds"] and r["goes"])]
+    failed = f"does not stick as it should: {', '.join(stuck)}" if stuck else None
+    if answer.get("refused"):
+        failed = f"{answer['engine']} refused: {answer['refused']}"
     return {
         "command": "conformance",
         "robot": args.robot,
         "out": str(folder.path),
         **answer,
-        "failed": f"does not stick as it should: {', '.join(stuck)}" if stuck else None,
+        "failed": failed,
     }
 
 
@@ -69,5 +79,4 @@ def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
     from stiction_envs.experiments.conformance_report import describe
 
-    text = describe(result["rows"], result["settings"])
-    return f"{text}\nwritten to {result['out']}: conformance.csv"
+    return f"{describe(result)}\nwritten to {result['out']}: conformance.csv"

@@ -1,4 +1,4 @@
-"""``stiction export``: the arm that sticks, as plain MJCF for stock MuJoCo."""
+"""``stiction export``: the arm that sticks, as plain MJCF for MuJoCo and other engines."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.errors import StictionError
+
+KINDS = ("dcmotor", "frictionloss")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -21,7 +23,21 @@ def add_parser(subparsers: Any) -> None:
         run=run,
         show=show,
     )
-    common.add_robot_options(parser)
+    common.add_robot_options(parser, friction=False)
+    parser.add_argument(
+        "--friction",
+        action="append",
+        default=[],
+        metavar="KIND|FILE.toml",
+        help="dcmotor (LuGre, sticks) or frictionloss (for engines without it; creeps a little); or "
+        "the joint friction, as `stiction calibrate` writes it (default: the robot's); once each",
+    )
+    parser.add_argument(
+        "--engine",
+        metavar="NAME",
+        help="that must read it: mujoco (default), warp, mjx (frictionloss only) or newton "
+        "(dcmotors driven by voltage)",
+    )
     parser.add_argument(
         "--from",
         dest="source",
@@ -33,17 +49,24 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
-    """Write ``model.xml`` and provenance."""
-    arm = common.read_arm(args)
-
+    """Write ``model.xml``, what Menagerie has beside it, and provenance."""
+    from stiction_envs.errors import unknown
+    from stiction_envs.experiments.engines import ENGINES
     from stiction_envs.friction.export import export, friction_in
 
+    if (engine := args.engine or "mujoco") not in ENGINES:
+        raise unknown("engine", engine, ENGINES)
+    args.friction, args.kind = _friction(args.friction)
+    arm = common.read_arm(args)
+    motor = ENGINES[engine].motor
+    if args.kind == "dcmotor" and motor is None:
+        raise StictionError(f"engine {engine} has no dcmotor: expected --friction frictionloss")
     if args.source is not None:
         if args.friction is not None:
             raise StictionError("--from and --friction both name the friction: expected one")
         args.friction = friction_in(args.source)
     folder = common.output_folder(args, arm.name, common.model_files(args))
-    result = export(arm, args.friction)
+    result = export(arm, args.friction, kind=args.kind, motor=motor)
     with common.working(), folder:
         result.write(folder.path)
     return {
@@ -52,12 +75,28 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "out": str(folder.path),
         "model": str(folder.path / "model.xml"),
         "friction": folder.provenance["inputs"]["friction"],
+        "kind": result.kind,
         **result.to_json(),
     }
+
+
+def _friction(given: list[str]) -> tuple[Path | None, str | None]:
+    """Return the friction file and the kind of friction among the values of ``--friction``."""
+    kinds = [x for x in given if x in KINDS]
+    files = [Path(x) for x in given if x not in KINDS]
+    if wrong := [x for x in files if x.suffix != ".toml"]:
+        raise StictionError(
+            f"friction {wrong[0]}: expected one of {', '.join(KINDS)}, or a path to a .toml"
+        )
+    if len(kinds) > 1 or len(files) > 1:
+        raise StictionError(
+            f"--friction {' '.join(given)}: expected one kind and one .toml at most"
+        )
+    return next(iter(files), None), next(iter(kinds), None)
 
 
 def show(result: dict[str, Any]) -> str:
     """Return the result as a readable table."""
     from stiction_envs.friction.export import describe
 
-    return f"{describe(result['joints'])}\nwritten to {result['model']}"
+    return f"{describe(result['joints'])}\nfriction: {result['kind']}\nwritten to {result['model']}"

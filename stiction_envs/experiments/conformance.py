@@ -13,6 +13,10 @@ Per joint that carries friction, in both directions, with gravity, contacts and 
   0.1 rad is the breakaway torque. It is reported, not judged: that it falls with the rate is LuGre.
 
 MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (sources.md 3.5).
+
+``engine="warp"`` asks the same inside another engine (`engines`). There a robot's name means what
+``stiction export ROBOT --engine warp`` writes, ramps are left out unless their rates are given, and
+an engine of float32 may move by ``still_single`` instead of 1e-6 rad.
 """
 
 from __future__ import annotations
@@ -21,6 +25,7 @@ import copy
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -29,10 +34,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance_report import JointResult, Report
+from stiction_envs.experiments.engines import ENGINES, Bare, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
-from stiction_envs.plant import rollout
+from stiction_envs.friction.plain_mjcf import mjcf_for
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
@@ -49,6 +55,7 @@ def conformance(
     model: str | Path | mujoco.MjModel | StickingModel,
     stiction: ArrayLike | None = None,
     *,
+    engine: str = "mujoco",
     qpos: ArrayLike | None = None,
     rates: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
@@ -66,8 +73,10 @@ def conformance(
         model: robot name, path of an MJCF, MJCF text, compiled model, or a sticking model.
         stiction: F_s of every hinge of the model in its order [N·m], 0 for one not to be tested.
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
+        engine: where the joints are tested, one of `engines.ENGINES`.
         qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
-        rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings.
+        rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings, and for
+            none in another engine than MuJoCo.
         chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
             other joints are locked; None for all hinges.
         threads: threads, 0 for all processors.
@@ -76,13 +85,21 @@ def conformance(
 
     Raises:
         StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
-            negative, position outside limits, or rate that is not positive.
+            negative, position outside limits, rate that is not positive, or an engine that is
+            unknown or not installed.
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
+    where = engine_named(engine)
     s = settings or experiment_settings().conformance
-    rates = s.ramp_rates if rates is None else rates
+    if where.single:
+        s = dataclasses.replace(s, still=s.still_single)
+    stock = where is ENGINES["mujoco"]
+    if rates is None:
+        rates = s.ramp_rates if stock else ()
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
+    if not stock:
+        model = _as_exported(model, where)
     bare = _bare(_compiled(model, chain))
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     read, stiffness = _friction(bare, hinges)
@@ -95,27 +112,22 @@ def conformance(
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
-    bench = _Bench(bare, joints, level, _start(bare, qpos), threads, s)
-    say = progress or (lambda *_: None)
-    deflection, still, creep = bench.hold()
-    say(1, len(rates) + 2)
-    go = bench.go()
-    breakaway = np.empty((len(rates), len(joints)))
-    for k, rate in enumerate(rates):
-        say(k + 2, len(rates) + 2)
-        breakaway[k] = bench.breakaway(rate)
+    mjcf = _mjcf(model) if chain is None else None
+    whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
+    bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
+    found = _tested(bench, rates, progress or (lambda *_: None))
     results = tuple(
         JointResult(
             name=bare.joint(int(j)).name or f"hinge {j}",
             stiction=float(level[k]),
             bristle_stiffness=float(stiffness[k]),
             presliding=float(-np.log(1 - s.under) * level[k] / stiffness[k]),
-            deflection=float(deflection[k]),
-            still=float(still[k]),
-            creep=float(creep[k]),
-            go_time=float(go[k]),
-            breakaway=tuple(breakaway[:, k].tolist()),
-            holds=bool(still[k] < s.still and deflection[k] < s.gone),
+            deflection=float(found.deflection[k]),
+            still=float(found.still[k]),
+            creep=float(found.creep[k]),
+            go_time=float(found.go[k]),
+            breakaway=tuple(found.breakaway[:, k].tolist()),
+            holds=bool(found.still[k] < s.still and found.deflection[k] < s.gone),
         )
         for k, j in enumerate(joints)
     )
@@ -131,12 +143,55 @@ def conformance(
             "qpos": qpos,
             "rates": list(rates),
             **({} if chain is None else {"chain": list(chain)}),
-            "settings": dataclasses.asdict(s),
+            **({} if stock else {"engine": {"name": where.name, **where.versions()}}),
+            "settings": s.used(),
         },
         seed=0,
         inputs={} if path is None else robot_files(path),
     )
-    return Report(joints=results, rates=tuple(float(r) for r in rates), settings=s, provenance=made)
+    return Report(
+        joints=results,
+        rates=tuple(float(r) for r in rates),
+        settings=s,
+        engine="" if stock else f"{where.name} {next(iter(where.versions().values()))}",
+        refused=found.refused,
+        provenance=made,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Found:
+    """Results per joint: (n,) arrays, breakaway torques (rates, n)."""
+
+    deflection: Array
+    still: Array
+    creep: Array
+    go: Array
+    breakaway: Array
+    refused: str = ""
+
+
+def _tested(bench: _Bench, rates: Sequence[float], say: Callable[[int, int], None]) -> _Found:
+    """Return what the joints did; NaN where the engine refuses the model."""
+    breakaway = np.full((len(rates), bench.n), np.nan)
+    nothing = np.full(bench.n, np.nan)
+    try:
+        deflection, still, creep = bench.hold()
+    except Refused as error:
+        return _Found(
+            deflection=nothing,
+            still=nothing,
+            creep=nothing,
+            go=nothing,
+            breakaway=breakaway,
+            refused=str(error),
+        )
+    say(1, len(rates) + 2)
+    go = bench.go()
+    for k, rate in enumerate(rates):
+        say(k + 2, len(rates) + 2)
+        breakaway[k] = bench.breakaway(rate)
+    return _Found(deflection=deflection, still=still, creep=creep, go=go, breakaway=breakaway)
 
 
 class _Bench:
@@ -144,7 +199,8 @@ class _Bench:
 
     def __init__(
         self,
-        model: mujoco.MjModel,
+        engine: Engine,
+        bare: Bare,
         joints: Index,
         level: Array,
         qpos: Array,
@@ -152,11 +208,11 @@ class _Bench:
         settings: ConformanceSettings,
     ) -> None:
         self.settings = settings
-        self.model, self.threads = model, threads
+        self.engine, self.bare, self.threads = engine, bare, threads
         self.qpos, self.n = qpos, len(joints)
         self.level = level
-        self.dof = model.jnt_dofadr[joints]
-        self.adr = model.jnt_qposadr[joints]
+        self.dof = bare.model.jnt_dofadr[joints]
+        self.adr = bare.model.jnt_qposadr[joints]
 
     def run(
         self,
@@ -174,14 +230,16 @@ class _Bench:
         sign = np.repeat(np.array(signs, float), self.n)
 
         def applied(t: Array) -> Array:
-            out = np.zeros((m, len(t), self.model.nv))
+            out = np.zeros((m, len(t), self.bare.model.nv))
             out[np.arange(m), :, dof] = sign[:, None] * np.tile(torque(t), (len(signs), 1))
             return out
 
         start = np.tile(self.qpos, (m, 1))
-        steps = round(time / self.model.opt.timestep)
+        steps = round(time / self.bare.model.opt.timestep)
         adr = np.tile(self.adr, len(signs))
-        for part in rollout(self.model, start, applied, steps, record=record, threads=self.threads):
+        for part in self.engine.simulate(
+            self.bare, start, applied, steps, record=record, threads=self.threads
+        ):
             q = part["qpos"][np.arange(m), :, adr] - self.qpos[adr][:, None]
             yield part, sign[:, None] * q
 
@@ -247,6 +305,22 @@ class _Bench:
             if gone.all():
                 break
         return np.where(gone, peak, np.nan)
+
+
+def _as_exported(
+    model: str | Path | mujoco.MjModel | StickingModel, engine: Engine
+) -> str | Path | mujoco.MjModel | StickingModel:
+    """Return the MJCF that export writes for an engine of a named arm or a sticking model."""
+    if isinstance(model, str | Path) and str(model) in ARMS:
+        model = build(load_arm(str(model)))
+    return mjcf_for(model, engine.motor) if isinstance(model, StickingModel) else model
+
+
+def _mjcf(model: str | Path | mujoco.MjModel | StickingModel) -> str | Path | None:
+    """Return text or file of a model, None if it has none."""
+    if not isinstance(model, str | Path):
+        return None
+    return str(model) if "<" in str(model) or str(model) in ARMS else find_model(model)
 
 
 def _compiled(

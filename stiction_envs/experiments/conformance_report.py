@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -62,6 +61,10 @@ class Report(Result):
     """Ramp rates of the breakaway torques [N·m/s]."""
     settings: ConformanceSettings
     """What the joints were tested by."""
+    engine: str = ""
+    """Name and version of another engine than stock MuJoCo."""
+    refused: str = ""
+    """The engine's line if it does not take the model."""
     provenance: dict[str, Any] = field(compare=False)
 
     @property
@@ -73,7 +76,8 @@ class Report(Result):
         """Return the rows of ``conformance.csv``, and what the joints were tested by."""
         return {
             "passed": self.passed,
-            "settings": dataclasses.asdict(self.settings),
+            "settings": self.settings.used(),
+            **({"engine": self.engine, "refused": self.refused} if self.engine else {}),
             "rows": [self._row(j) for j in self.joints],
         }
 
@@ -89,9 +93,10 @@ class Report(Result):
             "creep_rad_s": j.creep,
             "go_time_s": j.go_time,
         }
-        return row | {
-            f"{_BREAKAWAY}{r:g}_nm_s": b for r, b in zip(self.rates, j.breakaway, strict=True)
-        }
+        row |= {f"{_BREAKAWAY}{r:g}_nm_s": b for r, b in zip(self.rates, j.breakaway, strict=True)}
+        if self.engine:
+            row |= {"engine": self.engine, "refused": self.refused}
+        return row
 
     def write(self, folder: Path) -> None:
         """Write ``conformance.csv``: a joint in a row, what it did under both loads."""
@@ -107,11 +112,14 @@ class Report(Result):
 
     def __str__(self) -> str:
         answer = self.to_json()
-        return describe(answer["rows"], answer["settings"])
+        return describe(answer)
 
 
-def describe(rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> str:
-    """Return `Report.to_json`'s rows and settings as a readable table."""
+def describe(answer: Mapping[str, Any]) -> str:
+    """Return what `Report.to_json` returned as a readable table."""
+    rows, s = answer["rows"], answer["settings"]
+    if answer.get("refused"):
+        return f"{answer['engine']} refused: {answer['refused']}"
     ramps = [k for k in rows[0] if k.startswith(_BREAKAWAY)]
     head = ["joint", "F_s N·m", "deflect. mrad", "LuGre mrad", "motion rad", "creep rad/s", "go s"]
     head += [f"at {k.removeprefix(_BREAKAWAY).removesuffix('_nm_s')} N·m/s" for k in ramps]
@@ -132,13 +140,14 @@ def describe(rows: Sequence[Mapping[str, Any]], settings: Mapping[str, Any]) -> 
     table = [[*head, "sticks"], *body]
     width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
-    n, s = sum(row["holds"] and row["goes"] for row in rows), settings
+    n = sum(row["holds"] and row["goes"] for row in rows)
+    inside = f" in {answer['engine']}" if "engine" in answer else ""
     return "\n".join(
         [
             *lines,
-            f"{n} of {len(rows)} joints stick: under {s['under']:.0%} of F_s they move less than "
+            f"{n} of {len(rows)} joints stick{inside}: under {s['under']:.0%} of F_s they move less than "
             f"{s['still']:g} rad in the last {s['watched_time']:g} s of {s['hold_time']:g} s, "
             f"under {s['over']:.0%} more than {s['gone']:g} rad in {s['go_time']:g} s.",
-            "Columns with a ramp rate: dry friction torque at breakaway [N·m].",
+            *["Columns with a ramp rate: dry friction torque at breakaway [N·m]."][: len(ramps)],
         ]
     )

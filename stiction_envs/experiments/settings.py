@@ -5,9 +5,11 @@ Protocols, which differ between arms, are in ``sje/sje.toml`` and ``gte/gte.toml
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
@@ -33,10 +35,18 @@ class ConformanceSettings:
     """Time in which that load rises [s]."""
     still: Positive
     """Largest motion of a joint that holds [rad]."""
+    still_single: Positive
+    """The same in an engine of float32 [rad]."""
     gone: Positive
     """Least motion of a joint that moves away [rad]."""
     ramp_rates: tuple[Positive, ...]
     """Torque rates at which breakaway torques are measured [N·m/s]."""
+
+    def used(self) -> dict[str, Any]:
+        """Return the constants of a test; `still` is that of its engine."""
+        out = dataclasses.asdict(self)
+        del out["still_single"]
+        return out
 
     def __post_init__(self) -> None:
         if self.over <= 1 or self.watched_time >= self.hold_time:

@@ -1,4 +1,8 @@
-"""Export an arm with its friction as plain MJCF: `export("panda").save("runs/panda-model")`."""
+"""Export an arm with its friction as plain MJCF: `export("panda").save("runs/panda-model")`.
+
+The folder is laid out as those of MuJoCo Menagerie: ``model.xml``, ``scene.xml``, ``README.md`` with
+the sources, ``CHANGELOG.md``.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,8 @@ from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import COULOMB, STICTION, StickingModel
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.parameters import FrictionParameters, friction_sources
+from stiction_envs.friction.plain_mjcf import Kind, MotorInput, plain_mjcf
 from stiction_envs.friction.sticking import (
     Friction,
     Robot,
@@ -18,9 +23,15 @@ from stiction_envs.friction.sticking import (
     sticking_model,
 )
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.reporting.result import Result
+from stiction_envs.reporting.templates import render
+from stiction_envs.robots.registry import ARMS, arm_title
+from stiction_envs.robots.tables import read_toml
+from stiction_envs.version import __version__
 
+TEMPLATES = Path(__file__).with_name("templates")
 SOURCES = ("model.toml", "friction.toml")
 """Files that hold the friction of an earlier run; the first that exists is used."""
 
@@ -31,6 +42,12 @@ class ExportedModel(Result):
 
     sticking: StickingModel
     xml: str
+    kind: Kind
+    """What carries the dry friction."""
+    motor: MotorInput
+    """Input of the ``dcmotor``."""
+    origin: Path | FrictionParameters
+    """Where the friction is from."""
     provenance: dict[str, Any]
 
     def to_json(self) -> dict[str, Any]:
@@ -51,8 +68,45 @@ class ExportedModel(Result):
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``model.xml``."""
+        """Write ``model.xml``, ``scene.xml``, ``README.md`` and ``CHANGELOG.md``."""
         write_text_atomic(folder / "model.xml", self.xml)
+        for name, template in (
+            ("scene.xml", "scene.xml.j2"),
+            ("README.md", "readme.md.j2"),
+            ("CHANGELOG.md", "changelog.md.j2"),
+        ):
+            write_text_atomic(folder / name, render(TEMPLATES / template, **self._words()))
+
+    def _words(self) -> dict[str, Any]:
+        """Return what the templates ask for."""
+        arm, rows = self.sticking.arm, self.to_json()["joints"]
+        files = ARMS.get(str(arm.registered_name))
+        sources = {} if files is None else read_toml(files.toml).get("sources", {})
+        found, _ = friction_sources(self.origin)
+        return {
+            "name": arm.name,
+            "title": arm_title(arm.name),
+            "version": __version__,
+            "kind": self.kind,
+            "motor": self.motor if self.kind == "dcmotor" else "",
+            "joints": table_text(
+                ["joint", "stiction [N·m]", "Coulomb [N·m]", "gear"],
+                [
+                    [
+                        r["name"],
+                        f"{r['stiction_nm']:.4f}",
+                        f"{r['coulomb_nm']:.4f}",
+                        "elastic" if r["elastic"] else "rigid",
+                    ]
+                    for r in rows
+                ],
+            ),
+            "elastic": any(r["elastic"] for r in rows),
+            "model": f"`{arm.name}` of stiction-envs" if files else f"a user's file, `{arm.name}`",
+            "arm_sources": [f"{key}: {value}" for key, value in sources.items()],
+            "friction": _origin_name(self.origin),
+            "friction_sources": [f"{key}: {value}" for key, value in found.items()],
+        }
 
     def __repr__(self) -> str:
         return f"<ExportedModel of {self.sticking.arm.name}, {self.sticking.n} joints>"
@@ -61,25 +115,50 @@ class ExportedModel(Result):
         return describe(self.to_json()["joints"])
 
 
-def export(robot: Robot, friction: Friction | None = None) -> ExportedModel:
+def _origin_name(origin: Path | FrictionParameters) -> str:
+    return origin.name if isinstance(origin, Path) else "an arm with its friction"
+
+
+def export(
+    robot: Robot,
+    friction: Friction | None = None,
+    *,
+    kind: Kind | None = None,
+    motor: MotorInput | None = "ff",
+) -> ExportedModel:
     """Return an arm with its friction as plain MJCF.
 
     Args:
         robot: name, model file, arm, or an arm with its friction (`load_model`).
         friction: of one arm, or its TOML; None for the robot's own.
+        kind: what carries the dry friction; None for ``dcmotor`` where it can.
+        motor: input of the ``dcmotor`` that an engine takes; None: it takes none.
 
     Raises:
-        StictionError: an arm or friction that cannot be loaded, or that do not match.
+        StictionError: an arm or friction that cannot be loaded, or that do not match; a
+            ``dcmotor`` for an engine that takes none.
     """
+    if kind is None:
+        kind = "frictionloss" if motor is None else "dcmotor"
+    if kind == "dcmotor" and motor is None:
+        raise StictionError("friction dcmotor: that engine has none: expected frictionloss")
+    motor = motor or "ff"
     sticking = sticking_model(robot, friction)
     origin = friction_origin(robot, friction)
-    name = origin.name if isinstance(origin, Path) else "an arm with its friction"
     return ExportedModel(
         sticking=sticking,
-        xml=plain_mjcf(sticking, friction_name=name),
+        xml=plain_mjcf(sticking, friction_name=_origin_name(origin), kind=kind, motor=motor),
+        kind=kind,
+        motor=motor,
+        origin=origin,
         provenance=provenance(
             "export",
-            {"robot": sticking.arm.name, "model_sha256": model_sha256(sticking)},
+            {
+                "robot": sticking.arm.name,
+                "model_sha256": model_sha256(sticking),
+                "kind": kind,
+                "motor": motor,
+            },
             seed=0,
         ),
     )

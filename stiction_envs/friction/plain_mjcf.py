@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import textwrap
 import xml.etree.ElementTree as ET
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -19,26 +21,74 @@ from stiction_envs.friction.model import (
 )
 from stiction_envs.robots.mjcf import numbers, parents
 
-_COMMENT = """ {name} with joints that stick, written by stiction export. SI units.
-     Friction: {friction}. It is native MuJoCo: a LuGre bristle in each dcmotor, rotor inertia as
-     armature, viscous friction as damping, elastic gears as a second hinge JOINT_spring on the same
-     axis (link angle = JOINT + JOINT_spring). Controls are joint torques [N m], within the limits
-     of the arm. Gravity is compensated by gravcomp, as by the arm's own controller.
-     Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and longer
-     steps change a LuGre joint. Contacts are off, as in our experiments; remove the flag to enable
-     them. Keyframe "home" is the rest pose.
-     Plain MJCF cannot express, and this file leaves out: torque offsets and gravity-compensation
-     error{offsets}, friction that depends on direction (here: the mean), on load (here:
-     the level of the unloaded joint) or on warm-up, a controller slower than the simulation, limits
-     of torque rate and low-pass. """
+Kind = Literal["dcmotor", "frictionloss"]
+"""How a model carries dry friction: a LuGre bristle, or MuJoCo's soft constraint."""
+MotorInput = Literal["ff", "voltage"]
+"""Input of a ``dcmotor`` whose control is joint torque. Newton takes ``voltage`` only."""
+WINDING = "1e-06"
+"""Torque constant [N·m/A] and resistance [Ω] of a motor whose voltage is its torque: the ratio is
+1, and what the back-EMF damps, their product over it, is 1e-6 N·m·s/rad (assumed to be nothing)."""
+HARDEST = {"solreffriction": "{:g} 1", "solimpfriction": "0.9999 0.9999 0.001"}
+"""``frictionloss`` that creeps least without `NOSLIP`: MuJoCo's largest impedance, and the shortest
+time constant that a step allows, twice its length (benchmarks/accuracy/engines.md)."""
+NOSLIP = 5
+"""Iterations of MuJoCo's noslip solver, which then leaves a creep under 1e-12 rad/s (the same)."""
+
+_COMMENT = (
+    "{name} with joints that stick, written by stiction export. SI units.",
+    "Friction: {friction}. {native}, rotor inertia as armature, viscous friction as damping, elastic "
+    "gears as a second hinge JOINT_spring on the same axis (link angle = JOINT + JOINT_spring). "
+    "Controls are joint torques [N m], within the limits of the arm. Gravity is compensated by "
+    "gravcomp, as by the arm's own controller.",
+    "{keep} Contacts are off, as in our experiments; remove the flag to enable them. Keyframe "
+    '"home" is the rest pose.',
+    "{lost}",
+    "Plain MJCF cannot express, and this file leaves out: torque offsets and gravity-compensation "
+    "error{offsets}, friction that depends on direction (here: the mean), on load (here: the level "
+    "of the unloaded joint) or on warm-up, a controller slower than the simulation, limits of "
+    "torque rate and low-pass.",
+)
+_EULER = (
+    "Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and "
+    "longer steps change a LuGre joint."
+)
+_WORDS: dict[str, tuple[str, str, str]] = {
+    "ff": ("It is native MuJoCo: a LuGre bristle in each dcmotor", _EULER, ""),
+    "voltage": (
+        "It is native MuJoCo: a LuGre bristle in each dcmotor",
+        f"{_EULER} Newton does not read the timestep: step with it.",
+        "Each motor's torque constant equals its resistance, so that a volt is a newton metre; "
+        "both are small, as is the damping by the back-EMF (1e-6 N m s/rad).",
+    ),
+    "frictionloss": (
+        "It is MuJoCo's frictionloss, for engines without a LuGre bristle",
+        "solreffriction is twice the timestep of {timestep:g} s: change both together.",
+        "A model with dcmotor friction has what this one loses: presliding (joints rest rigidly, "
+        "without up to {presliding:.2g} rad of give, its stiffness and its damping); the Stribeck "
+        "curve (sliding takes the breakaway torque, which is up to {stribeck:.0%} too much); "
+        "breakaway that depends on the rate of torque; ripple over the angle. frictionloss is a "
+        "soft constraint and creeps under any load. noslip_iterations stops that in engines that "
+        "have it (MuJoCo, MuJoCo Warp); for the others solreffriction and solimpfriction are those "
+        "that creep least. stiction conformance measures what is left.",
+    ),
+}
+"""What the comment says by motor input or kind: what the friction is, what to keep, what is lost."""
 
 
-def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
+def plain_mjcf(
+    sticking: StickingModel,
+    *,
+    friction_name: str,
+    kind: Kind = "dcmotor",
+    motor: MotorInput = "ff",
+) -> str:
     """Return MJCF from which stock MuJoCo compiles the same model.
 
     Args:
         sticking: the model.
         friction_name: name of the friction in the comment at the top.
+        kind: what carries the dry friction; ``frictionloss`` is of its breakaway torque.
+        motor: input of the ``dcmotor``.
 
     Raises:
         StictionError: the model compiled from the text differs.
@@ -53,12 +103,25 @@ def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
     for name in arm.joint_names:
         element = joints[name]
         _motor_side(element, model)
+        if kind == "frictionloss":
+            _frictionloss(element, sticking)
         if f"{name}_spring" in {model.joint(j).name for j in range(model.njnt)}:
             home = up[element]
             home.insert(list(home).index(element) + 1, _spring(f"{name}_spring", model))
     actuators = ET.SubElement(root, "actuator")
     for name, limit in zip(arm.joint_names, arm.limits.torque, strict=True):
-        actuators.append(_dcmotor(name, float(limit), model))
+        element = (
+            _dcmotor(name, model, motor)
+            if kind == "dcmotor"
+            else ET.Element("motor", name=f"{name}_torque", joint=name)
+        )
+        if np.isfinite(limit):
+            element.set("ctrlrange", numbers([-float(limit), float(limit)]))
+        actuators.append(element)
+    if kind == "frictionloss":
+        option = root.find("option")
+        assert option is not None
+        option.set("noslip_iterations", str(NOSLIP))
     rest = np.zeros(model.nq)
     rest[sticking.motor] = arm.rest
     keys = ET.SubElement(root, "keyframe")
@@ -67,16 +130,53 @@ def plain_mjcf(sticking: StickingModel, *, friction_name: str) -> str:
     arm.carry_into(root)
 
     offsets = sticking.parameters.offset, sticking.parameters.gravity_error
-    comment = _COMMENT.format(
-        name=arm.name,
-        friction=friction_name.replace("--", "- -"),
-        timestep=sticking.timestep,
-        offsets=" (this arm has some)" if any(o.any() for o in offsets) else "",
+    bias = model.actuator_biasprm[sticking.torque_actuator]
+    bristle = model.actuator_dynprm[sticking.torque_actuator, BRISTLE_STIFFNESS]
+    native, keep, lost = (
+        words.format(
+            timestep=sticking.timestep,
+            presliding=float((bias[:, STICTION] / bristle).max()),
+            stribeck=float((bias[:, STICTION] / bias[:, COULOMB]).max() - 1),
+        )
+        for words in _WORDS[motor if kind == "dcmotor" else kind]
+    )
+    paragraphs = (
+        words.format(
+            name=arm.name,
+            friction=friction_name,
+            native=native,
+            keep=keep,
+            lost=lost,
+            offsets=" (this arm has some)" if any(o.any() for o in offsets) else "",
+        ).replace("--", "- -")
+        for words in _COMMENT
+    )
+    indent = " " * 5
+    comment = "\n".join(
+        textwrap.fill(
+            p, 100, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
+        )
+        for p in paragraphs
+        if p
     )
     ET.indent(root)
-    text = f"<!--{comment}-->\n{ET.tostring(root, encoding='unicode')}\n"
-    _check(text, sticking)
+    text = f"<!-- {comment.strip()} -->\n{ET.tostring(root, encoding='unicode')}\n"
+    _check(text, sticking, kind, motor)
     return text
+
+
+def mjcf_for(sticking: StickingModel, motor: MotorInput | None, friction_name: str = "") -> str:
+    """Return `plain_mjcf` for an engine: with ``dcmotor`` friction if it takes one.
+
+    Args:
+        sticking: the model.
+        motor: input of the ``dcmotor`` that the engine takes, None for none.
+        friction_name: as in `plain_mjcf`; the arm's by default.
+    """
+    name = friction_name or sticking.arm.name
+    if motor is None:
+        return plain_mjcf(sticking, friction_name=name, kind="frictionloss")
+    return plain_mjcf(sticking, friction_name=name, motor=motor)
 
 
 def _options(root: ET.Element, timestep: float) -> None:
@@ -104,6 +204,14 @@ def _motor_side(element: ET.Element, model: mujoco.MjModel) -> None:
     element.set("damping", repr(float(joint.damping[0])))
 
 
+def _frictionloss(element: ET.Element, sticking: StickingModel) -> None:
+    model = sticking.model
+    actuator = model.actuator(f"{element.get('name')}_torque").id
+    element.set("frictionloss", repr(float(model.actuator_biasprm[actuator, STICTION])))
+    for key, value in HARDEST.items():
+        element.set(key, value.format(2 * sticking.timestep))
+
+
 def _spring(name: str, model: mujoco.MjModel) -> ET.Element:
     joint = model.joint(name)
     return ET.Element(
@@ -120,16 +228,16 @@ def _spring(name: str, model: mujoco.MjModel) -> ET.Element:
     )
 
 
-def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
+def _dcmotor(name: str, model: mujoco.MjModel, motor: MotorInput) -> ET.Element:
     actuator = model.actuator(f"{name}_torque").id
     bias, dyn = model.actuator_biasprm[actuator], model.actuator_dynprm[actuator]
     element = ET.Element(
         "dcmotor",
         name=f"{name}_torque",
         joint=name,
-        input="ff",
-        motorconst="1",
-        resistance="1",
+        input=motor,
+        motorconst="1" if motor == "ff" else WINDING,
+        resistance="1" if motor == "ff" else WINDING,
         lugre=numbers(
             [
                 dyn[BRISTLE_STIFFNESS],
@@ -143,18 +251,20 @@ def _dcmotor(name: str, limit: float, model: mujoco.MjModel) -> ET.Element:
     # also without an amplitude: the model must be the same number by number
     if bias[RIPPLE : RIPPLE + 3].any():
         element.set("cogging", numbers(bias[RIPPLE : RIPPLE + 3]))
-    if np.isfinite(limit):
-        element.set("ctrlrange", numbers([-limit, limit]))
     return element
 
 
-def _check(text: str, sticking: StickingModel) -> None:
+def _check(text: str, sticking: StickingModel, kind: Kind, motor: MotorInput) -> None:
     """Raise if stock MuJoCo does not read the text as the same model, to 1e-9 (assumed)."""
     try:
         again = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
         raise StictionError(f"{sticking.arm.name}: cannot be exported: {error}") from None
-    worst = {k: v for k, v in differences(again, sticking).items() if not v <= 1e-9}
+    other = {"dof_frictionloss"} if kind == "frictionloss" else set()
+    if kind == "frictionloss" or motor != "ff":
+        other |= {"actuator_gainprm", "actuator_biasprm", "actuator_dynprm"}
+    found = {k: v for k, v in differences(again, sticking).items() if k not in other}
+    worst = {k: v for k, v in found.items() if not v <= 1e-9}
     if worst:
         name, value = max(worst.items(), key=lambda item: item[1])
         raise StictionError(f"{sticking.arm.name}: cannot be exported: {name} off by {value:.1e}")

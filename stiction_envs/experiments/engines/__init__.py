@@ -1,0 +1,26 @@
+"""Physics engines in which an arm may stick: a registry, one file each."""
+
+from __future__ import annotations
+
+from stiction_envs.errors import unknown
+from stiction_envs.experiments.engines.base import Bare, Engine, Refused
+from stiction_envs.experiments.engines.mjx import Mjx
+from stiction_envs.experiments.engines.mujoco_c import MuJoCo
+from stiction_envs.experiments.engines.newton import Newton
+from stiction_envs.experiments.engines.warp import Warp
+
+__all__ = ["ENGINES", "Bare", "Engine", "Refused", "engine_named"]
+
+ENGINES: dict[str, Engine] = {e.name: e for e in (MuJoCo(), Warp(), Mjx(), Newton())}
+
+
+def engine_named(name: str) -> Engine:
+    """Return an engine whose packages are here.
+
+    Raises:
+        StictionError: unknown, or an extra is missing.
+    """
+    if name not in ENGINES:
+        raise unknown("engine", name, ENGINES)
+    ENGINES[name].check()
+    return ENGINES[name]

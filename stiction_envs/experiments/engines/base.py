@@ -1,0 +1,120 @@
+"""What a physics engine is to the conformance test: N copies under applied torques, their angles.
+
+An engine is one file and one line in this package's ``__init__.py``.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from importlib.util import find_spec
+from pathlib import Path
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError, missing_extra, one_line
+from stiction_envs.friction.plain_mjcf import MotorInput
+
+Array = NDArray[np.float64]
+Torque = Callable[[Array], Array]
+"""Of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m]."""
+CHUNK = 500
+"""Steps between two calls of the torque."""
+
+
+class Refused(StictionError):
+    """The engine does not take the model; the message is the engine's own line."""
+
+    def __init__(self, error: object) -> None:
+        super().__init__(one_line(error))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bare:
+    """A model in which nothing but friction and elastic joints acts."""
+
+    model: mujoco.MjModel
+    """As stock MuJoCo compiles it, without gravity, contacts, limits and controllers."""
+    mjcf: str | Path | None
+    """Text or file from which it was compiled, for engines with a reader of their own; nothing is
+    taken out of it. None for a model without MJCF."""
+    released: NDArray[np.int64]
+    """Hinges whose spring was taken out of `model`."""
+
+
+class Engine(abc.ABC):
+    """A physics engine."""
+
+    name: ClassVar[str]
+    """On the command line; also of the extra that installs its packages."""
+    packages: ClassVar[tuple[tuple[str, str], ...]]
+    """Module and distribution of each package that it needs; the first has its version."""
+    single: ClassVar[bool] = True
+    """Whether it computes in float32."""
+    motor: ClassVar[MotorInput | None] = "ff"
+    """Input of the ``dcmotor`` that it takes; None: it has no LuGre friction."""
+    keep: ClassVar[str]
+    """The line that a user has to write to keep the friction of an export, and why."""
+
+    def check(self) -> None:
+        """Raise a `StictionError` that names the extra if a package is missing."""
+        for module, package in self.packages:
+            if find_spec(module) is None:
+                raise missing_extra(f"engine {self.name}", package, self.name)
+
+    def versions(self) -> dict[str, str]:
+        """Return the version of each package."""
+        return {package: metadata.version(package) for _, package in self.packages}
+
+    @abc.abstractmethod
+    def simulate(
+        self,
+        bare: Bare,
+        qpos: Array,
+        torque: Torque,
+        steps: int,
+        *,
+        record: Sequence[str] = ("qpos",),
+        threads: int = 0,
+    ) -> Iterator[dict[str, Array]]:
+        """Step N copies under applied joint torques, in chunks.
+
+        Args:
+            bare: the model; controls stay zero.
+            qpos: (N, nq) start positions [rad], at rest.
+            torque: asked once per chunk, so it may depend on the chunks before.
+            steps: of ``bare.model.opt.timestep``, in all.
+            record: names of `mujoco.MjData` fields.
+            threads: threads, 0 for all processors; an engine may not heed it.
+
+        Yields:
+            Per chunk ``time`` (K,) at the start of each step [s], and each field (N, K, …) after
+            it.
+
+        Raises:
+            Refused: the engine does not take the model.
+            ExperimentError: a simulation that the engine stopped.
+        """
+
+
+def chunks(timestep: float, steps: int) -> Iterator[Array]:
+    """Yield the times of each chunk's steps [s]."""
+    for start in range(0, steps, CHUNK):
+        yield np.arange(start, min(start + CHUNK, steps), dtype=np.float64) * timestep
+
+
+def silent(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Set gain and bias of actuators in switched-off groups to zero, where an engine lacks groups.
+
+    Returns:
+        The same model.
+    """
+    off = (model.opt.disableactuator >> np.maximum(model.actuator_group, 0)) & 1 == 1
+    model.actuator_gainprm[off] = 0.0
+    model.actuator_biasprm[off] = 0.0
+    return model

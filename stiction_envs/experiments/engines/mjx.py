@@ -1,0 +1,70 @@
+"""MJX, MuJoCo in JAX: the engine of MuJoCo Playground and Brax."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from stiction_envs.experiments.engines.base import (
+    Array,
+    Bare,
+    Engine,
+    Refused,
+    Torque,
+    chunks,
+    silent,
+)
+
+
+class Mjx(Engine):
+    """MJX on its JAX backend, float32. It has no ``dcmotor``."""
+
+    name: ClassVar = "mjx"
+    packages: ClassVar = (("mujoco.mjx", "mujoco-mjx"), ("jax", "jax"))
+    motor: ClassVar = None
+    keep: ClassVar = (
+        "export with `--friction frictionloss`; then "
+        '`mjx.put_model(mujoco.MjModel.from_xml_path("scene.xml"))`'
+    )
+
+    def simulate(
+        self,
+        bare: Bare,
+        qpos: Array,
+        torque: Torque,
+        steps: int,
+        *,
+        record: Sequence[str] = ("qpos",),
+        threads: int = 0,
+    ) -> Iterator[dict[str, Array]]:
+        """See `Engine.simulate`."""
+        import jax
+        from jax import numpy as jnp
+        from mujoco import mjx
+
+        try:
+            model = mjx.put_model(silent(copy.copy(bare.model)))
+        except (NotImplementedError, ValueError) as error:
+            raise Refused(error) from None
+        blank = mjx.make_data(model)
+        state = jax.vmap(lambda q: blank.replace(qpos=q))(jnp.asarray(qpos, jnp.float32))
+
+        @jax.jit
+        def run(state: Any, applied: Any) -> Any:
+            def one(state: Any, now: Any) -> Any:
+                go = jax.vmap(lambda d, f: mjx.step(model, d.replace(qfrc_applied=f)))
+                state = go(state, now)
+                return state, {name: getattr(state, name) for name in record}
+
+            return jax.lax.scan(one, state, applied)
+
+        for time in chunks(float(bare.model.opt.timestep), steps):
+            applied = jnp.asarray(torque(time).swapaxes(0, 1), jnp.float32)
+            state, out = run(state, applied)
+            yield {
+                "time": time,
+                **{k: np.asarray(v, np.float64).swapaxes(0, 1) for k, v in out.items()},
+            }

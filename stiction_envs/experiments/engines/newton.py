@@ -1,0 +1,109 @@
+"""Newton, the engine of Isaac Lab, with its own reader of MJCF and MuJoCo's solver."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar
+
+import mujoco
+import numpy as np
+
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.engines.base import Array, Bare, Engine, Refused, Torque
+from stiction_envs.experiments.engines.warp import captured, driven
+
+
+class Newton(Engine):
+    """Newton's `SolverMuJoCo`, float32. Its reader takes a ``dcmotor`` whose input is voltage."""
+
+    name: ClassVar = "newton"
+    packages: ClassVar = (
+        ("newton", "newton"),
+        ("mujoco_warp", "mujoco-warp"),
+        ("warp", "warp-lang"),
+    )
+    motor: ClassVar = "voltage"
+    keep: ClassVar = (
+        "export with `--engine newton`; torques go to `control.mujoco.ctrl`, and the step is "
+        "`solver.step(…, dt=0.001)`"
+    )
+
+    def simulate(
+        self,
+        bare: Bare,
+        qpos: Array,
+        torque: Torque,
+        steps: int,
+        *,
+        record: Sequence[str] = ("qpos",),
+        threads: int = 0,
+    ) -> Iterator[dict[str, Array]]:
+        """See `Engine.simulate`."""
+        import newton
+        import warp
+
+        if bare.mjcf is None:
+            raise StictionError("engine newton reads MJCF: expected a robot's name, a path or text")
+        warp.config.quiet = True
+        try:
+            arm = newton.ModelBuilder()
+            arm.add_mjcf(str(bare.mjcf))
+            scene = newton.ModelBuilder()
+            scene.replicate(arm, len(qpos))
+            model = scene.finalize()
+            with warnings.catch_warnings():
+                # newton 1.8 asks for MuJoCo 3.17; it runs with 4.0
+                warnings.simplefilter("ignore")
+                solver = newton.solvers.SolverMuJoCo(model, disable_contacts=True)
+        except (NotImplementedError, ValueError, KeyError) as error:
+            raise Refused(error) from None
+        if (solver.mj_model.nq, solver.mj_model.nv) != (bare.model.nq, bare.model.nv):
+            raise Refused(f"reads {solver.mj_model.nv} degrees of freedom, MuJoCo {bare.model.nv}")
+        model.set_gravity((0.0, 0.0, 0.0))
+        _only_friction(solver, bare)
+        yield from driven(*_steps(model, solver, bare, qpos), torque, _dt(bare), steps, record)
+
+
+def _dt(bare: Bare) -> float:
+    return float(bare.model.opt.timestep)
+
+
+def _only_friction(solver: Any, bare: Bare) -> None:
+    """Take limits, springs of tested hinges and actuators but ``dcmotor`` out of the solver."""
+    model, host = solver.mjw_model, solver.mj_model
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    stiffness = model.jnt_stiffness.numpy()
+    stiffness[:, bare.released] = 0.0
+    model.jnt_stiffness.assign(stiffness)
+    other = host.actuator_gaintype != mujoco.mjtGain.mjGAIN_DCMOTOR
+    for name in ("actuator_gainprm", "actuator_biasprm"):
+        values = getattr(model, name).numpy()
+        values[:, other] = 0.0
+        getattr(model, name).assign(values)
+
+
+class _Copies:
+    """Newton's state and control under the names that `driven` knows."""
+
+    def __init__(self, solver: Any, control: Any, shape: tuple[int, int]) -> None:
+        self._solver = solver
+        self.qfrc_applied = control.joint_f.reshape(shape)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._solver.mjw_data, name)
+
+
+def _steps(model: Any, solver: Any, bare: Bare, qpos: Array) -> tuple[Any, Any]:
+    """Return a function that makes one step, and the copies that it moves."""
+    state, control = model.state(), model.control()
+
+    def back() -> None:
+        solver.mjw_data.act.zero_()
+        solver.mjw_data.qacc_warmstart.zero_()
+        state.joint_q.assign(qpos.astype(np.float32).ravel())
+        state.joint_qd.zero_()
+
+    back()
+    step = captured(lambda: solver.step(state, state, control, None, _dt(bare)), back)
+    return step, _Copies(solver, control, (len(qpos), bare.model.nv))
