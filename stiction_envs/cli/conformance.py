@@ -38,8 +38,8 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--engine",
         metavar="NAME",
-        help="where the joints are tested: mujoco (default), warp, mjx or newton, which are extras; "
-        "there a robot's name means what `stiction export ROBOT --engine NAME` writes",
+        help="where the joints are tested: mujoco (default), or one of the extras warp, mjx and "
+        "newton; there a robot's name means what `stiction export ROBOT --engine NAME` writes",
     )
     common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
 

@@ -29,8 +29,8 @@ def add_parser(subparsers: Any) -> None:
         action="append",
         default=[],
         metavar="KIND|FILE.toml",
-        help="dcmotor (LuGre, sticks) or frictionloss (for engines without it; creeps a little); or "
-        "the joint friction, as `stiction calibrate` writes it (default: the robot's); once each",
+        help="dcmotor (LuGre, sticks) or frictionloss (for engines without it; may creep); or the "
+        "joint friction, as `stiction calibrate` writes it (default: the robot's); once each",
     )
     parser.add_argument(
         "--engine",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -145,9 +145,9 @@ def describe(answer: Mapping[str, Any]) -> str:
     return "\n".join(
         [
             *lines,
-            f"{n} of {len(rows)} joints stick{inside}: under {s['under']:.0%} of F_s they move less than "
-            f"{s['still']:g} rad in the last {s['watched_time']:g} s of {s['hold_time']:g} s, "
-            f"under {s['over']:.0%} more than {s['gone']:g} rad in {s['go_time']:g} s.",
+            f"{n} of {len(rows)} joints stick{inside}: under {s['under']:.0%} of F_s they move "
+            f"less than {s['still']:g} rad in the last {s['watched_time']:g} s of "
+            f"{s['hold_time']:g} s, under {s['over']:.0%} more than {s['gone']:g} rad in {s['go_time']:g} s.",
             *["Columns with a ramp rate: dry friction torque at breakaway [N·m]."][: len(ramps)],
         ]
     )

@@ -1,7 +1,7 @@
 """Export an arm with its friction as plain MJCF: `export("panda").save("runs/panda-model")`.
 
-The folder is laid out as those of MuJoCo Menagerie: ``model.xml``, ``scene.xml``, ``README.md`` with
-the sources, ``CHANGELOG.md``.
+The folder is laid out as in MuJoCo Menagerie: ``model.xml``, ``scene.xml``, ``README.md`` with the
+sources, ``CHANGELOG.md``.
 """
 
 from __future__ import annotations

@@ -36,10 +36,10 @@ NOSLIP = 5
 
 _COMMENT = (
     "{name} with joints that stick, written by stiction export. SI units.",
-    "Friction: {friction}. {native}, rotor inertia as armature, viscous friction as damping, elastic "
-    "gears as a second hinge JOINT_spring on the same axis (link angle = JOINT + JOINT_spring). "
-    "Controls are joint torques [N m], within the limits of the arm. Gravity is compensated by "
-    "gravcomp, as by the arm's own controller.",
+    "Friction: {friction}. {native}, rotor inertia as armature, viscous friction as damping, "
+    "elastic gears as a second hinge JOINT_spring on the same axis (link angle = JOINT + "
+    "JOINT_spring). Controls are joint torques [N m], within the limits of the arm. Gravity is "
+    "compensated by gravcomp, as by the arm's own controller.",
     "{keep} Contacts are off, as in our experiments; remove the flag to enable them. Keyframe "
     '"home" is the rest pose.',
     "{lost}",
@@ -48,6 +48,7 @@ _COMMENT = (
     "of the unloaded joint) or on warm-up, a controller slower than the simulation, limits of "
     "torque rate and low-pass.",
 )
+INDENT = " " * 5
 _EULER = (
     "Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and "
     "longer steps change a LuGre joint."
@@ -72,7 +73,7 @@ _WORDS: dict[str, tuple[str, str, str]] = {
         "that creep least. stiction conformance measures what is left.",
     ),
 }
-"""What the comment says by motor input or kind: what the friction is, what to keep, what is lost."""
+"""By motor input or kind: what the comment says the friction is, what to keep, what is lost."""
 
 
 def plain_mjcf(
@@ -151,14 +152,10 @@ def plain_mjcf(
         ).replace("--", "- -")
         for words in _COMMENT
     )
-    indent = " " * 5
-    comment = "\n".join(
-        textwrap.fill(
-            p, 100, initial_indent=indent, subsequent_indent=indent, break_on_hyphens=False
-        )
-        for p in paragraphs
-        if p
+    wrap = textwrap.TextWrapper(
+        100, initial_indent=INDENT, subsequent_indent=INDENT, break_on_hyphens=False
     )
+    comment = "\n".join(wrap.fill(p) for p in paragraphs if p)
     ET.indent(root)
     text = f"<!-- {comment.strip()} -->\n{ET.tostring(root, encoding='unicode')}\n"
     _check(text, sticking, kind, motor)
