@@ -147,7 +147,8 @@ def describe(answer: Mapping[str, Any]) -> str:
             *lines,
             f"{n} of {len(rows)} joints stick{inside}: under {s['under']:.0%} of F_s they move "
             f"less than {s['still']:g} rad in the last {s['watched_time']:g} s of "
-            f"{s['hold_time']:g} s, under {s['over']:.0%} more than {s['gone']:g} rad in {s['go_time']:g} s.",
+            f"{s['hold_time']:g} s, under {s['over']:.0%} more than {s['gone']:g} rad in "
+            f"{s['go_time']:g} s.",
             *["Columns with a ramp rate: dry friction torque at breakaway [N·m]."][: len(ramps)],
         ]
     )

@@ -280,12 +280,17 @@ BAD = {
         "panda --friction {friction.toml}": "source",
         "panda --from nowhere": "model.toml nor friction.toml",
         "panda --from . --friction a.toml": "one",
+        "panda --friction stribeck": "expected one of dcmotor, frictionloss, or a path to a .toml",
+        "panda --friction dcmotor --friction frictionloss": "one kind and one .toml at most",
+        "panda --engine bullet": "expected one of mujoco, warp, mjx, newton",
+        "panda --engine mjx --friction dcmotor": "engine mjx has no dcmotor",
     },
     "conformance": {
         "atlas": "no such file, and no robot of that name",
         "''": "no such file, and no robot of that name",
         "{lugre.xml} --stiction -1": "finite numbers from 0",
         "{lugre.xml} --stiction 1 2": "1 hinges",
+        "{lugre.xml} --engine bullet": "expected one of mujoco, warp, mjx, newton",
         "{nonsense.xml}": "not a readable MJCF or URDF",
     },
     "excite": {

@@ -15,11 +15,19 @@ import numpy as np
 import pytest
 from mujoco import sysid
 
+from stiction_envs.experiments.conformance import conformance
+from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.model import COULOMB, STICTION, build
-from stiction_envs.friction.parameters import dump_friction, friction_text, load_friction
+from stiction_envs.friction.parameters import (
+    dump_friction,
+    friction_path,
+    friction_text,
+    load_friction,
+)
 from stiction_envs.friction.plain_mjcf import differences
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.model_files import in_folder
 from tests.experiments.test_conformance import lugre, stock
 from tests.gap.small_logs import RATE, motion, write_csv
 from tests.robots.arms import MJCF, TETRA
@@ -129,6 +137,77 @@ def test_comment_says_what_is_left_out(cli, work):
     text = (work / "a" / "model.xml").read_text("utf-8")
     for word in ("torque offsets", "direction", "on load", "Euler"):
         assert word in text.split("-->")[0]
+
+
+# ---- kinds of friction, engines, and what lies beside the model ----------------------------------
+
+
+def test_the_folder_is_laid_out_as_in_menagerie(cli, work):
+    """The scene loads in stock MuJoCo, and a folder is the model that its scene includes."""
+    assert cli("export", "panda", "--out", "a").code == 0
+    scene = mujoco.MjModel.from_xml_path("a/scene.xml")
+    model = mujoco.MjModel.from_xml_path("a/model.xml")
+    assert (scene.nu, scene.nq, scene.nkey) == (model.nu, model.nq, model.nkey)
+    assert scene.ngeom == model.ngeom + 1
+    assert in_folder(work / "a") == work / "a" / "model.xml"
+    readme = (work / "a" / "README.md").read_text("utf-8")
+    assert "Gaz, Cognetti" in readme
+    assert "stiction: calibrated: `stiction calibrate` on table_4_3.csv" in readme
+    assert "friction panda.toml as `dcmotor`" in (work / "a" / "CHANGELOG.md").read_text("utf-8")
+    assert json.loads((work / "a" / "provenance.json").read_text())["files"] == [
+        *("CHANGELOG.md", "README.md", "model.xml", "scene.xml"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "has"),
+    [
+        (["--friction", "dcmotor"], "dcmotor", 'input="ff"'),
+        (["--friction", "frictionloss"], "frictionloss", "solreffriction"),
+        (["--engine", "newton"], "dcmotor", 'input="voltage"'),
+        (["--engine", "mjx"], "frictionloss", "noslip_iterations"),
+        (["--engine", "warp", "--friction", "frictionloss"], "frictionloss", "solimpfriction"),
+    ],
+)
+def test_kinds_and_engines(cli, two, work, options, kind, has):
+    ran = cli("export", two, *options, "--out", "a", "--json")
+    assert ran.code == 0, ran.err
+    assert json.loads(ran.out)["kind"] == kind
+    assert has in (work / "a" / "model.xml").read_text("utf-8")
+    assert mujoco.MjModel.from_xml_path("a/scene.xml").nu == 2
+
+
+def test_a_kind_and_a_file_may_both_be_named(cli, two, inputs, work):
+    text = friction_path(None).read_text("utf-8").replace("0.8, 0.8,", "0.7, 0.8,", 1)
+    (inputs / "own.toml").write_text(text, encoding="utf-8")
+    named = ["--friction", inputs / "own.toml", "--friction", "frictionloss"]
+    assert cli("export", two, *named, "--out", "a").code == 0
+    model = mujoco.MjModel.from_xml_path("a/model.xml")
+    np.testing.assert_allclose(model.dof_frictionloss[model.dof_frictionloss > 0], [0.7, 0.8])
+    assert json.loads((work / "a" / "provenance.json").read_text())["arguments"]["kind"] == (
+        "frictionloss"
+    )
+
+
+def test_exported_frictionloss_does_not_creep_in_mujoco(cli, two):
+    """By noslip; without it the hardest settings still creep, a hundredth of the default's."""
+    assert cli("export", two, "--friction", "frictionloss", "--out", "a").code == 0
+    short = dataclasses.replace(
+        experiment_settings().conformance, hold_time=4.0, watched_time=1.0, rise_time=2.0
+    )
+    assert conformance("a/model.xml", settings=short, rates=()).passed
+    creep = []
+    for solver in ("hardest", "default"):
+        model = mujoco.MjModel.from_xml_path("a/model.xml")
+        model.opt.noslip_iterations = 0
+        if solver == "default":
+            stock = mujoco.MjModel.from_xml_string(
+                "<mujoco><worldbody><body><joint/><geom size='1'/></body></worldbody></mujoco>"
+            )
+            model.dof_solref[:], model.dof_solimp[:] = stock.dof_solref[0], stock.dof_solimp[0]
+        joints = conformance(model, settings=short, rates=()).joints
+        creep.append(min(j.creep for j in joints))
+    assert 1e-8 < creep[0] < 1e-2 * creep[1]
 
 
 # ---- conformance ---------------------------------------------------------------------------------

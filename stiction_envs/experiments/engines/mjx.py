@@ -18,6 +18,10 @@ from stiction_envs.experiments.engines.base import (
     silent,
 )
 
+ITERATIONS, LINE_SEARCH = 5, 8
+"""Most iterations of the solver and of its line search [-], assumed: MJX makes all of a line search
+in each step, and MuJoCo's 100 and 50 take too long on a CPU."""
+
 
 class Mjx(Engine):
     """MJX on its JAX backend, float32. It has no ``dcmotor``."""
@@ -45,8 +49,11 @@ class Mjx(Engine):
         from jax import numpy as jnp
         from mujoco import mjx
 
+        host = silent(copy.copy(bare.model))
+        host.opt.iterations = min(host.opt.iterations, ITERATIONS)
+        host.opt.ls_iterations = min(host.opt.ls_iterations, LINE_SEARCH)
         try:
-            model = mjx.put_model(silent(copy.copy(bare.model)))
+            model = mjx.put_model(host)
         except (NotImplementedError, ValueError) as error:
             raise Refused(error) from None
         blank = mjx.make_data(model)

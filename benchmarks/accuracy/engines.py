@@ -1,0 +1,202 @@
+"""Where an exported arm sticks: the conformance test inside every engine that is installed.
+
+    python -m benchmarks.accuracy.engines [--hold 60] [--minutes M]
+
+An arm is exported as `stiction export` does for the engine, with both kinds of friction; each joint
+is held at 90 % of its stiction and driven at 110 %. Engines whose extra is not installed keep the
+rows of an earlier run. The solver settings of ``frictionloss`` are compared in stock MuJoCo.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from benchmarks.harness import Benchmark, Row, machine
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.conformance import conformance
+from stiction_envs.experiments.conformance_report import Report
+from stiction_envs.experiments.engines import ENGINES
+from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
+from stiction_envs.friction.plain_mjcf import HARDEST, NOSLIP, Kind, plain_mjcf
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.reporting.markdown import table_text
+
+STUDY = Benchmark(
+    __file__,
+    __doc__,
+    made_by=(
+        "benchmarks/accuracy/engines.py",
+        *(f"stiction_envs/experiments/{x}" for x in ("conformance.py", "engines", "settings.toml")),
+        *("stiction_envs/friction", "stiction_envs/robots"),
+    ),
+)
+ARMS = ("panda", "iiwa7")
+KINDS: tuple[Kind, ...] = ("dcmotor", "frictionloss")
+SETTLED = 20.0
+"""Beginning of a hold that is never watched: the load rises, bristles settle [s]; assumed."""
+SOLVERS: dict[str, dict[str, str]] = {
+    "MuJoCo's defaults": {"noslip": "0", "timestep": "0.001"},
+    "defaults, noslip": {"noslip": str(NOSLIP), "timestep": "0.001"},
+    "hardest": {"noslip": "0", "timestep": "0.001", "hard": "yes"},
+    "hardest, noslip (what export writes)": {
+        "noslip": str(NOSLIP),
+        "timestep": "0.001",
+        "hard": "yes",
+    },
+    "hardest, 0.25 ms": {"noslip": "0", "timestep": "0.00025", "hard": "yes"},
+    "hardest, implicitfast": {
+        "noslip": "0",
+        "timestep": "0.001",
+        "hard": "yes",
+        "integrator": "implicitfast",
+    },
+}
+"""Settings of ``frictionloss`` that are compared."""
+
+
+def short(hold: float, watched: float, go: float) -> ConformanceSettings:
+    """Return the test's settings with other times [s]."""
+    usual = experiment_settings().conformance
+    return dataclasses.replace(usual, hold_time=hold, watched_time=watched, go_time=go)
+
+
+def exported(arm: str, kind: Kind, engine: str) -> str:
+    """Return the MJCF that export writes for an engine; with ``dcmotor`` also for one without."""
+    motor = ENGINES[engine].motor or "ff"
+    return plain_mjcf(sticking_model(arm), friction_name=arm, kind=kind, motor=motor)
+
+
+def row_of(report: Report) -> Row:
+    """Return what the page says of a report."""
+    joints = report.joints
+    return {
+        "version": (report.engine or f"mujoco {mujoco.__version__}").split()[-1],
+        "refused": report.refused,
+        "joints": len(joints),
+        "holds": sum(j.holds for j in joints),
+        "goes": sum(j.goes for j in joints),
+        "creep": float(np.max([j.creep for j in joints])),
+        "motion": float(np.max([j.still for j in joints])),
+        "still": report.settings.still,
+        "hold": report.settings.hold_time,
+        "watched": report.settings.watched_time,
+    }
+
+
+def in_engine(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
+    """Return the row of an arm with a kind of friction in an engine."""
+    engine, arm, kind, settings = job
+    text = exported(arm, kind, engine)
+    return row_of(conformance(text, engine=engine, settings=settings, rates=(), threads=1))
+
+
+def with_solver(job: tuple[dict[str, str], ConformanceSettings]) -> Row:
+    """Return the row of the Panda's ``frictionloss`` with solver settings, in stock MuJoCo."""
+    solver, settings = job
+    root = ET.fromstring(exported("panda", "frictionloss", "mujoco"))
+    option = root.find("option")
+    assert option is not None
+    option.set("noslip_iterations", solver["noslip"])
+    option.set("timestep", solver["timestep"])
+    option.set("integrator", solver.get("integrator", "Euler"))
+    for joint in root.iter("joint"):
+        for key, value in HARDEST.items():
+            if key in joint.attrib:
+                joint.attrib.pop(key)
+                if "hard" in solver:
+                    joint.set(key, value.format(2 * float(solver["timestep"])))
+    text = ET.tostring(root, encoding="unicode")
+    return row_of(conformance(text, settings=settings, rates=(), threads=1))
+
+
+def cells(row: Row) -> list[str]:
+    """Return holds, goes, creep and motion of a row."""
+    if row["refused"]:
+        return ["refused", "refused", "–", "–"]
+    of = f" of {row['joints']}"
+    return [
+        f"{row['holds']}{of}",
+        f"{row['goes']}{of}",
+        f"{row['creep']:.1e}",
+        f"{row['motion']:.1e} in {row['watched']:g} s",
+    ]
+
+
+def page(rows: dict[str, Row], solvers: dict[str, Row]) -> dict[str, Any]:
+    """Return what the page's template asks for."""
+    body = []
+    for key, row in rows.items():
+        engine, arm, kind = key.split()
+        body.append([f"{engine} {row['version']}", arm, kind, *cells(row), f"{row['hold']:g} s"])
+    refused = {
+        f"{key.split()[0]} {row['version']}": row["refused"]
+        for key, row in rows.items()
+        if row["refused"]
+    }
+    lugre = [(k.split()[0], r) for k, r in rows.items() if k.endswith("dcmotor")]
+    stick = [
+        e for e in ENGINES if any(name == e and r["holds"] == r["joints"] for name, r in lugre)
+    ]
+    return {
+        "stick": stick,
+        "table": table_text(
+            ["engine", "arm", "friction", "hold", "go", "creep [rad/s]", "moved [rad]", "held for"],
+            body,
+        ),
+        "refused": refused,
+        "keep": table_text(
+            ["engine", "line that keeps the friction"],
+            [[name, e.keep] for name, e in ENGINES.items()],
+        ),
+        "solvers": table_text(
+            ["frictionloss in stock MuJoCo", "hold", "creep [rad/s]"],
+            [[name, cells(r)[0], f"{r['creep']:.1e}"] for name, r in solvers.items()],
+        ),
+        "settings": experiment_settings().conformance,
+        "missing": [e for e in ENGINES if not any(k.startswith(f"{e} ") for k in rows)],
+        "slow": sorted({k.split()[0] for k, r in rows.items() if 0 < r["hold"] < 60}),
+        "machine": machine(),
+    }
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = STUDY.parser()
+    parser.add_argument("--hold", type=float, default=60.0, help="length of a hold [s]")
+    parser.add_argument("--go", type=float, default=20.0, help="longest time to move [s]")
+    parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
+    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
+    options = parser.parse_args(argv)
+    if options.hold <= SETTLED:
+        parser.error(f"--hold {options.hold:g}: expected more than {SETTLED:g} s")
+    usual = experiment_settings().conformance.watched_time
+    settings = short(options.hold, min(usual, options.hold - SETTLED), options.go)
+    kept = STUDY.rows(options)
+    jobs = {}
+    for engine in options.engines:
+        try:
+            ENGINES[engine].check()
+        except StictionError as error:
+            print(f"left out: {error}")
+            continue
+        for arm in options.arms:
+            for kind in KINDS:
+                jobs[f"{engine} {arm} {kind}"] = (engine, arm, kind, settings)
+    kept.fill(jobs, in_engine, minutes=options.minutes)
+    quick = short(14.0, 3.0, 6.0)
+    compared = {f"solver {name}": (value, quick) for name, value in SOLVERS.items()}
+    solvers = kept.fill(compared, with_solver, minutes=options.minutes)
+    every = [f"{e} {a} {k}" for e in ENGINES for a in ARMS for k in KINDS]
+    STUDY.write_page(
+        options,
+        **page(kept.known(every), {k.removeprefix("solver "): row for k, row in solvers.items()}),
+    )
+
+
+if __name__ == "__main__":
+    main()
