@@ -125,7 +125,7 @@ class Recording:
         """
         out = np.array(x, dtype=np.float64)
         if np.isfinite(self.dt) and np.isfinite(self.cutoff):
-            for run in self.runs:
+            for run in (x for x in self.runs if x.stop - x.start > 1):
                 out[run] = lowpass(out[run], 1 / self.dt, self.cutoff)
         return out
 
