@@ -144,67 +144,94 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
     )
 
 
-def draw_joint(d: Diagnosis, joint: int, path: Path) -> Picture:
-    """Draw a joint's torque, and its residual against everything, into a PNG; ``joint`` from 0."""
-    data = d.data
-    before = data.residual[:, joint]
-    after = before - d.torque(joint)
-    figure = _figure(11.5, 8.2, top=0.55, bottom=0.5)
-    grid = figure.add_gridspec(3, 3)
-    top, under = figure.add_subplot(grid[0, :2]), figure.add_subplot(grid[0, 2])
-    at = clock(data)
-    trace(top, at, data.tau[:, joint], data, MEASURED, "measured", 1.6)
-    trace(top, at, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
-    trace(top, at, data.nominal[:, joint] + d.torque(joint), data, AFTER, "extended", 0.9)
-    top.set_ylabel("torque [N·m]")
-    still = not np.isfinite(data.dt)
-    top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
-    top.legend(fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
-    _spectrum(under, data, before, after, float(data.noise[joint]))
-    time = figure.add_subplot(grid[1, 0])
-    for y, colour in ((before, BEFORE), (after, AFTER)):
-        trace(time, at, y, data, colour, "", 0.8)
-    _limits(time, before)
-    time.set_xlabel("number of the pose" if still else "time [s]")
-    views: list[tuple[str, Array]] = [
-        ("angle [rad]", data.q[:, joint]),
-        ("speed [rad/s]", data.dq[:, joint]),
-        ("transmitted torque [N·m]", data.rigid[:, joint]),
-        ("acceleration [rad/s²]", data.ddq[:, joint]),
-    ]
-    places = [(1, 1), (1, 2), (2, 1), (2, 2)]
-    all_axes = [top, time]
-    for (label, x), place in zip(views, places, strict=True):
-        axes = figure.add_subplot(grid[place])
-        _dots(axes, x, before, BEFORE)
-        _dots(axes, x, after, AFTER)
-        _limits(axes, before)
-        axes.set_xlabel(label)
-        axes.xaxis.set_major_locator(MaxNLocator(6))
-        all_axes.append(axes)
-    box = figure.add_subplot(grid[2, 0])
-    _directions(box, data.dq[:, joint], before, after)
-    _limits(box, before)
-    all_axes.append(box)
-    for axes in all_axes:
-        tidy(axes)
-    for axes in (time, box):
-        axes.set_ylabel("residual [N·m]")
-    for axes in figure.axes:
-        axes.tick_params(labelsize=8)
-        axes.xaxis.label.set_fontsize(9)
-        axes.yaxis.label.set_fontsize(9)
-    figure.legend(
-        handles=[Line2D([], [], color=BEFORE), Line2D([], [], color=AFTER)],
-        labels=["residual of the nominal model", "residual of the extended model"],
-        loc="upper right",
-        ncols=2,
-        fontsize=9,
-        frameon=False,
-    )
-    figure.suptitle(f"joint {joint + 1}", x=0.02, ha="left", fontsize=12)
-    save_small(figure, path)
-    return Picture(path.name, f"Joint {joint + 1}: torque, and residual against everything.")
+class JointPictures:
+    """A joint's torque, and its residual against everything: one figure, drawn for each joint.
+
+    Making its panels and their ticks takes longer than drawing them.
+    """
+
+    def __init__(self, d: Diagnosis) -> None:
+        """Draw nothing yet."""
+        self._d = d
+        self._made: tuple[Figure, dict[str, Axes]] | None = None
+
+    def draw(self, joint: int, path: Path) -> Picture:
+        """Draw a joint, from 0, into a PNG."""
+        if self._made is None:
+            self._made = self._figure()
+        figure, panels = self._made
+        for axes in panels.values():
+            for artist in (*axes.lines, *axes.collections, *axes.patches):
+                artist.remove()
+            axes.relim()
+            axes.autoscale()
+        self._draw(joint, panels)
+        figure.suptitle(f"joint {joint + 1}", x=0.02, ha="left", fontsize=12)
+        save_small(figure, path)
+        return Picture(path.name, f"Joint {joint + 1}: torque, and residual against everything.")
+
+    def _figure(self) -> tuple[Figure, dict[str, Axes]]:
+        """Return a figure and its empty panels by name."""
+        still = not np.isfinite(self._d.data.dt)
+        figure = _figure(11.5, 8.2, top=0.55, bottom=0.5)
+        grid = figure.add_gridspec(3, 3)
+        panels = {
+            "torque": figure.add_subplot(grid[0, :2]),
+            "spectrum": figure.add_subplot(grid[0, 2]),
+            "time": figure.add_subplot(grid[1, 0]),
+            "angle [rad]": figure.add_subplot(grid[1, 1]),
+            "speed [rad/s]": figure.add_subplot(grid[1, 2]),
+            "transmitted torque [N·m]": figure.add_subplot(grid[2, 1]),
+            "acceleration [rad/s²]": figure.add_subplot(grid[2, 2]),
+            "direction": figure.add_subplot(grid[2, 0]),
+        }
+        top, time = panels["torque"], panels["time"]
+        top.set_ylabel("torque [N·m]")
+        top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
+        time.set_xlabel("number of the pose" if still else "time [s]")
+        for label in list(panels)[3:7]:
+            panels[label].set_xlabel(label)
+            panels[label].xaxis.set_major_locator(MaxNLocator(6))
+        for axes in (time, panels["direction"]):
+            axes.set_ylabel("residual [N·m]")
+        figure.legend(
+            handles=[Line2D([], [], color=BEFORE), Line2D([], [], color=AFTER)],
+            labels=["residual of the nominal model", "residual of the extended model"],
+            loc="upper right",
+            ncols=2,
+            fontsize=9,
+            frameon=False,
+        )
+        return figure, panels
+
+    def _draw(self, joint: int, panels: dict[str, Axes]) -> None:
+        """Draw a joint into empty panels."""
+        data = self._d.data
+        before, more = data.residual[:, joint], self._d.torque(joint)
+        after = before - more
+        top, time, box = panels["torque"], panels["time"], panels["direction"]
+        at = clock(data)
+        trace(top, at, data.tau[:, joint], data, MEASURED, "measured", 1.6)
+        trace(top, at, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
+        trace(top, at, data.nominal[:, joint] + more, data, AFTER, "extended", 0.9)
+        top.legend(fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+        _spectrum(panels["spectrum"], data, before, after, float(data.noise[joint]))
+        for y, colour in ((before, BEFORE), (after, AFTER)):
+            trace(time, at, y, data, colour, "", 0.8)
+        _limits(time, before)
+        over = (data.q, data.dq, data.rigid, data.ddq)
+        for axes, x in zip(list(panels.values())[3:7], over, strict=True):
+            _dots(axes, x[:, joint], before, BEFORE)
+            _dots(axes, x[:, joint], after, AFTER)
+            _limits(axes, before)
+        _directions(box, data.dq[:, joint], before, after)
+        _limits(box, before)
+        for name, axes in panels.items():
+            if name != "spectrum":
+                tidy(axes)
+            axes.tick_params(labelsize=8)
+            axes.xaxis.label.set_fontsize(9)
+            axes.yaxis.label.set_fontsize(9)
 
 
 def clock(data: Data) -> Array:

@@ -133,6 +133,7 @@ class LogDiagnosis(DiagnosisResult):
             check=self.check,
             left_out=self.left_out_motion,
             lines=self.lines,
+            threads=self.threads,
         )
 
     def series(self) -> Series:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from stiction_envs.gap.causes import cause_named, parameter_units
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.links import LinkErrors
-from stiction_envs.gap.report.figures import draw_cause, draw_joint
+from stiction_envs.gap.report.figures import JointPictures, draw_cause
 from stiction_envs.gap.report.result import PLOTS, Picture, where
 from stiction_envs.gap.report.score_figures import draw_check, draw_forward, draw_summary
 from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
@@ -24,6 +25,7 @@ from stiction_envs.gap.validation.least_squares import LeastSquares
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
+from stiction_envs.reporting.shared_work import shared
 
 Array = NDArray[np.float64]
 
@@ -116,20 +118,14 @@ def log_page(
     check: Check | None = None,
     left_out: LeftOutMotion | None = None,
     lines: LeastSquares | None = None,
+    threads: int = 0,
 ) -> dict[str, Any]:
     """Draw the pictures of a report of logs into ``plots``; return its template's variables."""
-    caption = "Root mean square residual on data that was not fitted."
-    path, label = plots / "summary.png", "held-out residual [N·m]"
-    drawn = draw_summary(d.nominal_rms, d.extended_rms, d.noise, path, label, caption)
-    pictures = {"summary": drawn}
-    for j in range(d.data.n):
-        pictures[f"joint {j + 1}"] = draw_joint(d, j, plots / f"joint_{j + 1}.png")
+    pictures = _drawn(d, plots, forward, check, threads)
     page: dict[str, Any] = {}
     if isinstance(forward, ForwardValidation):
-        pictures["forward"] = draw_forward(forward, plots / "forward.png")
         page["forward_errors"] = _forward_errors(forward)
     if check is not None:
-        pictures["check"] = draw_check(check, plots / "check.png")
         page["check_verdict"] = checks.describe(check)
         page["check_errors"], page["check_causes"] = _check_errors(check, d), _check_causes(check)
     if left_out is not None:
@@ -140,10 +136,9 @@ def log_page(
     sections = []
     for c in d.causes:
         by_joint = {"arm" if j == 0 else f"joint {j}": x for j, x in sorted(c.parameters.items())}
-        picture = draw_cause(d, c, plots / f"cause_{c.name}.png")
         mine = cause_named(c.name).what_to_record
         what_would = {x: f"{mine}; {cause_named(x).what_to_record}" for x in c.confused_with}
-        sections.append(section(c, by_joint, parameter_units(), what_would, picture))
+        sections.append(section(c, by_joint, parameter_units(), what_would, pictures.pop(c.name)))
     return page | {
         "headline": headline,
         "pictures": {name: shown(x) for name, x in pictures.items()},
@@ -164,6 +159,27 @@ def log_page(
             *dict.fromkeys(d.notes),
         ],
     }
+
+
+def _drawn(
+    d: Diagnosis, plots: Path, forward: ForwardValidation | str, check: Check | None, threads: int
+) -> dict[str, Picture]:
+    """Draw all pictures of a report of logs; return them by name, those of causes by the cause's."""
+    caption = "Root mean square residual on data that was not fitted."
+    summary = (d.nominal_rms, d.extended_rms, d.noise, plots / "summary.png")
+    joints = JointPictures(d)
+    jobs: dict[str, Callable[[], Picture]] = {
+        "summary": partial(draw_summary, *summary, "held-out residual [N·m]", caption)
+    }
+    for j in range(1, d.data.n + 1):
+        jobs[f"joint {j}"] = partial(joints.draw, j - 1, plots / f"joint_{j}.png")
+    if isinstance(forward, ForwardValidation):
+        jobs["forward"] = partial(draw_forward, forward, plots / "forward.png")
+    if check is not None:
+        jobs["check"] = partial(draw_check, check, plots / "check.png")
+    for c in d.causes:
+        jobs[c.name] = partial(draw_cause, d, c, plots / f"cause_{c.name}.png")
+    return dict(zip(jobs, shared(list(jobs.values()), threads), strict=True))
 
 
 def _links(links: LinkErrors) -> str:
