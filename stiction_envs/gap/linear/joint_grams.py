@@ -6,6 +6,7 @@ priors, and random effects that are eliminated once for all models.
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import wraps
@@ -20,8 +21,8 @@ from stiction_envs.gap.linear.grams import Gram
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Method = TypeVar("Method", bound=Callable[..., Any])
-MOST_SUMS = 512
-"""Number of sums of a joint's columns that are kept [-]; assumed: tens of kB each."""
+MOST_SUMS = 128
+"""Number of sums of a joint's columns that are kept [-]; assumed: hundreds of kB each."""
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,10 @@ class Gathered(NamedTuple):
     """(B, p, p)."""
     cross: Array
     """(B, r, p) with the random effects."""
-    xr: Array
-    """(B, p)."""
+    left_xx: Array
+    """(1 + B, p, p) over all blocks, and over all but each, in independent observations."""
+    left_xr: Array
+    """(1 + B, p) likewise, with the residual."""
 
 
 class JointGrams:
@@ -171,13 +174,9 @@ class JointGrams:
         mixed = np.zeros((1 + self.blocks, r, p))
         for j, gram, cols, at in self._each(model):
             own, to = cols[r:], at[r:] - r
-            whole, along, _ = gram.whole
-            part, side = whole[own[:, None], own], along[own]
             sums = self._gathered(j, model.columns[j], r)
-            each = np.concatenate([part[None], part - sums.xx])
-            xx[:, to[:, None], to] += each / self.inflation[j]
-            each = np.concatenate([side[None], side - sums.xr])
-            xr[:, to] += each / self.inflation[j]
+            xx[:, to[:, None], to] += sums.left_xx
+            xr[:, to] += sums.left_xr
             if gone is not None:
                 mixed[:, :, to] += gone.mixed[j][:, :, own]
         xx[:, range(p), range(p)] += model.prior[r:]
@@ -227,10 +226,18 @@ class JointGrams:
             if len(self._sums) >= MOST_SUMS:
                 self._sums.clear()
             gram, own = self.joints[joint], np.array(columns[r:], dtype=np.int64)
+            xx, (whole, along, _) = gram.xx[:, own[:, None], own], gram.whole
             self._sums[key] = Gathered(
-                gram.xx[:, own[:, None], own], gram.xx[:, :r, own], gram.xr[:, own]
+                xx,
+                gram.xx[:, :r, own],
+                self._without_each(joint, whole[own[:, None], own], xx),
+                self._without_each(joint, along[own], gram.xr[:, own]),
             )
         return self._sums[key]
+
+    def _without_each(self, joint: int, whole: Array, each: Array) -> Array:
+        """Return (1 + B, ...) sums over all blocks, and without each (B, ...)."""
+        return np.asarray(np.concatenate([whole[None], whole - each]) / self.inflation[joint])
 
     @_kept
     def errors(self, model: ModelColumns) -> Array:
@@ -371,7 +378,9 @@ class Surroundings:
     """
 
     def __init__(self, grams: JointGrams, model: ModelColumns) -> None:
-        self._grams, self._model, self._c = grams, model, grams.fit(model)
+        # the sums keep what they were asked last: a cycle would keep their memory
+        self._grams: JointGrams = weakref.proxy(grams)
+        self._model, self._c = model, grams.fit(model)
         self._free = (self._c > np.array(model.low)) & (self._c < np.array(model.high))
         xx = grams.system(model)[0][self._free][:, self._free]
         size = np.sqrt(np.maximum(np.diag(xx), 1e-300))

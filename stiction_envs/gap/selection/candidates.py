@@ -67,7 +67,7 @@ class RegressorLibrary:
         self.data, self.causes = data, {c.name: c for c in causes}
         self._before = instead_of
         if instead_of is not None:
-            del instead_of.grams  # two at once take too much memory
+            instead_of._keep_for(data, causes)
         self.not_identifiable: dict[tuple[str, int], str] = {}
         """Why these data cannot show a cause on a joint."""
         self.candidates: list[Candidate] = []
@@ -99,11 +99,9 @@ class RegressorLibrary:
         first = self._made(0, each)  # also computes what all joints need from the recording
         with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), THREADS)) as pool:
             made = pool.map(lambda j: self._made(j, each), range(1, data.n))
-            for j, offered in enumerate(chain([first], made)):
+            for offered in chain([first], made):
                 for term, columns in offered:
                     self._add(term, columns)
-                if instead_of is not None:
-                    instead_of._columns.free(j)
         for cause in arm_wide:
             for term, columns in self._offered(cause, ARM, self.residual[:, 0]):
                 self._add(term, columns)
@@ -164,6 +162,15 @@ class RegressorLibrary:
             and self.causes.get(cause.name) is cause
             and not (cause.depends_on_load or cause.coupled or cause.arm_wide)
         )
+
+    def _keep_for(self, data: Data, causes: Sequence[Cause]) -> None:
+        """Keep only the columns that are the same for other data: all at once fill the memory."""
+        same = {c.name for c in causes if self._holds(c, data)}
+        for j in range(self.data.n):
+            some = [at for (t, joint), at in self._at.items() if joint == j and t.cause in same]
+            self._columns.keep(j, some)
+        self._models.clear()
+        del self.grams
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
@@ -264,6 +271,7 @@ class RegressorLibrary:
     def given(self, inflation: Array, scale: float) -> RegressorLibrary:
         """Return the library itself with another noise and size of the random effects."""
         self.inflation, self.scale = inflation, scale
+        self._models.clear()  # thousands, most of them with the scale of before
         self.grams = self._sums(self.grams.joints)
         return self
 

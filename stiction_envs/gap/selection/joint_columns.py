@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,8 @@ class JointColumns:
         """Return (k, T) columns that were added together; not to be changed."""
         return self._part_of[joint][numbers[0]]
 
-    def free(self, joint: int) -> None:
-        """Give the memory of a joint's columns back; they cannot be asked for afterwards."""
+    def keep(self, joint: int, some: Iterable[tuple[int, ...]]) -> None:
+        """Give back the memory of a joint's columns, but of some that `at` is asked for later."""
+        mine = self._part_of[joint]
         self.parts[joint] = [self._nothing]
-        self._part_of[joint] = {}
+        self._part_of[joint] = {x[0]: mine[x[0]] for x in some if x}

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from stiction_envs.gap.selection.joint_columns import JointColumns
 
@@ -16,10 +17,13 @@ def test_columns_keep_their_numbers_and_are_not_copied() -> None:
     assert np.concatenate(columns.parts[1]).shape == (0, 5)
 
 
-def test_columns_of_a_joint_that_was_freed_are_gone() -> None:
-    columns = JointColumns(2, 5)
-    for joint in (0, 1):
-        columns.add(joint, np.ones((2, 5)))
-    columns.free(0)
-    assert np.concatenate(columns.parts[0]).size == 0
+def test_only_columns_that_are_kept_are_left() -> None:
+    columns, part = JointColumns(2, 5), np.ones((2, 5))
+    first, second = (columns.add(0, x) for x in (np.zeros((3, 5)), part))
+    columns.add(1, part)
+    columns.keep(0, [second])
+    assert columns.at(0, second) is part
+    with pytest.raises(KeyError):
+        columns.at(0, first)
+    assert np.concatenate(columns.parts[0]).shape == (0, 5)
     assert np.concatenate(columns.parts[1]).shape == (2, 5)
