@@ -10,6 +10,7 @@ import pytest
 from stiction_envs.gap.causes import CAUSES, cause_named
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import rate
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from tests.gap.small_logs import data_of, hidden, panda
 
@@ -76,3 +77,14 @@ def test_nobody_can_write_into_it(data: Data) -> None:
     for array in (data.q, data.tau, data.nominal, data.rigid, data.block):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
+
+
+@pytest.mark.parametrize("shape", [(90,), (90, 4)])
+def test_rates_are_those_of_numpy_within_each_segment_to_the_bit(shape: tuple[int, ...]) -> None:
+    x = np.random.default_rng(0).normal(size=shape)
+    runs = [slice(0, 50), slice(50, 51), slice(51, 53), slice(53, 56), slice(56, 90)]
+    found = rate(x, runs, 0.003)
+    for run in runs:
+        few = run.stop - run.start < 3
+        expected = np.zeros_like(x[run]) if few else np.gradient(x[run], 0.003, axis=0)
+        np.testing.assert_array_equal(found[run], expected)

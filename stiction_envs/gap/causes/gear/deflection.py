@@ -86,7 +86,9 @@ def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
     """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
     bend = along_runs(data, along_runs(data, deflections))
     mass, slope = own_terms(data, joint)
-    return np.asarray(mass[:, None] * bend + slope[:, None] * deflections)
+    bend *= mass[:, None]
+    bend += slope[:, None] * deflections
+    return bend
 
 
 def seen_by(data: Data, joint: int, target: Array) -> Array:
