@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         if not value:  # digests are those of versions without the option
             delattr(args, name)
     if args.rehearse:
-        return _rehearse(args, [name for name in newer if hasattr(args, name)])
+        return _rehearse(args, newer, inputs)
     if args.rehearse_causes:
         raise StictionError("--rehearse-causes: expected --rehearse too")
     # so that digests are those of versions without rehearsals
@@ -194,11 +194,18 @@ def _about_the_logs(args: argparse.Namespace) -> dict[str, Any]:
     return {name: getattr(args, name) for name in same} | {"cutoff_hz": args.cutoff}
 
 
-def _rehearse(args: argparse.Namespace, newer: list[str]) -> dict[str, Any]:
+def _rehearse(
+    args: argparse.Namespace, newer: dict[str, Any], inputs: dict[str, Path]
+) -> dict[str, Any]:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
 
+    Args:
+        args: of the command.
+        newer: options of `NEWER`.
+        inputs: the calibration file, where one is given.
+
     Raises:
-        StictionError: an option that a rehearsal does not take, among them those of ``newer``.
+        StictionError: an option that a rehearsal does not take.
     """
     from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.hidden.rehearsal.rehearse import plan
@@ -210,11 +217,10 @@ def _rehearse(args: argparse.Namespace, newer: list[str]) -> dict[str, Any]:
         ("--poses", args.poses),
         ("--method lsm", args.method != "auto"),
         *((f"--{name}", getattr(args, name) is not None) for name in VIEWERS),
-        *((f"--{name.replace('_', '-')}", True) for name in newer),
     ):
         if given:
             raise StictionError(f"{option}: cannot be used with --rehearse")
-    inputs = common.log_inputs("log", args.logs)
+    inputs |= common.log_inputs("log", args.logs)
     if args.rehearse_causes is None:
         del args.rehearse_causes
     causes = getattr(args, "rehearse_causes", None)
@@ -227,6 +233,7 @@ def _rehearse(args: argparse.Namespace, newer: list[str]) -> dict[str, Any]:
             args.logs,
             args.robot,
             **_about_the_logs(args),
+            **newer,
             causes=causes,
             progress=progress.whole,
         )

@@ -20,6 +20,7 @@ from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, Options
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.servo_logs import (
+    check_servo_logs,
     read_servo_files,
     servo_nominal,
     servo_of,
@@ -201,6 +202,7 @@ def _diagnose_servo_logs(
     # report problems of all logs before the long computation
     logs = read_servo_files(options.given, arm, naming, settings.motion)
     others = read_servo_files(options.check, arm, naming, settings.motion)
+    check_servo_logs(others, logs)
     identity = options.identify(arm, "motor", settings)
     return servo_result(
         logs, others, arm, known, judged, settings=settings, progress=options.progress, **identity

@@ -114,6 +114,15 @@ def read_servo_files(
     return out
 
 
+def check_servo_logs(check: Sequence[ServoLog], diagnosed: Sequence[ServoLog]) -> None:
+    """Raise a StictionError for a log to check with that was diagnosed too."""
+    for log in check:
+        if any(np.array_equal(log.q, other.q) for other in diagnosed):
+            raise StictionError(
+                f"check log {log.source}: it is diagnosed too: expected a log that takes no part"
+            )
+
+
 def servo_result(
     logs: Sequence[ServoLog],
     check: Sequence[ServoLog],

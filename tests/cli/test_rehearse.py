@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import json
 
+import numpy as np
 import pytest
 
 from stiction_envs.hidden.rehearsal import runs
+from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
 from tests.gap.small_logs import dry, hidden, write_csv
@@ -100,3 +102,61 @@ def test_a_rehearsal_needs_a_log(refused, inputs, two, log):
     assert "is a torque table: expected joint logs" in refused(*asked, "--rehearse", "{base.csv}")
     line = refused(*asked, log, "--rehearse-causes", "payload")
     assert line == "error: --rehearse-causes: expected --rehearse too"
+
+
+# ---- servo logs ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def servo_call(two, inputs):
+    """A log of positions of the small arm, whose servos are known; one cause is hidden in it."""
+    h = hide(load_arm(two), (), seed=3, seconds=20.0, start=np.array([-0.6, 0.8]))
+    path = inputs / "servo.csv"
+    table = np.column_stack([h.log.t, h.log.q_cmd, h.log.q])
+    header = "t,q_cmd1,q_cmd2,q1,q2"
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    known = ("--servo-stiffness", *h.stiffness, "--servo-damping", *h.damping)
+    return ("diagnose", "--rehearse", path, "--robot", two, *known, "--threads", 1, "--out", "a")
+
+
+@pytest.mark.slow
+def test_a_servo_log_is_rehearsed_and_goes_on(cli, work, servo_call, monkeypatch):
+    call = (*servo_call, "--rehearse-causes", "coulomb_friction")
+    measure, begun = runs.measure, []
+
+    def interrupted(job, *rest):
+        begun.append(job.key)
+        if len(begun) == 2:
+            raise KeyboardInterrupt
+        return measure(job, *rest)
+
+    monkeypatch.setattr(runs, "measure", interrupted)
+    assert cli(*call).code != 0
+    ran = cli(*call)
+    assert ran.code == 0, ran.err
+    assert begun == ["nothing", "coulomb_friction", "coulomb_friction"]
+    assert {p.name for p in (work / "a").iterdir()} == FILES
+    with (work / "a/rehearsal.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0])[: len(COLUMNS)] == COLUMNS
+    assert [(r["cause"], r["joint"]) for r in rows] == [
+        ("coulomb_friction", "1"),
+        ("coulomb_friction", "2"),
+        ("backlash", "0"),
+    ]
+    assert all(float(r["smallest_found"]) > 0 for r in rows[:2])
+    assert "shown from joint 1" in ran.out
+    assert "no log of positions tells it from" in ran.out
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("--rehearse-causes", "viscous_friction"), "expected one of servo_stiffness, damping"),
+        (("--cutoff", 5), "cutoff: expected joint logs"),
+        (("--torque", "link"), "torque: expected joint logs"),
+        (("--nominal", "shipped"), "servo logs expect rigid"),
+    ],
+)
+def test_bad_input_of_a_servo_log(refused, servo_call, more, says):
+    assert says in refused(*servo_call, *more)

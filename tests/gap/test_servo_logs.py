@@ -5,7 +5,6 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden.rehearsal.rehearse import plan
 from tests.gap.servo.small_arm import TWO_LINKS
 
 
@@ -62,9 +61,10 @@ def test_what_is_known_of_servos_is_refused_for_logs_of_torque(tmp_path: Path, r
         diagnose(_log(tmp_path / "log.csv", torque=True), robot, servo_stiffness=[10.0])
 
 
-def test_a_servo_log_is_not_rehearsed(tmp_path: Path, robot: Path) -> None:
-    with pytest.raises(StictionError, match="missing columns 'tau1'"):
-        plan(_log(tmp_path / "log.csv"), robot)
+def test_a_log_cannot_check_itself(tmp_path: Path, robot: Path) -> None:
+    log = _log(tmp_path / "log.csv")
+    with pytest.raises(StictionError, match=r"check log .*log\.csv: it is diagnosed too"):
+        diagnose(log, robot, check=[log])
 
 
 def test_logs_of_both_kinds_are_refused(tmp_path: Path, robot: Path) -> None:

@@ -254,8 +254,11 @@ class Chooser:
         lag = None
         if parts:
             whole = self._spread(best, [c for c in LAG if c in q.candidates])
+            needed = [c for c in parts if self._alone(c, best, kept)]
             confused |= {c: self._confused(c, whole) for c in parts}
-            lag = lag_of(best, whole, q.nominal, [c for c in parts if self._alone(c, best, kept)])
+            for c in needed:  # no other part does in its place
+                confused[c] = tuple(x for x in confused[c] if x not in LAG)
+            lag = lag_of(best, whole, q.nominal, needed)
         if lag is not None:
             loss = self._loss(best, self._less(best, kept, parts))
             losses = {c: x for c, x in losses.items() if c not in parts} | {SERVO_LAG: loss}

@@ -57,6 +57,8 @@ class ServoDiagnosis:
     """What servo logs show about a simulation."""
 
     robot: str
+    servo: Servo
+    """What was known of the servos."""
     payload: Tip | None
     """A body at the flange that was found."""
     verdict: str
@@ -409,6 +411,7 @@ def diagnose_servo(
         )
     return ServoDiagnosis(
         robot=arm.name,
+        servo=servo,
         payload=tip,
         verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise, settings),
         causes=causes,

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from stiction_envs.gap.causes import Cause
-from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.hidden.rehearsal.effects import REPLAYED, effect_of
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed
 
@@ -19,13 +15,34 @@ Run = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
+class Hideable:
+    """A cause that a rehearsal hides, and how its rows call it."""
+
+    name: str
+    parameter: str
+    """What its size is, as in ``diagnosis.json`` where the size is one of its parameters."""
+    unit: str
+    what_to_record: str
+    """The motion that would show it."""
+    expected: tuple[str, ...] = ()
+    """Causes that are named rightly beside it."""
+    part_of: tuple[str, ...] = ()
+    """Causes that are named instead where these data cannot tell it from their other parts."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Job:
     """One cause, and the joints (from 0) in which it is hidden at once."""
 
-    cause: str
+    what: Hideable
     joints: tuple[int, ...]
     arm_wide: bool = False
     coupled: bool = False
+
+    @property
+    def cause(self) -> str:
+        """Its name."""
+        return self.what.name
 
     @property
     def key(self) -> str:
@@ -38,37 +55,8 @@ class Job:
         return (0,) if self.arm_wide else tuple(j + 1 for j in self.joints)
 
 
-def jobs_of(
-    own: Diagnosis, causes: Sequence[Cause]
-) -> tuple[list[Job], dict[tuple[str, int], str]]:
-    """Return the jobs, and why a cause (by name) on a joint (from 1) is not in any."""
-    jobs, reasons = [Job(cause=NOTHING, joints=())], {}
-    for cause in causes:
-        joints = range(own.data.n)
-        if cause.arm_wide:
-            why = cause.why_not_identifiable(own.data, 0) or _lawless(cause)
-            if why:
-                reasons[cause.name, 0] = why
-            else:
-                jobs.append(Job(cause=cause.name, joints=tuple(joints), arm_wide=True))
-            continue
-        why_not = {j: cause.why_not_identifiable(own.data, j) or _lawless(cause) for j in joints}
-        reasons |= {(cause.name, j + 1): why for j, why in why_not.items() if why}
-        left = tuple(j for j, why in why_not.items() if not why)
-        if cause.coupled:
-            jobs += [Job(cause=cause.name, joints=(j,), coupled=True) for j in left]
-        elif left:
-            jobs.append(Job(cause=cause.name, joints=left))
-    return jobs, reasons
-
-
-def _lawless(cause: Cause) -> str:
-    """Return that a cause of another package cannot be hidden, or nothing."""
-    if cause.name in REPLAYED or (cause.is_linear and not cause.coupled):
-        return ""
-    return "no law is known by which to hide it"
-
-
+NO_JOB = Job(what=Hideable(name=NOTHING, parameter="", unit="", what_to_record=""), joints=())
+"""Nothing is hidden."""
 FOUND, CONFUSED, MISSED = "found", "confused", "missed"
 
 
@@ -92,15 +80,14 @@ def judge(job: Job, row: int, run: Run) -> Judgement:
     on all joints' torques, else on this joint.
     """
     everywhere = job.arm_wide or job.coupled
-    expected = effect_of(job.cause).expected
     alike: list[str] | None = None
     false: list[str] = []
     for name, joints, confused_with in run["named"]:
-        if name == job.cause and (job.arm_wide or row in joints):
-            alike = confused_with
+        if name in (job.cause, *job.what.part_of) and (job.arm_wide or row in joints):
+            alike = [x for x in confused_with if x != job.cause]
             extra = [j for j in joints if j != row] if job.coupled else []
             false += [f"{name} of {joints_text(extra)}"] if extra else []
-        elif name in expected:
+        elif name in job.what.expected:
             continue
         elif everywhere or row in joints:
             false.append(f"{name} of {joints_text(joints)}" if everywhere else name)

@@ -7,6 +7,8 @@
 log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
 (`replayed_effects`) + noise -> diagnosis -> was it named, and nothing else?
 
+Of servo logs (`servo`) the plant simulates the whole arm under its servos instead.
+
 A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
 One that all joints' torques show (`Cause.coupled`: a link, a gear) is hidden joint by joint: all
 together would be another fault, such as a wrong torque gain. The middle size comes first; then a
@@ -23,20 +25,28 @@ from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.causes import cause_named, registered
+from stiction_envs.gap.causes import Cause, cause_named, registered
 from stiction_envs.gap.diagnose import diagnose
-from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.settings import GapSettings
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, jobs_of
-from stiction_envs.hidden.rehearsal.replay import Replay, replay_of
+from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Hideable, Job
+from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, not_shown, row_of
-from stiction_envs.hidden.rehearsal.runs import keep, measured, read_runs
+from stiction_envs.hidden.rehearsal.runs import Subject, keep, measured, read_runs
+from stiction_envs.hidden.rehearsal.servo import subject_of
+from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS
+from stiction_envs.hidden.rehearsal.servo_effects import effect_of as servo_effect_of
+from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
 from stiction_envs.measured.kinds import TABLE, file_kind
-from stiction_envs.measured.logs.columns import TORQUE
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log
-from stiction_envs.method_settings import Changes
+from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -49,10 +59,12 @@ class Plan:
     """What is to be hidden in a log, after its own diagnosis."""
 
     robot: str
-    replay: Replay
+    subject: Subject
     jobs: tuple[Job, ...]
-    reasons: dict[tuple[str, int], str]
-    """Why a cause (by name) on a joint (from 1; 0 for the arm) is in no job."""
+    reasons: tuple[tuple[Hideable, int, str], ...]
+    """Causes on joints (from 1; 0 for the arm) that are in no job, and why."""
+    order: tuple[str, ...]
+    """Names of causes, in the order of their rows."""
     seed: int
     provenance: dict[str, Any]
 
@@ -74,15 +86,15 @@ class Plan:
         say = progress or (lambda *_: None)
         runs = read_runs(kept, {job.key for job in self.jobs})
         missing = [job for job in self.jobs if job.key not in runs]
-        for job, found in measured(missing, self.replay, self.seed, threads):
+        for job, found in measured(missing, self.subject, self.seed, threads):
             runs[job.key] = found
             if kept is not None:
                 keep(kept, job.key, found)
             say(f"hid {job.key} in the log", len(runs) / len(self.jobs))
         judged = [j for j in self.jobs if j.cause != NOTHING]
         rows = [row_of(job, row, runs[job.key]) for job in judged for row in job.rows]
-        rows += [not_shown(*where, why) for where, why in self.reasons.items()]
-        order = {c.name: k for k, c in enumerate(registered())}
+        rows += [not_shown(*reason) for reason in self.reasons]
+        order = {name: k for k, name in enumerate(self.order)}
         return Rehearsal(
             robot=self.robot,
             rows=tuple(sorted(rows, key=lambda r: (order[r.cause], r.joint))),
@@ -103,7 +115,7 @@ def rehearse(
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
-        data: a joint log or several, as of `diagnose`.
+        data: a joint log or servo log, or several, as of `diagnose`.
         robot: name, model file or arm.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
@@ -124,7 +136,13 @@ def plan(
     torque: str | None = None,
     joints: Sequence[str] = (),
     topic: str | None = None,
+    units: str | None = None,
+    calibration: str | Path | None = None,
     nominal: str | Path | FrictionParameters | Nominal | None = None,
+    drive: str | None = None,
+    servo_stiffness: Sequence[float] | None = None,
+    servo_damping: Sequence[float] | None = None,
+    same_servo: bool = False,
     payload: Sequence[float] | None = None,
     tilt: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
@@ -137,12 +155,18 @@ def plan(
     """Diagnose logs as they are, and plan what to hide in them.
 
     Args:
-        data: a joint log or several; all but ``causes`` are as of `diagnose`.
+        data: a joint log or servo log, or several; all but ``causes`` are as of `diagnose`.
         robot: name, model file or arm.
         torque: side of the gear on which torque was measured.
         joints: names of joints 1 to n in ROS bags.
         topic: of ROS bags.
+        units: of angles.
+        calibration: lerobot's file of ranges.
         nominal: the simulation to judge.
+        drive: what drives the joints.
+        servo_stiffness: of position servos.
+        servo_damping: of position servos.
+        same_servo: all joints have the same servo.
         payload: known mass and its centre of mass.
         tilt: known inclination of the base.
         chain: links at the base and the tip of the arm.
@@ -161,15 +185,23 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    hidden = registered() if causes is None else [cause_named(x) for x in causes]
+    naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
+    kind = drive or next((drive_of(x, naming) for x in given), TORQUE)
+    for name in causes or ():  # before the long computation
+        servo_effect_of(name) if kind == POSITION else cause_named(name)
     own = diagnose(
         given,
         robot,
-        drive=TORQUE,
+        drive=drive,
         torque=torque,
         joints=joints,
         topic=topic,
+        units=units,
+        calibration=calibration,
         nominal=nominal,
+        servo_stiffness=servo_stiffness,
+        servo_damping=servo_damping,
+        same_servo=same_servo,
         payload=payload,
         tilt=tilt,
         chain=chain,
@@ -178,20 +210,34 @@ def plan(
         progress=lambda stage, _: say(f"the log itself: {stage}", 0.0),
         settings=settings,
     )
-    assert isinstance(own, LogDiagnosis)
-    replay = replay_of(own.diagnosis)
-    jobs, reasons = jobs_of(own.diagnosis, hidden)
+    subject, jobs, reasons, order = _planned(own, causes, override(gap_settings(), settings))
     arguments = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
     inputs = {**own.sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
     if isinstance(nominal, str | Path) and Path(nominal).is_file():
         inputs["nominal"] = Path(nominal)
+    if calibration is not None:
+        inputs["calibration"] = Path(calibration)
     return Plan(
         robot=own.robot,
-        replay=replay,
+        subject=subject,
         jobs=tuple(jobs),
-        reasons=reasons,
+        reasons=tuple(reasons),
+        order=order,
         seed=seed,
         provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
     )
+
+
+def _planned(
+    own: DiagnosisResult, causes: Sequence[str] | None, settings: GapSettings
+) -> tuple[Subject, list[Job], list[tuple[Hideable, int, str]], tuple[str, ...]]:
+    """Return the logs of a diagnosis, the jobs, what is in none and why, and the rows' order."""
+    if isinstance(own, ServoResult):
+        servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts), settings)
+        return servos, *servos.jobs_of(causes or list(EFFECTS)), (*EFFECTS, "backlash")
+    assert isinstance(own, LogDiagnosis)
+    hidden: Sequence[Cause] = registered() if causes is None else [cause_named(x) for x in causes]
+    torques = HiddenTorques(replay=replay_of(own.diagnosis))
+    return torques, *jobs_of(own.diagnosis, hidden), tuple(c.name for c in registered())

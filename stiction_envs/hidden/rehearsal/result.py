@@ -9,9 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.gap.causes import cause_named
-from stiction_envs.hidden.rehearsal.effects import REPLAYED, effect_of
-from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
+from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Hideable, Job, Run, judge
 from stiction_envs.hidden.rehearsal.runs import RUNS, line
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import joints as joints_text
@@ -56,7 +54,6 @@ class Row:
 
 def row_of(job: Job, row: int, runs: list[Run]) -> Row:
     """Return what the runs of a job say of a joint (from 1), or of the arm."""
-    effect = effect_of(job.cause)
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
 
@@ -65,7 +62,7 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
 
     instead = ""
     if not judged:
-        instead = "not visible in this motion: it changes no torque"
+        instead = "not visible in this motion: it changes nothing"
     elif math.isnan(smallest(FOUND)):
         confused = [said.why for _, said in judged if said.verdict == CONFUSED]
         instead = confused[-1] if confused else judged[-1][1].why
@@ -73,32 +70,30 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
     return Row(
         cause=job.cause,
         joint=row,
-        parameter=effect.parameter,
-        unit=effect.unit,
+        parameter=job.what.parameter,
+        unit=job.what.unit,
         smallest_found=smallest(FOUND),
         smallest_named=smallest(FOUND, CONFUSED),
         tried=tuple(size for size, *_ in judged),
         false_alarms="; ".join(false),
         instead=instead,
-        what_to_record=cause_named(job.cause).what_to_record if instead else "",
+        what_to_record=job.what.what_to_record if instead else "",
     )
 
 
-def not_shown(cause: str, joint: int, why: str) -> Row:
+def not_shown(what: Hideable, joint: int, why: str) -> Row:
     """Return the row of a cause that the motion cannot show."""
-    law = REPLAYED.get(cause)
-    first = cause_named(cause).parameters[0]
     return Row(
-        cause=cause,
+        cause=what.name,
         joint=joint,
-        parameter=law.parameter if law else first.name,
-        unit=law.unit if law else first.unit,
+        parameter=what.parameter,
+        unit=what.unit,
         smallest_found=math.nan,
         smallest_named=math.nan,
         tried=(),
         false_alarms="",
         instead=f"not visible in this motion: {why}",
-        what_to_record=cause_named(cause).what_to_record,
+        what_to_record=what.what_to_record,
     )
 
 

@@ -19,9 +19,10 @@ from stiction_envs.hidden.hidden_effects import EFFECTS, FRICTION, ROTOR, Draw, 
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.rehearsal import runs
 from stiction_envs.hidden.rehearsal.effects import effect_of
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Judgement, judge
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Judgement, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
-from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS, sizes_of
+from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS
+from stiction_envs.hidden.rehearsal.torques import sizes_of, torque_job
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
 FEW = ("coulomb_friction", "payload")
@@ -82,8 +83,8 @@ def test_an_earlier_model_is_what_is_judged(two):
     log = hidden(two, dry)
     earlier = model_of(found(two, log))
     planned = plan(log, two, nominal=earlier, causes=["stribeck_friction"])
-    np.testing.assert_allclose(planned.replay.friction, 0.5, atol=0.03)
-    assert np.all(planned.replay.unknown_friction < 0.02)
+    np.testing.assert_allclose(planned.subject.replay.friction, 0.5, atol=0.03)
+    assert np.all(planned.subject.replay.unknown_friction < 0.02)
     again = planned.run()
     assert again.named_without == ()
     assert all(r.found for r in again.rows)
@@ -119,7 +120,7 @@ def test_the_files_hold_all_of_it(rehearsed, tmp_path):
 )
 def test_sizes_are_those_of_torques(replay, cause, joints, traits):
     """From the noise to what nobody overlooks, or to the largest size there is."""
-    job = Job(cause=cause, joints=joints, **traits)
+    job = torque_job(cause=cause, joints=joints, **traits)
     small, middle, large = sizes_of(job, replay)
     effect = effect_of(cause)
     whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
@@ -138,7 +139,7 @@ def test_sizes_are_those_of_torques(replay, cause, joints, traits):
 
 def test_other_joints_have_no_size(replay):
     """Here one that is hidden in the second joint only."""
-    still = Job(cause="external_spring", joints=(1,))
+    still = torque_job(cause="external_spring", joints=(1,))
     small, _, large = sizes_of(still, replay)
     assert small[0] == large[0] == 0.0
     assert 0 < small[1] < large[1]
@@ -146,10 +147,10 @@ def test_other_joints_have_no_size(replay):
 
 # ---- verdict of one run --------------------------------------------------------------------------
 
-ONE = Job(cause="viscous_friction", joints=(0, 1))
-SLOW = Job(cause="stribeck_friction", joints=(0, 1))
-LINK = Job(cause="link_parameters", joints=(0,), coupled=True)
-LOAD = Job(cause="payload", joints=(0, 1), arm_wide=True)
+ONE = torque_job(cause="viscous_friction", joints=(0, 1))
+SLOW = torque_job(cause="stribeck_friction", joints=(0, 1))
+LINK = torque_job(cause="link_parameters", joints=(0,), coupled=True)
+LOAD = torque_job(cause="payload", joints=(0, 1), arm_wide=True)
 
 
 @pytest.mark.parametrize(

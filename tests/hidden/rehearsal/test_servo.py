@@ -1,0 +1,119 @@
+"""Servo logs in which causes are hidden: sizes, noise, what is found, and its files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.hidden.rehearsal.jobs import NO_JOB
+from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
+from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE
+from stiction_envs.hidden.rehearsal.servo import HiddenServos
+from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS
+from stiction_envs.hidden.servo_logs import ENCODER, HiddenServoLog, hide
+from stiction_envs.robots import Arm
+from tests.gap.servo.small_arm import two_links
+
+pytestmark = pytest.mark.slow
+FEW = ("coulomb_friction", "delay", "payload", "encoder_offset")
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory) -> Arm:
+    return two_links(tmp_path_factory.mktemp("arm"))
+
+
+@pytest.fixture(scope="module")
+def seen(arm: Arm) -> HiddenServoLog:
+    return hide(arm, ("coulomb_friction",), seed=3, seconds=45.0, start=np.array([-0.6, 0.8]))
+
+
+@pytest.fixture(scope="module")
+def planned(arm: Arm, seen: HiddenServoLog) -> Plan:
+    stiffness, damping = seen.stiffness.tolist(), seen.damping.tolist()
+    return plan([seen.log], arm, causes=FEW, servo_stiffness=stiffness, servo_damping=damping)
+
+
+@pytest.fixture(scope="module")
+def subject(planned: Plan) -> HiddenServos:
+    assert isinstance(planned.subject, HiddenServos)
+    return planned.subject
+
+
+def test_with_nothing_hidden_the_log_is_that_of_the_judged_arm(
+    subject: HiddenServos, seen: HiddenServoLog
+) -> None:
+    """Of its friction nothing is left; steps, times and noise are those of the log."""
+    none = np.zeros(2)
+    (log,) = subject._logs(subject.arm, subject.base, none, np.random.default_rng(0))
+    np.testing.assert_array_equal(log.t, seen.log.t)
+    np.testing.assert_array_equal(log.q_cmd, seen.log.q_cmd)
+    np.testing.assert_allclose(subject.resolution, ENCODER)
+    np.testing.assert_allclose(log.q / ENCODER, np.round(log.q / ENCODER), atol=1e-6)
+    assert subject.base[:, 0] == pytest.approx(seen.stiffness)
+    # an arm without noise is another by what the diagnosis left, and by rounding
+    quiet = replace(subject, left=tuple(np.zeros_like(x) for x in subject.left))
+    (silent,) = quiet._logs(subject.arm, subject.base, none, np.random.default_rng(0))
+    off = np.sqrt(np.mean((log.q - silent.q) ** 2, axis=0))
+    assert (off < 1.5 * subject.noise + ENCODER).all()
+    assert (off > 0.5 * subject.noise).all()
+
+
+def test_sizes_change_the_angle_by_the_noise_and_by_what_nobody_overlooks(
+    planned: Plan, subject: HiddenServos
+) -> None:
+    jobs = {job.cause: job for job in planned.jobs}
+    small, middle, large = subject.sizes(jobs["coulomb_friction"])
+    np.testing.assert_allclose(middle**2, small * large)
+    for j, (motion, joint) in enumerate(zip(subject.motions, subject.joints, strict=True)):
+        whole = float(motion.q.std())
+        wanted = (subject.noise[j], max(LARGE_NOISE * subject.noise[j], LARGE_SHARE * whole))
+        for size, target in zip((small[j], large[j]), wanted, strict=True):
+            sets = np.stack(
+                [joint.parameters, EFFECTS["coulomb_friction"].changed(joint, float(size))]
+            )
+            plain, changed = motion.simulate(sets)
+            assert np.sqrt(np.mean((changed - plain) ** 2)) == pytest.approx(target, rel=0.1)
+
+
+def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan, tmp_path: Path) -> None:
+    found = planned.run(kept=tmp_path / "kept.jsonl")
+    assert found.named_without == ()
+    rows = {(r.cause, r.joint): r for r in found.rows}
+    assert all(rows["coulomb_friction", j].found for j in (1, 2))
+    assert all(rows["delay", j].named for j in (1, 2))
+    assert 0.01 < rows["payload", 0].smallest_found < 2.0
+    assert rows["delay", 1].unit == "s"
+    backlash = rows["backlash", 0]
+    assert not backlash.found
+    assert "no log of positions tells it from dry friction" in backlash.instead
+    folder = found.save(tmp_path / "out")
+    with (folder / "rehearsal.csv").open(encoding="utf-8") as file:
+        written = list(csv.DictReader(file))
+    assert [(r["cause"], int(r["joint"])) for r in written] == list(rows)
+    # nothing is done again, and the files are the same
+    again = planned.run(kept=tmp_path / "kept.jsonl")
+    assert again.to_json() == found.to_json()
+
+
+def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
+    """Whatever stiffness and lag they have is named rightly; what hides behind them is said."""
+    asked = plan([seen.log], arm, causes=["coulomb_friction", "servo_stiffness", "payload"])
+    quick = replace(asked, jobs=(NO_JOB,)).run()
+    assert quick.named_without == ()
+    reasons = {(what.name, joint): why for what, joint, why in asked.reasons}
+    assert reasons["servo_stiffness", 1] == "nobody said what it should be, so it is named as it is"
+    assert "softer ones sag alike" in reasons["payload", 0]
+    assert [job.cause for job in asked.jobs] == ["nothing", "coulomb_friction"]
+    assert all(math.isnan(r.smallest_found) for r in quick.rows if r.cause == "servo_stiffness")
+
+
+def test_a_cause_of_other_logs_is_one_line(arm: Arm, seen: HiddenServoLog) -> None:
+    with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
+        plan([seen.log], arm, causes=["viscous_friction"])
