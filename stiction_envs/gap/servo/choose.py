@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.servo.fit import Fit, fit
-from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause
 from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.gap.servo.spread import LAG, SERVO_LAG, Spread, estimates_of, lag_of, spread_of
@@ -107,6 +107,7 @@ class Chooser:
             return_inverse=True,
         )
         self.block = blocks[1].ravel()
+        self.speed = speeds(motion, question.settings.limits.passed_seconds)
 
     # ---- fitting -----------------------------------------------------------------------------
 
@@ -188,7 +189,7 @@ class Chooser:
                 for name, x in values.items():
                     start[INDEX[name]] = x
                 tries.append(self._fit(start, [*chosen, *more], of.rough_iterations))
-            best = min(tries, key=lambda f: f.cost)
+            best = min(filter(self._reached, tries), key=lambda f: f.cost)
             chosen += more
         return self._fit(best.parameters, chosen, of.last_iterations)
 
@@ -235,7 +236,11 @@ class Chooser:
             for cause in sorted(kept, key=losses.__getitem__):
                 less = self._less(best, kept, [cause])
                 losses[cause] = self._loss(best, less)
-                if not self._needed(best, less) or self._tolerated(cause, best):
+                if (
+                    not self._needed(best, less)
+                    or self._tolerated(cause, best)
+                    or (cause == "speed_limit" and not self._reached(best))
+                ):
                     kept = [c for c in kept if c not in _with(cause)]
                     best = self._fit(less.parameters, kept, self.q.settings.starts.again_iterations)
                     break
@@ -332,6 +337,17 @@ class Chooser:
             "encoder_offset": abs(offset) < of.shifted,
         }
         return self.q.judged and bool(small.get(cause, False))
+
+    def _reached(self, fit: Fit) -> bool:
+        """Return whether the joint was about as fast as a fit's speed limit, if that has one.
+
+        Nothing shows a limit that was not reached; it stands in for something else, and wrecks
+        faster motions.
+        """
+        limit = fit["speed_limit"]
+        near = self.speed >= self.q.settings.limits.passed * limit
+        blocks = np.unique(self.block[near & self.q.counts])
+        return limit >= FAR or len(blocks) >= self.q.settings.selection.one_way_blocks
 
     def _loss(self, best: Fit, less: Fit) -> float:
         n = max(1, int(self.q.counts.sum()))

@@ -8,6 +8,7 @@ simulated again by the plant with the whole arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +102,20 @@ class JointMotion:
         since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], np.diff(self.bounds))
         rows: NDArray[np.bool_] = since < np.repeat(lengths, np.diff(self.bounds))
         return rows
+
+
+def speeds(motion: JointMotion, seconds: float) -> Array:
+    """Return (T,) size of the measured speed over the last ``seconds`` [rad/s].
+
+    0 in the first rows of each segment.
+    """
+    step = float(np.median(np.diff(motion.t)))
+    rows = max(1, round(seconds / step))
+    out = np.zeros(len(motion.t))
+    for a, b in pairwise(motion.bounds):
+        if b - a > rows:
+            out[a + rows : b] = np.abs(motion.q[a + rows : b] - motion.q[a : b - rows])
+    return out / (rows * step)
 
 
 @compiled
