@@ -21,6 +21,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.engines.choose import DEFAULT_ENGINE, make_batch
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import (
@@ -53,6 +54,7 @@ class Plant:
         parameters: FrictionParameters | None = None,
         threads: int = 0,
         closed_loop: bool = False,
+        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
 
@@ -62,13 +64,16 @@ class Plant:
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
             closed_loop: whether `follow` will be used; keeps the engine's kinematics current.
+            engine: what steps them, one of `engines.choose.ENGINES`.
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch = Batch(sticking.model, nsim, threads, persistent=closed_loop)
+        self._batch = make_batch(
+            engine, sticking.model, nsim, threads=threads, closed_loop=closed_loop
+        )
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
         self._damping = self._batch.expand("dof_damping")

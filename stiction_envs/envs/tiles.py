@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.experiments.episodes import Episodes, Index, Outcome
 
 T = TypeVar("T")
@@ -46,6 +47,8 @@ class Tiles:
         even = -(-count // threads) * threads  # every thread has as many tiles
         # only one thread is in Python at a time: of k tiles the last waits for it k times
         count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
+        if arguments.get("engine", DEFAULT_ENGINE) != DEFAULT_ENGINE:
+            count = 1  # such a device takes all arms at once
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
+from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.observation import (
     Group,
@@ -73,6 +74,7 @@ class Arguments:
     friction_factor: float = 1.0
     waveform: str = DEFAULT_WAVEFORM
     threads: int = 0
+    engine: str = DEFAULT_ENGINE
     record: bool = False
     """Whether traces are kept, to be drawn."""
 

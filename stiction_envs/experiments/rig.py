@@ -58,6 +58,7 @@ class Rig:
             parameters=parameters,
             threads=experiment.threads,
             closed_loop=closed_loop,
+            engine=experiment.engine,
         )
         self.approach_protocol = approach
         self.nsim, self.n = nsim, sticking.n

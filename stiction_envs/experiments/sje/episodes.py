@@ -66,7 +66,9 @@ class SJEEpisodes(Episodes):
     def _experiment(
         self, a: Arguments, arm: Arm, friction: FrictionParameters | None
     ) -> SingleJointExperiment:
-        return SingleJointExperiment(arm, friction=friction, scatter=a.scatter, threads=a.threads)
+        return SingleJointExperiment(
+            arm, friction=friction, scatter=a.scatter, threads=a.threads, engine=a.engine
+        )
 
     @staticmethod
     def block_steps(experiment: SingleJointExperiment) -> int:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from stiction_envs.control.position_servo import PositionServos, put_under_servos, read_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
@@ -68,6 +69,7 @@ class SingleJointExperiment(SJESetup):
         seed: int = 0,
         timestep: float | None = None,
         threads: int = 0,
+        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Set the experiment up.
 
@@ -84,6 +86,7 @@ class SingleJointExperiment(SJESetup):
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
             threads: threads, 0 for all processors.
+            engine: what steps the arms, one of `engines.choose.ENGINES`.
 
         Raises:
             StictionError: anything wrong with the arm, its friction, its senses, its servos or its
@@ -97,6 +100,7 @@ class SingleJointExperiment(SJESetup):
             scatter=scatter,
             seed=seed,
             threads=threads,
+            engine=engine,
         )
         arm = sticking.arm
         servos = _servos_of(friction, arm.n, drive)

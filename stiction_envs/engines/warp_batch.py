@@ -1,0 +1,257 @@
+"""N simulations on MuJoCo Warp, with the part of `mujoco.batch.Batch` that the plant uses.
+
+    plant writes float64 arrays -> device, as float32 -> K captured steps -> float64 arrays again
+
+The plant's arrays are the state: every call sends them to the device, steps there, and fetches
+those of the simulations that it was asked for. So a result depends neither on the other simulations
+nor on calls for them. Everything is float32 but the angles: what a slowly creeping joint adds in a
+step is less than half of a float32's last digit, and would be lost. Angles are summed in float64,
+on the device.
+
+On a graphics card a step is one CUDA graph; the steps of a call follow each other there, without a
+word from Python. On a processor Warp replays the same graph, on one thread. Warp's default device
+is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import mujoco
+import mujoco_warp
+import numpy as np
+import warp as wp
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.errors import StictionError
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+STEPS = 64
+"""Most steps whose commands and angles are on the device at a time; changes no result."""
+LARGEST = 1e10
+"""Angles [rad] and speeds [rad/s] from which MuJoCo calls a simulation unstable (mjMAXVAL)."""
+_STATE = ("qvel", "act", "qacc_warmstart")
+"""What steps change, besides the angles."""
+_INPUTS = ("ctrl", "qfrc_applied")
+"""What only the plant writes."""
+
+# compiling is told of with INFO, on standard output, where commands write their result
+wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+
+
+@wp.kernel(enable_backward=False)
+def _command(
+    step: wp.array[wp.int32], commands: wp.array3d[wp.float32], ctrl: wp.array2d[wp.float32]
+) -> None:
+    """Write the controls of this step."""
+    world, actuator = wp.tid()
+    ctrl[world, actuator] = commands[step[0], world, actuator]
+
+
+@wp.kernel(enable_backward=False)
+def _sum_angles(
+    step: wp.array[wp.int32],
+    timestep: wp.float64,
+    qvel: wp.array2d[wp.float32],
+    angle: wp.array2d[wp.float64],
+    qpos: wp.array2d[wp.float32],
+    record: wp.array3d[wp.float64],
+) -> None:
+    """Sum the angles in float64, from the speeds that the engine has just added to its own."""
+    world, joint = wp.tid()
+    summed = angle[world, joint] + timestep * wp.float64(qvel[world, joint])
+    angle[world, joint] = summed
+    qpos[world, joint] = wp.float32(summed)
+    record[step[0], world, joint] = summed
+
+
+@wp.kernel(enable_backward=False)
+def _count(step: wp.array[wp.int32]) -> None:
+    step[0] = step[0] + 1
+
+
+class WarpBatch:
+    """N simulations of a model whose joints are all hinges or slides."""
+
+    def __init__(self, model: mujoco.MjModel, nsim: int) -> None:
+        """Make the simulations; all start at the model's reference angles.
+
+        Raises:
+            StictionError: a model with other joints, or one that MuJoCo Warp cannot take.
+        """
+        simple = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
+        if not np.isin(model.jnt_type, simple).all():
+            raise StictionError("engine warp: expected a model with hinges and slides only")
+        self.model, self.nsim = model, nsim
+        try:
+            self._model = mujoco_warp.put_model(model)
+        except NotImplementedError as error:
+            raise StictionError(f"engine warp does not take this model: {error}") from None
+        self._data = mujoco_warp.make_data(model, nworld=nsim, nconmax=0)
+        self._template = mujoco.MjData(model)
+        self._bound: dict[str, NDArray[Any]] = {}
+        self._expanded: dict[str, Array] = {}
+        self._graphs: dict[str, Any] = {}
+        self._angle = wp.zeros((nsim, model.nq), dtype=wp.float64)
+        self._commands = wp.zeros((STEPS, nsim, model.nu), dtype=wp.float32)
+        self._record = wp.zeros((STEPS, nsim, model.nq), dtype=wp.float64)
+        self._step = wp.zeros(1, dtype=wp.int32)
+        self.warning = np.zeros((nsim, int(mujoco.mjtWarning.mjNWARNING), 2), dtype=np.int32)
+        """(N, warnings, 2) as `Batch.warning`: of bad speeds and angles, the number of calls."""
+        for name in ("qpos", *_STATE, *_INPUTS):
+            self._mirror(name)
+        self.reset()
+
+    # ---- arrays ------------------------------------------------------------------------------
+
+    def _mirror(self, name: str) -> NDArray[Any]:
+        """Return the plant's array (N, …) of a field of `MjData`."""
+        if name not in self._bound:
+            self._bound[name] = np.zeros((self.nsim, *getattr(self._template, name).shape))
+        return self._bound[name]
+
+    def bind(self, name: str) -> Array:
+        """Return a live (N, …) array of a field of `MjData`; see `Batch.bind`.
+
+        Fields that are no state are as of the last call for a simulation.
+        """
+        return self._mirror(name)
+
+    def expand(self, name: str) -> Array:
+        """Give a model field per-simulation values; return them, (N, …)."""
+        if name not in self._expanded:
+            shared = getattr(self._model, name)
+            values = np.repeat(shared.numpy(), self.nsim, axis=0)
+            setattr(self._model, name, wp.array(values, dtype=shared.dtype))
+            self._graphs.clear()  # they know the array that was there
+            # of polynomials MuJoCo's array has the first coefficient, as Warp's
+            self._expanded[name] = np.repeat(
+                np.asarray(getattr(self.model, name), dtype=float)[None], self.nsim, axis=0
+            )
+        return self._expanded[name]
+
+    def expanded(self, name: str) -> Array | None:
+        """Return the per-simulation values of a model field, None where all share the model's."""
+        return self._expanded.get(name)
+
+    # ---- calls -------------------------------------------------------------------------------
+
+    def reset(self, ids: ArrayLike | None = None, stage: int = 0) -> None:
+        """Put simulations into the model's reference state; derived fields follow with a call."""
+        rows = self._rows(ids)
+        for name in (*_STATE, *_INPUTS):
+            self._bound[name][rows] = 0.0
+        self._bound["qpos"][rows] = self.model.qpos0
+        self.warning[rows] = 0
+
+    def forward(self, ids: ArrayLike | None = None, stage: int = 0) -> None:
+        """Compute the kinematics of the present state."""
+        self._send()
+        self._launch("kinematics", self._kinematics)
+        self._fetch_derived(self._rows(ids))
+
+    def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
+        """Advance under the present controls, then compute the kinematics if a ``stage`` asks."""
+        self.rollout(nstep, control=np.repeat(self._bound["ctrl"][:, None], nstep, axis=1), ids=ids)
+        if stage:
+            self.forward(ids)
+
+    def rollout(
+        self,
+        nstep: int,
+        *,
+        control: Array,
+        record: tuple[str, ...] = ("qpos",),
+        ids: ArrayLike | None = None,
+    ) -> dict[str, Array]:
+        """Advance simulations by ``nstep`` steps under controls (M, nstep, nu).
+
+        Returns:
+            The positions (M, nstep, nq) after each step, by the name ``qpos``.
+        """
+        rows = self._rows(ids)
+        out = np.empty((len(rows), nstep, self.model.nq))
+        self._send()
+        for start in range(0, nstep, STEPS):
+            part = slice(start, min(start + STEPS, nstep))
+            count = part.stop - start
+            sent = np.zeros((count, self.nsim, self.model.nu), dtype=np.float32)
+            sent[:, rows] = control[:, part].swapaxes(0, 1)
+            self._commands[:count].assign(sent)
+            self._step.zero_()
+            for _ in range(count):
+                self._launch("step", self._one_step)
+            out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
+        self._bound["qpos"][rows] = self._angle.numpy()[rows]
+        for name in _STATE:
+            self._bound[name][rows] = getattr(self._data, name).numpy()[rows]
+        self._fetch_derived(rows)
+        self._warn(rows)
+        return {"qpos": out}
+
+    # ---- on the device -----------------------------------------------------------------------
+
+    def _rows(self, ids: ArrayLike | None) -> Index:
+        return np.arange(self.nsim) if ids is None else np.asarray(ids)
+
+    def _send(self) -> None:
+        """Send the plant's arrays."""
+        self._angle.assign(self._bound["qpos"])
+        for name in ("qpos", *_STATE, *_INPUTS):
+            _write(getattr(self._data, name), self._bound[name])
+        for name, values in self._expanded.items():
+            _write(getattr(self._model, name), values)
+
+    def _fetch_derived(self, rows: Index) -> None:
+        for name, mirror in self._bound.items():
+            if name not in ("qpos", *_STATE, *_INPUTS):
+                mirror[rows] = getattr(self._data, name).numpy()[rows]
+
+    def _warn(self, rows: Index) -> None:
+        for name, kind in (
+            ("qpos", mujoco.mjtWarning.mjWARN_BADQPOS),
+            ("qvel", mujoco.mjtWarning.mjWARN_BADQVEL),
+        ):
+            good = (np.abs(self._bound[name][rows]) < LARGEST).all(axis=1)  # false for NaN too
+            self.warning[rows[~good], int(kind), 1] += 1
+
+    def _launch(self, name: str, work: Callable[[], None]) -> None:
+        """Run work on the device as a graph, captured the first time."""
+        if name not in self._graphs:
+            work()  # loads every kernel
+            with wp.ScopedCapture() as capture:
+                work()
+            self._graphs[name] = capture.graph
+            return
+        wp.capture_launch(self._graphs[name])
+
+    def _kinematics(self) -> None:
+        mujoco_warp.kinematics(self._model, self._data)
+        mujoco_warp.com_pos(self._model, self._data)
+
+    def _one_step(self) -> None:
+        m, d = self.model, self._data
+        wp.launch(
+            _command,
+            dim=(self.nsim, m.nu),
+            inputs=[self._step, self._commands],
+            outputs=[d.ctrl],
+        )
+        mujoco_warp.step(self._model, d)
+        wp.launch(
+            _sum_angles,
+            dim=(self.nsim, m.nq),
+            inputs=[self._step, m.opt.timestep, d.qvel],
+            outputs=[self._angle, d.qpos, self._record],
+        )
+        wp.launch(_count, dim=1, outputs=[self._step])
+
+
+def _write(array: Any, values: Array) -> None:
+    """Write a numpy array (N, …) into one on the device, which may have vectors as entries."""
+    if array.device.is_cpu:
+        array.numpy()[...] = values
+    else:
+        array.assign(values.astype(np.float32))
