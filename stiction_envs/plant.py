@@ -8,7 +8,8 @@ own clock.
 Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here as parameters:
 
 * load, warm-up and offset, which change over tenths of a second, every `SLOW_STEPS` control steps;
-* direction, which changes within one, every control step – only if some level depends on it.
+* direction, which changes within one, every control step – only if some level depends on it, and
+  the engine does not switch by itself.
 """
 
 from __future__ import annotations
@@ -89,6 +90,9 @@ class Plant:
         self._level = np.empty((nsim, self.n, 2))
         self._viscous = np.empty((nsim, self.n, 2))
         self._asymmetric = False
+        self._switch: Any = None
+        if engine != DEFAULT_ENGINE:
+            self._switch = self._batch.switch(sticking, self._moving_up, self._substeps)
         self._factor = np.ones((nsim, self.n))
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
@@ -211,7 +215,7 @@ class Plant:
             self._damping[rows, s.spring[elastic]] = (
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
-        self._asymmetric = FrictionParameters(**self._p).asymmetric
+        self._asymmetric = self._switch is None and FrictionParameters(**self._p).asymmetric
         self._write_slow(np.asarray(ids))
 
     def _write(self, name: str, ids: Index, where: tuple[Any, ...], values: Array) -> None:
@@ -358,7 +362,10 @@ class Plant:
         self._bias_torque[rows, s.motor] = bias
         elastic = s.spring >= 0
         self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
-        if not self._asymmetric:
+        if self._switch is not None:
+            levels = stiction * p["coulomb_ratio"][ids], stiction, p["stribeck_velocity"][ids]
+            self._switch.write(ids, *levels, viscous)
+        elif not self._asymmetric:
             self._write_levels(ids, np.zeros((len(ids), self.n), dtype=np.int64))
 
     def _offset(self, ids: Index, signed: Array) -> Array:

@@ -25,6 +25,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import COULOMB, STICTION, STRIBECK, StickingModel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -37,6 +38,7 @@ _STATE = ("qvel", "act", "qacc_warmstart")
 _INPUTS = ("ctrl", "qfrc_applied")
 """What only the plant writes."""
 
+BIASPRM = wp.types.vector(length=mujoco.mjNBIAS, dtype=wp.float32)
 # compiling is told of with INFO, on standard output, where commands write their result
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 
@@ -48,6 +50,34 @@ def _command(
     """Write the controls of this step."""
     world, actuator = wp.tid()
     ctrl[world, actuator] = commands[step[0], world, actuator]
+
+
+@wp.kernel(enable_backward=False)
+def _switch(
+    step: wp.array[wp.int32],
+    every: int,
+    dofs: wp.array[wp.int32],
+    actuators: wp.array[wp.int32],
+    columns: wp.vec3i,
+    levels: wp.array3d[wp.vec4],
+    qvel: wp.array2d[wp.float32],
+    up: wp.array2d[wp.bool],
+    biasprm: wp.array2d[BIASPRM],
+    damping: wp.array2d[wp.float32],
+) -> None:
+    """Write the friction of the direction in which a joint moves, or moved last."""
+    world, joint = wp.tid()
+    if step[1] % every != 0:
+        return
+    speed = qvel[world, dofs[joint]]
+    if speed != 0.0:
+        up[world, joint] = speed > 0.0
+    level = levels[world, joint, wp.where(up[world, joint], 0, 1)]
+    values = biasprm[world, actuators[joint]]
+    for k in range(3):
+        values[columns[k]] = level[k]
+    biasprm[world, actuators[joint]] = values
+    damping[world, dofs[joint]] = level[3]
 
 
 @wp.kernel(enable_backward=False)
@@ -70,6 +100,50 @@ def _sum_angles(
 @wp.kernel(enable_backward=False)
 def _count(step: wp.array[wp.int32]) -> None:
     step[0] = step[0] + 1
+    step[1] = step[1] + 1
+
+
+class LevelSwitch:
+    """Friction of both directions of every joint, of which the device takes the present one."""
+
+    def __init__(self, sticking: StickingModel, up: NDArray[np.bool_], every: int) -> None:
+        """Make it; see `WarpBatch.switch`."""
+        joints = (sticking.motor, sticking.torque_actuator)
+        self._where = (
+            *(every, *(wp.array(x, dtype=wp.int32) for x in joints)),
+            wp.vec3i(COULOMB, STICTION, STRIBECK),
+        )
+        self._host_up, self._host_levels = up, np.zeros((*up.shape, 2, 4))
+        self._up = wp.zeros(up.shape, dtype=wp.bool)
+        self._levels = wp.zeros((*up.shape, 2), dtype=wp.vec4)
+
+    def write(
+        self, ids: Index, coulomb: Array, stiction: Array, stribeck: Array, viscous: Array
+    ) -> None:
+        """Set the friction of simulations ``ids``, up and down, (M, n, 2).
+
+        Coulomb friction and stiction are in N·m, Stribeck velocities in rad/s, viscous friction in
+        N·m·s/rad.
+        """
+        self._host_levels[ids] = np.stack([coulomb, stiction, stribeck, viscous], axis=-1)
+
+    def send(self) -> None:
+        """Send both to the device."""
+        self._levels.assign(self._host_levels)
+        self._up.assign(self._host_up)
+
+    def fetch(self, rows: Index) -> None:
+        """Fetch the directions."""
+        self._host_up[rows] = self._up.numpy()[rows]
+
+    def launch(self, step: Any, model: Any, data: Any) -> None:
+        """Choose, on the device."""
+        wp.launch(
+            _switch,
+            dim=self._up.shape,
+            inputs=[step, *self._where, self._levels, data.qvel],
+            outputs=[self._up, model.actuator_biasprm, model.dof_damping],
+        )
 
 
 class WarpBatch:
@@ -91,33 +165,31 @@ class WarpBatch:
             raise StictionError(f"engine warp does not take this model: {error}") from None
         self._data = mujoco_warp.make_data(model, nworld=nsim, nconmax=0)
         self._template = mujoco.MjData(model)
-        self._bound: dict[str, NDArray[Any]] = {}
+        self._bound: dict[str, Array] = {}
         self._expanded: dict[str, Array] = {}
         self._graphs: dict[str, Any] = {}
         self._angle = wp.zeros((nsim, model.nq), dtype=wp.float64)
         self._commands = wp.zeros((STEPS, nsim, model.nu), dtype=wp.float32)
         self._record = wp.zeros((STEPS, nsim, model.nq), dtype=wp.float64)
-        self._step = wp.zeros(1, dtype=wp.int32)
+        # steps since commands were sent, and since the call
+        self._step = wp.zeros(2, dtype=wp.int32)
+        self._switch: LevelSwitch | None = None
         self.warning = np.zeros((nsim, int(mujoco.mjtWarning.mjNWARNING), 2), dtype=np.int32)
         """(N, warnings, 2) as `Batch.warning`: of bad speeds and angles, the number of calls."""
         for name in ("qpos", *_STATE, *_INPUTS):
-            self._mirror(name)
+            self.bind(name)
         self.reset()
 
     # ---- arrays ------------------------------------------------------------------------------
 
-    def _mirror(self, name: str) -> NDArray[Any]:
-        """Return the plant's array (N, …) of a field of `MjData`."""
+    def bind(self, name: str) -> Array:
+        """Return a live (N, …) array of a field of `MjData`.
+
+        State and inputs may be written; all else is as of the last call for a simulation.
+        """
         if name not in self._bound:
             self._bound[name] = np.zeros((self.nsim, *getattr(self._template, name).shape))
         return self._bound[name]
-
-    def bind(self, name: str) -> Array:
-        """Return a live (N, …) array of a field of `MjData`; see `Batch.bind`.
-
-        Fields that are no state are as of the last call for a simulation.
-        """
-        return self._mirror(name)
 
     def expand(self, name: str) -> Array:
         """Give a model field per-simulation values; return them, (N, …)."""
@@ -126,15 +198,27 @@ class WarpBatch:
             values = np.repeat(shared.numpy(), self.nsim, axis=0)
             setattr(self._model, name, wp.array(values, dtype=shared.dtype))
             self._graphs.clear()  # they know the array that was there
-            # of polynomials MuJoCo's array has the first coefficient, as Warp's
-            self._expanded[name] = np.repeat(
-                np.asarray(getattr(self.model, name), dtype=float)[None], self.nsim, axis=0
-            )
+            own = np.asarray(getattr(self.model, name), dtype=float)
+            self._expanded[name] = np.repeat(own[None], self.nsim, axis=0)
         return self._expanded[name]
 
     def expanded(self, name: str) -> Array | None:
         """Return the per-simulation values of a model field, None where all share the model's."""
         return self._expanded.get(name)
+
+    def switch(self, sticking: StickingModel, up: NDArray[np.bool_], every: int) -> LevelSwitch:
+        """Let the device choose each joint's friction by its direction, every so many steps.
+
+        Args:
+            sticking: what the model is of.
+            up: (N, n) whether a joint moves up, or did when it last moved; read and written.
+            every: steps from one choice to the next.
+        """
+        for name in ("actuator_biasprm", "dof_damping"):
+            self.expand(name)
+        self._switch = LevelSwitch(sticking, up, every)
+        self._graphs.clear()
+        return self._switch
 
     # ---- calls -------------------------------------------------------------------------------
 
@@ -154,9 +238,11 @@ class WarpBatch:
 
     def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
         """Advance under the present controls, then compute the kinematics if a ``stage`` asks."""
-        self.rollout(nstep, control=np.repeat(self._bound["ctrl"][:, None], nstep, axis=1), ids=ids)
+        rows = self._rows(ids)
+        self._advance(rows, np.repeat(self._bound["ctrl"][rows, None], nstep, axis=1))
         if stage:
-            self.forward(ids)
+            self._launch("kinematics", self._kinematics)
+        self._fetch(rows)
 
     def rollout(
         self,
@@ -172,24 +258,9 @@ class WarpBatch:
             The positions (M, nstep, nq) after each step, by the name ``qpos``.
         """
         rows = self._rows(ids)
-        out = np.empty((len(rows), nstep, self.model.nq))
-        self._send()
-        for start in range(0, nstep, STEPS):
-            part = slice(start, min(start + STEPS, nstep))
-            count = part.stop - start
-            sent = np.zeros((count, self.nsim, self.model.nu), dtype=np.float32)
-            sent[:, rows] = control[:, part].swapaxes(0, 1)
-            self._commands[:count].assign(sent)
-            self._step.zero_()
-            for _ in range(count):
-                self._launch("step", self._one_step)
-            out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
-        self._bound["qpos"][rows] = self._angle.numpy()[rows]
-        for name in _STATE:
-            self._bound[name][rows] = getattr(self._data, name).numpy()[rows]
-        self._fetch_derived(rows)
-        self._warn(rows)
-        return {"qpos": out}
+        qpos = self._advance(rows, control)
+        self._fetch(rows)
+        return {"qpos": qpos}
 
     # ---- on the device -----------------------------------------------------------------------
 
@@ -200,9 +271,38 @@ class WarpBatch:
         """Send the plant's arrays."""
         self._angle.assign(self._bound["qpos"])
         for name in ("qpos", *_STATE, *_INPUTS):
-            _write(getattr(self._data, name), self._bound[name])
+            getattr(self._data, name).assign(self._bound[name])
         for name, values in self._expanded.items():
-            _write(getattr(self._model, name), values)
+            getattr(self._model, name).assign(values)
+        if self._switch is not None:
+            self._switch.send()
+
+    def _advance(self, rows: Index, control: Array) -> Array:
+        """Step under controls (M, K, nu); return the positions (M, K, nq) after each step."""
+        nstep = control.shape[1]
+        out = np.empty((len(rows), nstep, self.model.nq))
+        self._send()
+        for start in range(0, nstep, STEPS):
+            part = slice(start, min(start + STEPS, nstep))
+            count = part.stop - start
+            sent = np.zeros((count, self.nsim, self.model.nu), dtype=np.float32)
+            sent[:, rows] = control[:, part].swapaxes(0, 1)
+            self._commands[:count].assign(sent)
+            self._step.assign(np.array([0, start], dtype=np.int32))
+            for _ in range(count):
+                self._launch("step", self._one_step)
+            out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
+        return out
+
+    def _fetch(self, rows: Index) -> None:
+        """Fetch what steps have changed."""
+        if self._switch is not None:
+            self._switch.fetch(rows)
+        self._bound["qpos"][rows] = self._angle.numpy()[rows]
+        for name in _STATE:
+            self._bound[name][rows] = getattr(self._data, name).numpy()[rows]
+        self._fetch_derived(rows)
+        self._warn(rows)
 
     def _fetch_derived(self, rows: Index) -> None:
         for name, mirror in self._bound.items():
@@ -239,6 +339,8 @@ class WarpBatch:
             inputs=[self._step, self._commands],
             outputs=[d.ctrl],
         )
+        if self._switch is not None:
+            self._switch.launch(self._step, self._model, d)
         mujoco_warp.step(self._model, d)
         wp.launch(
             _sum_angles,
@@ -247,11 +349,3 @@ class WarpBatch:
             outputs=[self._angle, d.qpos, self._record],
         )
         wp.launch(_count, dim=1, outputs=[self._step])
-
-
-def _write(array: Any, values: Array) -> None:
-    """Write a numpy array (N, …) into one on the device, which may have vectors as entries."""
-    if array.device.is_cpu:
-        array.numpy()[...] = values
-    else:
-        array.assign(values.astype(np.float32))

@@ -34,6 +34,7 @@ MADE_BY = (
     "plant.py",
     "control",
     "dither",
+    "engines",
     "envs",
     "experiments",
     "friction",
