@@ -81,7 +81,7 @@ def _switch(
 
 
 @wp.kernel(enable_backward=False)
-def _sum_angles(
+def sum_angles(
     step: wp.array[wp.int32],
     timestep: wp.float64,
     qvel: wp.array2d[wp.float32],
@@ -343,7 +343,7 @@ class WarpBatch:
             self._switch.launch(self._step, self._model, d)
         mujoco_warp.step(self._model, d)
         wp.launch(
-            _sum_angles,
+            sum_angles,
             dim=(self.nsim, m.nq),
             inputs=[self._step, m.opt.timestep, d.qvel],
             outputs=[self._angle, d.qpos, self._record],

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
-from stiction_envs.engines.choose import DEFAULT_ENGINE
+from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.observation import (
     Group,
@@ -135,7 +135,7 @@ class Episodes(ABC):
         e = self._experiment(a, arm, friction)
         self._spreads = check_spreads(a.randomise, e.sticking)
         senses = randomised_senses(load_sensing(arm, a.sensing), a.randomise)
-        self.experiment = e = e.replace(sensing=senses)
+        self.experiment = e = e.replace(sensing=senses, engine=check_engine(a.engine))
         block = self.block_steps(e)
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block

@@ -105,7 +105,6 @@ class GTEEpisodes(Episodes):
             scatter=a.scatter,
             seed=a.scatter_seed,
             threads=a.threads,
-            engine=a.engine,
         )
 
     @staticmethod

@@ -256,6 +256,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
                     "controller_model_sha256": None if model is None else _sha256(model.xml),
                     "scatter": self.scatter,
+                    "engine": self.engine,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
                 },

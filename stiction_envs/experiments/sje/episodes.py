@@ -66,9 +66,7 @@ class SJEEpisodes(Episodes):
     def _experiment(
         self, a: Arguments, arm: Arm, friction: FrictionParameters | None
     ) -> SingleJointExperiment:
-        return SingleJointExperiment(
-            arm, friction=friction, scatter=a.scatter, threads=a.threads, engine=a.engine
-        )
+        return SingleJointExperiment(arm, friction=friction, scatter=a.scatter, threads=a.threads)
 
     @staticmethod
     def block_steps(experiment: SingleJointExperiment) -> int:

@@ -238,6 +238,7 @@ class SingleJointExperiment(SJESetup):
                     "interface": dataclasses.asdict(self.interface),
                     **self.sensing_record,
                     "scatter": self.scatter,
+                    "engine": self.engine,
                     "iterations": iterations,
                     "jobs": [dataclasses.asdict(job) for job in jobs],
                 },
