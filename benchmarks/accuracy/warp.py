@@ -3,7 +3,7 @@
     python -m benchmarks.accuracy.warp [--minutes 10]         # extra warp
 
 Every experiment runs on both engines, MuJoCo first, with the same torques, poses and seeds. Once
-more it runs with angles that the device sums in float32, as MuJoCo Warp by itself does.
+more it runs with angles and bristles summed in float32, as MuJoCo Warp by itself does.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.envs.registration import EXPERIMENTS, register_all
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -46,7 +46,8 @@ LARGEST_SHARE = 0.6
 HELD, PULLED = 0.9, 1.1
 """Torques over stiction that a joint has to hold, and to give way to [-]."""
 WAIT_S, SEEN_S = 10.0, 30.0
-"""Time in which a joint comes to rest, and time over which it is then watched [s]."""
+"""Time in which springs come to rest, the torque grows, and the joint comes to rest, each, and time
+over which it is then watched [s]."""
 ARMS, STEPS = 64, 500
 """Of the timed run."""
 
@@ -66,16 +67,36 @@ def engines_own_angles(
     record[step[0], world, joint] = angle[world, joint]
 
 
+@wp.kernel(enable_backward=False)
+def engines_own_bristles(
+    timestep: wp.float64,
+    actuators: wp.array[wp.int32],
+    addresses: wp.array[wp.int32],
+    dynprm: wp.array2d[warp_batch.VECTOR],
+    biasprm: wp.array2d[warp_batch.VECTOR],
+    velocity: wp.array2d[wp.float32],
+    bristle: wp.array2d[wp.float64],
+    act: wp.array2d[wp.float32],
+) -> None:
+    """Take the bristles that MuJoCo Warp has bent itself."""
+    world, k = wp.tid()
+    bristle[world, addresses[k]] = wp.float64(act[world, addresses[k]])
+
+
+OWN_SUMS = {"sum_angles": engines_own_angles, "bend_bristles": engines_own_bristles}
+
+
 @contextmanager
-def float32_angles(yes: bool) -> Iterator[None]:
-    """Let batches that are made within sum their angles in float32."""
-    ours = warp_batch.sum_angles
-    if yes:
-        warp_batch.sum_angles = engines_own_angles
+def sums_in_float32(yes: bool) -> Iterator[None]:
+    """Let batches that step within sum angles and bristles as MuJoCo Warp by itself does."""
+    ours = {name: getattr(warp_batch, name) for name in OWN_SUMS}
     try:
+        for name, kernel in (OWN_SUMS if yes else ours).items():
+            setattr(warp_batch, name, kernel)
         yield
     finally:
-        warp_batch.sum_angles = ours
+        for name, kernel in ours.items():
+            setattr(warp_batch, name, kernel)
 
 
 # ---- breakaway torques ---------------------------------------------------------------------------
@@ -101,7 +122,7 @@ def torques(robot: str, *, dithered: bool, float32: bool = False) -> Row:
         e = SingleJointExperiment(robot, scatter=False, engine=engine)
         jobs = e.jobs(dither=table_rows(robot)) if dithered else e.jobs()
         jobs = [job for job in jobs if (job.amplitude_nm > 0) == dithered]
-        with float32_angles(float32):
+        with sums_in_float32(float32):
             for m in e.run(jobs, iterations=1):
                 c = m.job.configuration
                 row = {"tau": m.mean, "angle": m.traces[0].tolist()}
@@ -221,15 +242,17 @@ def quantity(name: str) -> Row:
 
 def rest(engine: str, factor: float, float32: bool = False) -> Row:
     """Return how far each joint of the Panda creeps under a share of its stiction [rad]."""
-    sticking = build(load_arm("panda"))
-    with float32_angles(float32):
+    smooth = load_friction("panda", 7).replace(ripple_amplitude=np.zeros(7))
+    sticking = build(load_arm("panda"), smooth)
+    with sums_in_float32(float32):
         plant, joints = Plant(sticking, 7, engine=engine), np.arange(7)
         plant.reset(joints, np.tile(sticking.arm.rest, (7, 1)))
+        steps = round(WAIT_S / CONTROL_DT)
+        plant.run(np.zeros((7, steps, 7)))  # the springs ring
         level = factor * plant.stiction[joints, joints] + plant.offset[joints, joints]
-        torque = np.zeros((7, round(WAIT_S / CONTROL_DT), 7))
-        torque[joints, :, joints] = np.minimum(
-            level[:, None], np.linspace(0, 2, torque.shape[1]) * level[:, None]
-        )
+        torque = np.zeros((7, 2 * steps, 7))
+        share = np.minimum(1.0, np.linspace(0.0, 2.0, 2 * steps))
+        torque[joints, :, joints] = level[:, None] * share
         plant.run(torque)
         before = plant.position[joints, joints].copy()
         held = np.repeat(torque[:, -1:], round(SEEN_S / CONTROL_DT), axis=1)
@@ -277,8 +300,8 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         **{f"torques {r}": f"{name}, no dither" for r, name in ROBOTS.items()},
         "dithered panda": "Panda, dither of Table 4.9",
         "dithered iiwa7": "iiwa 7, dither of the shipped table",
-        "float32 torques panda": "Panda, no dither, angles in float32",
-        "float32 dithered panda": "Panda, Table 4.9, angles in float32",
+        "float32 torques panda": "Panda, no dither, all in float32",
+        "float32 dithered panda": "Panda, Table 4.9, all in float32",
     }
     lines = {key: torque_line(rows[key]) for key in named if key in rows}
     breakaway = [
@@ -311,8 +334,8 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         ]
         for key, name in (
             ("mujoco", "MuJoCo"),
-            ("warp", "MuJoCo Warp, angles in float64"),
-            ("float32", "MuJoCo Warp, angles in float32"),
+            ("warp", "MuJoCo Warp, angles and bristles in float64"),
+            ("float32", "MuJoCo Warp, all in float32"),
         )
         if f"rest {key} {PULLED}" in rows
     ]

@@ -4,9 +4,11 @@
 
 The plant's arrays are the state: every call sends them to the device, steps there, and fetches
 those of the simulations that it was asked for. So a result depends neither on the other simulations
-nor on calls for them. Everything is float32 but the angles: what a slowly creeping joint adds in a
-step is less than half of a float32's last digit, and would be lost. Angles are summed in float64,
-on the device.
+nor on calls for them.
+
+All is float32 but two sums, which are float64 on the device, too. What a slowly creeping joint adds
+to its angle in a step is less than half of a float32's last digit, and would be lost. A bristle
+that bends as slowly would not bend: 1 − exp(−x) is 0 in float32 for x below 3e-8.
 
 On a graphics card a step is one CUDA graph; the steps of a call follow each other there, without a
 word from Python. On a processor Warp replays the same graph, on one thread. Warp's default device
@@ -25,7 +27,13 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import COULOMB, STICTION, STRIBECK, StickingModel
+from stiction_envs.friction.model import (
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    STICTION,
+    STRIBECK,
+    StickingModel,
+)
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -33,12 +41,14 @@ STEPS = 64
 """Most steps whose commands and angles are on the device at a time; changes no result."""
 LARGEST = 1e10
 """Angles [rad] and speeds [rad/s] from which MuJoCo calls a simulation unstable (mjMAXVAL)."""
-_STATE = ("qvel", "act", "qacc_warmstart")
-"""What steps change, besides the angles."""
+_SUMMED = ("qpos", "act")
+"""What is summed in float64."""
+_STATE = ("qvel", "qacc_warmstart")
+"""What steps change besides."""
 _INPUTS = ("ctrl", "qfrc_applied")
 """What only the plant writes."""
 
-BIASPRM = wp.types.vector(length=mujoco.mjNBIAS, dtype=wp.float32)
+VECTOR = wp.types.vector(length=10, dtype=wp.float32)
 # compiling is told of with INFO, on standard output, where commands write their result
 wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 
@@ -62,7 +72,7 @@ def _switch(
     levels: wp.array3d[wp.vec4],
     qvel: wp.array2d[wp.float32],
     up: wp.array2d[wp.bool],
-    biasprm: wp.array2d[BIASPRM],
+    biasprm: wp.array2d[VECTOR],
     damping: wp.array2d[wp.float32],
 ) -> None:
     """Write the friction of the direction in which a joint moves, or moved last."""
@@ -95,6 +105,35 @@ def sum_angles(
     angle[world, joint] = summed
     qpos[world, joint] = wp.float32(summed)
     record[step[0], world, joint] = summed
+
+
+@wp.kernel(enable_backward=False)
+def bend_bristles(
+    timestep: wp.float64,
+    actuators: wp.array[wp.int32],
+    addresses: wp.array[wp.int32],
+    dynprm: wp.array2d[VECTOR],
+    biasprm: wp.array2d[VECTOR],
+    velocity: wp.array2d[wp.float32],
+    bristle: wp.array2d[wp.float64],
+    act: wp.array2d[wp.float32],
+) -> None:
+    """Integrate LuGre's bristles over a step as MuJoCo does, in float64."""
+    world, k = wp.tid()
+    actuator, address = actuators[k], addresses[k]
+    law = biasprm[world % biasprm.shape[0], actuator]
+    stiffness = wp.float64(dynprm[world % dynprm.shape[0], actuator][BRISTLE_STIFFNESS])
+    coulomb, stiction = wp.float64(law[COULOMB]), wp.float64(law[STICTION])
+    speed = wp.float64(velocity[world, actuator])
+    ratio = speed / wp.float64(law[STRIBECK])
+    level = coulomb + (stiction - coulomb) * wp.exp(-ratio * ratio)
+    x = timestep * stiffness * wp.abs(speed) / level
+    share = wp.float64(1.0) - wp.float64(0.5) * x
+    if x > wp.float64(1e-6):
+        share = (wp.float64(1.0) - wp.exp(-x)) / x
+    bent = wp.exp(-x) * bristle[world, address] + timestep * share * speed
+    bristle[world, address] = bent
+    act[world, address] = wp.float32(bent)
 
 
 @wp.kernel(enable_backward=False)
@@ -169,6 +208,11 @@ class WarpBatch:
         self._expanded: dict[str, Array] = {}
         self._graphs: dict[str, Any] = {}
         self._angle = wp.zeros((nsim, model.nq), dtype=wp.float64)
+        self._bristle = wp.zeros((nsim, model.na), dtype=wp.float64)
+        lugre = np.flatnonzero(model.actuator_dyntype == mujoco.mjtDyn.mjDYN_DCMOTOR)
+        lugre = lugre[(model.actuator_dynprm[lugre, BRISTLE_STIFFNESS] > 0)]
+        addresses = model.actuator_actadr[lugre] + model.actuator_actnum[lugre] - 1
+        self._lugre = [wp.array(x, dtype=wp.int32) for x in (lugre, addresses)]
         self._commands = wp.zeros((STEPS, nsim, model.nu), dtype=wp.float32)
         self._record = wp.zeros((STEPS, nsim, model.nq), dtype=wp.float64)
         # steps since commands were sent, and since the call
@@ -176,7 +220,7 @@ class WarpBatch:
         self._switch: LevelSwitch | None = None
         self.warning = np.zeros((nsim, int(mujoco.mjtWarning.mjNWARNING), 2), dtype=np.int32)
         """(N, warnings, 2) as `Batch.warning`: of bad speeds and angles, the number of calls."""
-        for name in ("qpos", *_STATE, *_INPUTS):
+        for name in (*_SUMMED, *_STATE, *_INPUTS):
             self.bind(name)
         self.reset()
 
@@ -225,7 +269,7 @@ class WarpBatch:
     def reset(self, ids: ArrayLike | None = None, stage: int = 0) -> None:
         """Put simulations into the model's reference state; derived fields follow with a call."""
         rows = self._rows(ids)
-        for name in (*_STATE, *_INPUTS):
+        for name in ("act", *_STATE, *_INPUTS):
             self._bound[name][rows] = 0.0
         self._bound["qpos"][rows] = self.model.qpos0
         self.warning[rows] = 0
@@ -270,7 +314,8 @@ class WarpBatch:
     def _send(self) -> None:
         """Send the plant's arrays."""
         self._angle.assign(self._bound["qpos"])
-        for name in ("qpos", *_STATE, *_INPUTS):
+        self._bristle.assign(self._bound["act"])
+        for name in (*_SUMMED, *_STATE, *_INPUTS):
             getattr(self._data, name).assign(self._bound[name])
         for name, values in self._expanded.items():
             getattr(self._model, name).assign(values)
@@ -299,6 +344,7 @@ class WarpBatch:
         if self._switch is not None:
             self._switch.fetch(rows)
         self._bound["qpos"][rows] = self._angle.numpy()[rows]
+        self._bound["act"][rows] = self._bristle.numpy()[rows]
         for name in _STATE:
             self._bound[name][rows] = getattr(self._data, name).numpy()[rows]
         self._fetch_derived(rows)
@@ -306,7 +352,7 @@ class WarpBatch:
 
     def _fetch_derived(self, rows: Index) -> None:
         for name, mirror in self._bound.items():
-            if name not in ("qpos", *_STATE, *_INPUTS):
+            if name not in (*_SUMMED, *_STATE, *_INPUTS):
                 mirror[rows] = getattr(self._data, name).numpy()[rows]
 
     def _warn(self, rows: Index) -> None:
@@ -347,5 +393,14 @@ class WarpBatch:
             dim=(self.nsim, m.nq),
             inputs=[self._step, m.opt.timestep, d.qvel],
             outputs=[self._angle, d.qpos, self._record],
+        )
+        wp.launch(
+            bend_bristles,
+            dim=(self.nsim, len(self._lugre[0])),
+            inputs=[
+                *(m.opt.timestep, *self._lugre, self._model.actuator_dynprm),
+                *(self._model.actuator_biasprm, d.actuator_velocity),
+            ],
+            outputs=[self._bristle, d.act],
         )
         wp.launch(_count, dim=1, outputs=[self._step])
