@@ -101,7 +101,8 @@ def verdict_of(
     if not named:
         if not (nominal > enough).any():
             return "no discrepancy"
-        return "cannot tell" if far.any() or library.scale == 0 else "explained"
+        left = (far | structured).any()
+        return "cannot tell" if left or library.scale == 0 else "explained"
     if len(named) == 1 and named[0].confused_with and far.any():
         return "cannot tell"
     return "partly explained" if (far | structured).any() else "explained"

@@ -46,19 +46,28 @@ def with_or_without_random(
     usual = library.inflation
     # small errors of links would make up for what a first guess leaves
     sparse = prefer_joint_causes(library, refine(library, choose(library)))
+
+    def has_body() -> bool:
+        return any(library.causes[t.cause].changes_arm for t in sparse)
+
+    if sparse and not has_body():  # offsets of many joints may be a body, which is in question too
+        sparse = prefer_arm_causes(library, sparse)
     left = library.grams.held_out(library.model_columns(sparse)).sum(axis=1)
     most = float(np.sqrt(np.max(left / np.maximum(library.grams.counts, 1.0))))
-    has_body = any(library.causes[t.cause].changes_arm for t in sparse)
     # a delay is exact only once it is applied to the whole model, and leaves more until then
     late = any(isinstance(library.causes[t.cause], ActuatorDelay) for t in sparse)
-    if not has_body and (late or most < library.data.settings.verdict.close):
+    if not has_body() and (late or most < library.data.settings.verdict.close):
         return sparse
     of_sparse = library.noise_under(sparse)
     library.given(library.least_inflation, 1.0)
     dense = choose(library)
     library.given(np.minimum(of_sparse, library.noise_under(dense)), 1.0)
     (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
-    terms, size = (dense, scale) if other > one else (sparse, small)
+    # small errors of links explain it as well, unless what only the sparse model names stands out
+    have = {(t.cause, t.joint) for t in dense}
+    bodies = [library.causes[t.cause] for t in sparse if (t.cause, t.joint) not in have]
+    least = max((x.least_evidence for x in bodies if x.body), default=0.0) if scale else 0.0
+    terms, size = (dense, scale) if other > one - least else (sparse, small)
     library.given(library.inflation if size else usual, size)
     return library.beside(terms)
 
@@ -72,7 +81,8 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
     """Return a model with small errors of the set-up, where that makes the logs likelier.
 
     They are added once causes are known: in a search that begins with nothing they would take what
-    belongs to causes that are not found yet. A cause that they make superfluous goes.
+    belongs to causes that are not found yet. Of each cause all joints have them, or none. A cause
+    that they make superfluous goes.
     """
     if library.scale == 0:
         return terms
@@ -81,8 +91,15 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
     def evidence(model: Sequence[Candidate]) -> float:
         return grams.log_evidence(library.model_columns(model))
 
-    out, before = library.add_set_up(terms), evidence(terms)
-    if evidence(out) <= before:
+    without: tuple[str, ...] = ()
+    out = library.add_set_up(terms)
+    while kinds := dict.fromkeys(t.cause for t in out if t.small and t not in library.random):
+        less = [(*without, x) for x in kinds]
+        likeliest = max(less, key=lambda x: evidence(library.add_set_up(terms, x)))
+        if evidence(library.add_set_up(terms, likeliest)) <= evidence(out):
+            break
+        without, out = likeliest, library.add_set_up(terms, likeliest)
+    if not kinds:
         return terms
     least = float(np.log(max(len(library.candidates), 1)))
     while True:
@@ -95,7 +112,7 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
         weakest = min(each, key=lambda t: each[t], default=None)
         if weakest is None or each[weakest] > least:
             return out
-        out = library.add_set_up([t for t in out if t != weakest])
+        out = library.add_set_up([t for t in out if t != weakest], without)
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:
