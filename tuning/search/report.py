@@ -55,10 +55,11 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     }
     if found.options.treatment is not None:
         summary["treatment"] = _winner(found, verified)
+    what = "Dither" if found.options.treatment is None else "Treatment of friction"
     write_md_and_html(
         folder,
         TEMPLATE,
-        f"Dither for {summary['robot']}, searched",
+        f"{what} for {summary['robot']}, searched",
         note=friction_note(found.sje.sticking.arm, found.sje.sticking.parameters),
         summary=summary,
         objective=objective,
@@ -67,7 +68,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
         treatments=_treatment_table(found, verified),
         winner=summary.get("treatment"),
-        rest_margin=1e3 * found.search.rest_margin,
+        rest_margin=f"{1e3 * found.search.rest_margin:g}",
         joints=_joint_table(found, verified),
         paths=_path_table(verified) if verified.tracking else "",
         failed=sum(
