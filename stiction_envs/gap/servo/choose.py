@@ -354,21 +354,26 @@ class Chooser:
         return float(np.sqrt(less.cost / n) - np.sqrt(best.cost / n))
 
     def _needed(self, best: Fit, less: Fit) -> bool:
-        """Return whether the error without a cause is larger than chance and rounding allow."""
+        """Return whether the error without a cause is larger than chance and rounding allow.
+
+        Blocks count by what their squares lose, and each alike by the share that it loses: the
+        friction that slow motion shows is small beside the errors of fast motion.
+        """
         of = self.q.settings.selection
-        worse = less.error**2 - best.error**2
-        blocks = np.bincount(self.block, weights=worse)
-        blocks = blocks[np.bincount(self.block, weights=self.q.counts) > 0]
-        if len(blocks) < of.least_blocks:
+        rows = np.bincount(self.block, weights=self.q.counts)
+        squares = [np.bincount(self.block, weights=f.error**2) for f in (less, best)]
+        most, least = (x[rows > 0].astype(np.float64) for x in squares)
+        if len(most) < of.least_blocks:
             return False
-        spread = blocks.std(ddof=1) / np.sqrt(len(blocks))
+        worse, floor = most - least, rows[rows > 0] * self.q.noise**2
+        share = np.log((most + floor) / (least + floor))
         n = max(1, int(self.q.counts.sum()))
         rms = np.sqrt(less.cost / n)
         gain = rms - np.sqrt(best.cost / n)
-        up, down = blocks[blocks > 0].sum(), -blocks[blocks < 0].sum()
-        clear = (blocks > 0).sum() >= of.one_way_blocks and up > of.one_way * down
+        up, down = worse[worse > 0].sum(), -worse[worse < 0].sum()
+        clear = (worse > 0).sum() >= of.one_way_blocks and up > of.one_way * down
         return bool(
-            (blocks.mean() > of.least_t * spread or clear)
+            (any(_mean_over_error(x) > of.least_t for x in (worse, share)) or clear)
             and gain > of.least_gain * rms
             and less.cost - best.cost > n * (of.least_noise * self.q.noise) ** 2
         )
@@ -386,6 +391,11 @@ class Chooser:
                 if other != cause and near:
                     found.add(other)
         return tuple(sorted(found))
+
+
+def _mean_over_error(x: Array) -> float:
+    """Return the mean of blocks over its standard error."""
+    return float(x.mean() / max(x.std(ddof=1) / np.sqrt(len(x)), 1e-300))
 
 
 def _with(cause: str) -> tuple[str, ...]:

@@ -40,7 +40,8 @@ class Spread:
 
     def half(self, gradient: Array) -> float:
         """Return half the 95 % interval of a sum with weights (F,) of the parameters."""
-        return self.quantile * float(np.sqrt(max(gradient @ self.covariance @ gradient, 0.0)))
+        variance = float(gradient @ self.covariance @ gradient)
+        return self.quantile * float(np.sqrt(max(variance, 0.0)))
 
     def half_of(self, name: str) -> float:
         """Return half the 95 % interval of a parameter."""
