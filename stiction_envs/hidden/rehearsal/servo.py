@@ -258,7 +258,8 @@ def _base(own: ServoDiagnosis, motions: Sequence[JointMotion], settings: GapSett
     """Return (n, P) parameters of the arm as it is judged; what nobody said is as it was found."""
     out = nominal_parameters(own.servo, motions, settings.servo.questions)
     found = {name: own.parameters[:, k] for name, k in INDEX.items()}
-    out[:, INDEX["delay"]] += np.minimum(found["delay"], 0.0)
+    early = found["delay"] < 0.0
+    out[early, INDEX["delay"]] = np.minimum(out[:, INDEX["delay"]], found["delay"])[early]
     if own.servo.perfect:
         out[:, INDEX["stiffness"]] = found["stiffness"]
         late = found["damping"] + found["stiffness"] * np.maximum(found["delay"], 0.0)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import HIGH, INDEX, LOW
+from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.settings import gap_settings
 from stiction_envs.hidden.rehearsal.jobs import Job, judge
+from stiction_envs.hidden.rehearsal.servo import _base
 from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS, ServoJoint, effect_of
 from tests.gap.servo.small_arm import motion, parameters
 
@@ -98,6 +103,34 @@ def test_a_lag_counts_as_named_for_its_parts(named: list, verdict: str, why: str
     said = judge(job, 1, {"sizes": {}, "named": named, "minor": []})
     assert said.verdict == verdict
     assert why in said.why
+
+
+@pytest.mark.parametrize(
+    ("known", "expected"),
+    [
+        # nobody said: its own stiffness, and all of its lag as damping
+        ({}, {"stiffness": 20.0, "damping": 1.0 + 20.0 * 0.02, "delay": 0.0, "stiction": 0.0}),
+        # stiffness alone is known: damping is as it was fitted
+        ({"stiffness": np.array([30.0])}, {"stiffness": 30.0, "damping": 1.0, "delay": 0.0}),
+        # an earlier model is what it is
+        ({"parameters": parameters(damping=0.7, stiction=0.2)[None]}, {"stiction": 0.2}),
+    ],
+)
+def test_with_nothing_hidden_a_joint_is_as_it_is_judged(
+    moving: JointMotion, known: dict, expected: dict[str, float]
+) -> None:
+    found = parameters(damping=1.0, delay=0.02, stiction=0.3)[None]
+    own = SimpleNamespace(servo=Servo(**known), parameters=found)
+    base = _base(own, [moving], gap_settings())[0]  # type: ignore[arg-type]
+    assert {name: base[INDEX[name]] for name in expected} == pytest.approx(expected)
+
+
+def test_stamps_that_are_late_are_so_once(moving: JointMotion) -> None:
+    """In an earlier model and in the log's own diagnosis alike."""
+    late = parameters(delay=-0.01)[None]
+    own = SimpleNamespace(servo=Servo(parameters=late), parameters=late)
+    base = _base(own, [moving], gap_settings())  # type: ignore[arg-type]
+    np.testing.assert_array_equal(base, late)
 
 
 def test_an_unknown_cause_is_one_line() -> None:
