@@ -329,8 +329,8 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
     resting = [
         [
             name,
-            *(short(1e6 * max(rows[f"rest {key} {HELD}"]["creep"]), 2),),
-            *(short(1e3 * min(rows[f"rest {key} {PULLED}"]["moved"]), 2),),
+            _power(max(rows[f"rest {key} {HELD}"]["creep"])),
+            short(min(rows[f"rest {key} {PULLED}"]["moved"]), 2),
         ]
         for key, name in (
             ("mujoco", "MuJoCo"),
@@ -340,6 +340,11 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         if f"rest {key} {PULLED}" in rows
     ]
     costs = {e: rows[f"cost {e}"]["cost"] for e in ENGINES if f"cost {e}" in rows}
+    angles = {
+        key: short(1e6 * lines[name]["angle"], 2)
+        for key, name in (("ours", "torques panda"), ("own", "float32 torques panda"))
+        if name in lines
+    }
     done = [x for key, x in lines.items() if not key.startswith("float32")]
     return {
         "breakaway": table_text(
@@ -359,11 +364,12 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         "rest": table_text(
             [
                 "",
-                f"largest creep at {HELD:.0%} of stiction in {SEEN_S:.0f} s [µrad]",
-                f"least motion at {PULLED:.0%} [mrad]",
+                f"most creep at {HELD:.0%} of stiction in {SEEN_S:.0f} s [rad]",
+                f"least motion at {PULLED:.0%} [rad]",
             ],
             resting,
         ),
+        "angles": angles,
         "costs": {e: short(1e6 * x, 2) for e, x in costs.items()},
         "ratio": short(costs["warp"] / costs["mujoco"], 2),
         "arms": ARMS,

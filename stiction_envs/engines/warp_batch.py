@@ -209,10 +209,10 @@ class WarpBatch:
         self._graphs: dict[str, Any] = {}
         self._angle = wp.zeros((nsim, model.nq), dtype=wp.float64)
         self._bristle = wp.zeros((nsim, model.na), dtype=wp.float64)
-        lugre = np.flatnonzero(model.actuator_dyntype == mujoco.mjtDyn.mjDYN_DCMOTOR)
-        lugre = lugre[(model.actuator_dynprm[lugre, BRISTLE_STIFFNESS] > 0)]
-        addresses = model.actuator_actadr[lugre] + model.actuator_actnum[lugre] - 1
-        self._lugre = [wp.array(x, dtype=wp.int32) for x in (lugre, addresses)]
+        motors = model.actuator_dyntype == mujoco.mjtDyn.mjDYN_DCMOTOR
+        bristles = motors & (model.actuator_dynprm[:, BRISTLE_STIFFNESS] > 0)
+        lugre = np.flatnonzero(bristles & (model.actuator_actnum == 1))
+        self._lugre = [wp.array(x, dtype=wp.int32) for x in (lugre, model.actuator_actadr[lugre])]
         self._commands = wp.zeros((STEPS, nsim, model.nu), dtype=wp.float32)
         self._record = wp.zeros((STEPS, nsim, model.nq), dtype=wp.float64)
         # steps since commands were sent, and since the call

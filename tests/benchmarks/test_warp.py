@@ -1,0 +1,37 @@
+"""The comparison of MuJoCo Warp with MuJoCo: how its numbers are made (extra warp)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco_warp")
+from benchmarks.accuracy import warp as study
+
+
+def ramp(tau: float, end: float) -> dict[str, object]:
+    return {"tau": tau, "angle": np.linspace(0.0, end, 11).tolist()}
+
+
+def test_torques_are_compared_relatively_and_angles_before_the_end():
+    row = {
+        "1 load +": {"mujoco": ramp(2.0, 0.1), "warp": ramp(2.02, 0.1)},
+        "1 load -": {"mujoco": ramp(-4.0, 0.1), "warp": ramp(-4.0, 0.2)},
+        "seconds": 1.0,
+    }
+    line = study.torque_line(row)
+    assert line["count"] == 2
+    assert (line["least"], line["most"]) == (2.0, 4.0)
+    assert line["apart"] == pytest.approx(0.01)
+    assert line["angle"] == pytest.approx(0.08)
+
+
+def test_small_numbers_read_as_powers():
+    assert [study._power(x) for x in (0.0, 3.2e-6, 1e-12)] == ["0", "3·10⁻⁶", "1·10⁻¹²"]
+
+
+def test_sums_in_float32_are_put_back():
+    ours = study.warp_batch.sum_angles
+    with study.sums_in_float32(True):
+        assert study.warp_batch.sum_angles is not ours
+    assert study.warp_batch.sum_angles is ours
