@@ -11,13 +11,22 @@ import pytest
 
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.model import (
+    BRISTLE_STIFFNESS,
+    COULOMB,
+    STICTION,
+    STRIBECK,
+    StickingModel,
+    build,
+)
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 
 pytest.importorskip("mujoco_warp")
-from stiction_envs.engines.warp_batch import WarpBatch
+import warp as wp
+
+from stiction_envs.engines import warp_batch
 
 pytestmark = pytest.mark.slow  # the kernels load for seconds, and compile for a minute at first
 ENGINES = ("mujoco", "warp")
@@ -166,6 +175,26 @@ def test_a_slow_joint_is_not_lost_in_float32():
     assert apart(*out) < 0.02 * np.abs(out[0]).max()
 
 
+@pytest.mark.parametrize("speed", [0.0, 1e-12, -1e-9, 3e-6, -0.02, 5.0])
+def test_bristles_bend_at_any_speed(speed):
+    """By the exact solution of ż = v − σ0|v|z/g(v) over a step, at constant speed."""
+    stiffness, coulomb, stiction, stribeck, z = 700.0, 0.4, 0.5, 0.01, 3e-4
+    law, dynamics = np.zeros((1, 1, 10)), np.zeros((1, 1, 10))
+    law[..., [COULOMB, STICTION, STRIBECK]] = coulomb, stiction, stribeck
+    dynamics[..., BRISTLE_STIFFNESS] = stiffness
+    bristle, act = wp.array([[z]], dtype=wp.float64), wp.zeros((1, 1), dtype=wp.float32)
+    here = wp.zeros(1, dtype=wp.int32)
+    parameters = [wp.array(x, dtype=warp_batch.VECTOR) for x in (dynamics, law)]
+    velocity = wp.array([[speed]], dtype=wp.float32)
+    inputs = [DT, here, here, *parameters, velocity]
+    wp.launch(warp_batch.bend_bristles, dim=(1, 1), inputs=inputs, outputs=[bristle, act])
+    v = float(np.float32(speed))
+    rate = stiffness * abs(v) / (coulomb + (stiction - coulomb) * np.exp(-((v / stribeck) ** 2)))
+    moved = v * (-np.expm1(-rate * DT) / rate if rate else DT) + z * np.expm1(-rate * DT)
+    assert bristle.numpy()[0, 0] - z == pytest.approx(moved, rel=2e-5, abs=1e-19)
+    assert act.numpy()[0, 0] == np.float32(bristle.numpy()[0, 0])
+
+
 # ---- the same bits -------------------------------------------------------------------------------
 
 
@@ -205,7 +234,7 @@ def test_other_joints_are_refused():
         "<mujoco><worldbody><body><joint type='ball'/><geom size='1'/></body></worldbody></mujoco>"
     )
     with pytest.raises(StictionError, match="hinges and slides only"):
-        WarpBatch(ball, 1)
+        warp_batch.WarpBatch(ball, 1)
 
 
 # ---- experiments and environments ----------------------------------------------------------------
