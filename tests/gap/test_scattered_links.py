@@ -51,3 +51,24 @@ def test_an_offset_that_small_errors_of_links_would_make_up_for_is_named() -> No
     assert (offset.name, joint) == ("torque_offset", case.hidden[0].joint)
     low, high = offset.parameters[joint]["offset_nm"].ci95
     assert low <= case.hidden[0].values["offset_nm"] <= high
+
+
+def test_no_bodies_are_named_where_small_errors_of_all_links_explain_as_much() -> None:
+    """A log of few independent rows: three bodies and an offset are 0.8 nats likelier."""
+    size = float(np.random.default_rng([4900, 77]).uniform(0.4, 1.0))
+    found, hidden = diagnosed(4900, ("coulomb_friction",), motion="one_way", size=size)
+    (cause,) = found.causes
+    # in one direction dry friction is the same as an offset
+    assert cause.name == "torque_offset"
+    assert "coulomb_friction" in cause.confused_with
+    low, high = cause.parameters[4]["offset_nm"].ci95
+    assert low <= hidden["coulomb_nm"] <= high
+
+
+def test_offsets_of_many_joints_are_no_bodies_where_all_links_are_a_little_off() -> None:
+    """They are found first, leave little, and two bodies then replace them."""
+    case = make_case(601, scatter=SCATTER)
+    assert case.motion == "chirp"
+    found = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
+    assert not found.causes
+    assert found.verdict == "explained"
