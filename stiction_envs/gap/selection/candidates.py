@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import chain
@@ -275,10 +275,8 @@ class RegressorLibrary:
         self.grams = self._sums(self.grams.joints)
         return self
 
-    def add_set_up(
-        self, terms: Sequence[Candidate], without: Collection[str] = ()
-    ) -> list[Candidate]:
-        """Return a model with small errors of all causes that have a tolerance, but some.
+    def add_set_up(self, terms: Sequence[Candidate]) -> list[Candidate]:
+        """Return a model with small errors of all causes that have a tolerance.
 
         They share the causes' columns; one of what is named would be the same torque twice.
         """
@@ -287,8 +285,6 @@ class RegressorLibrary:
         for term in self.candidates:
             usual = self.causes[term.cause].tolerance(self.data, term.joint)
             if (term.cause, term.joint) in have or any(term.shape) or not usual:
-                continue
-            if term.cause in without:
                 continue
             small.append(term._replace(small=True))
             self._sizes[small[-1]] = self._sizes[term]

@@ -81,8 +81,7 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
     """Return a model with small errors of the set-up, where that makes the logs likelier.
 
     They are added once causes are known: in a search that begins with nothing they would take what
-    belongs to causes that are not found yet. Of each cause all joints have them, or none. A cause
-    that they make superfluous goes.
+    belongs to causes that are not found yet. A cause that they make superfluous goes.
     """
     if library.scale == 0:
         return terms
@@ -91,15 +90,8 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
     def evidence(model: Sequence[Candidate]) -> float:
         return grams.log_evidence(library.model_columns(model))
 
-    without: tuple[str, ...] = ()
-    out = library.add_set_up(terms)
-    while kinds := dict.fromkeys(t.cause for t in out if t.small and t not in library.random):
-        less = [(*without, x) for x in kinds]
-        likeliest = max(less, key=lambda x: evidence(library.add_set_up(terms, x)))
-        if evidence(library.add_set_up(terms, likeliest)) <= evidence(out):
-            break
-        without, out = likeliest, library.add_set_up(terms, likeliest)
-    if not kinds:
+    out, before = library.add_set_up(terms), evidence(terms)
+    if evidence(out) <= before:
         return terms
     least = float(np.log(max(len(library.candidates), 1)))
     while True:
@@ -112,7 +104,7 @@ def with_set_up(library: RegressorLibrary, terms: list[Candidate]) -> list[Candi
         weakest = min(each, key=lambda t: each[t], default=None)
         if weakest is None or each[weakest] > least:
             return out
-        out = library.add_set_up([t for t in out if t != weakest], without)
+        out = library.add_set_up([t for t in out if t != weakest])
 
 
 def description_length(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:

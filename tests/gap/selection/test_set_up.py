@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.selection.whole_models import with_set_up
-from tests.gap.small_logs import data_of, hidden, panda
+from tests.gap.small_logs import data_of, hidden, panda, sliding
 
 CAUSES = [TOLERANCES, *(cause_named(x) for x in ("torque_offset", "torque_scale"))]
 OFFSETS = np.array([0.3, -0.2, 0.25, -0.3, 0.02, -0.03, 0.04])
@@ -74,3 +74,23 @@ def test_their_prior_is_the_tolerance(library) -> None:
     usual = cause_named("torque_offset").tolerance(library.data, 2)
     assert library.prior(small) == pytest.approx(usual * library.scale)
     assert library.prior(small._replace(small=False)) == pytest.approx(np.inf)
+
+
+def test_small_dry_friction_is_fitted_and_not_named() -> None:
+    """Half of what usual joints of this size have, on all of them; and without it, none."""
+    true = 0.0025 * panda().limits.torque
+    causes = [TOLERANCES, cause_named("coulomb_friction")]
+    for size in (1.0, 0.0):
+        log = hidden(panda(), lambda q, dq, ddq, size=size: size * true * sliding(q), noise=0.02)
+        library = RegressorLibrary(data_of(panda(), log), causes)
+        library.given(library.independent_rows * np.ones(7), 0.3)
+        terms = library.beside([])
+        found = with_set_up(library, terms)
+        if not size:
+            assert found == terms
+            continue
+        assert all(t.small for t in found)
+        own = [t for t in found if t.cause == "coulomb_friction"]
+        assert [t.joint for t in own] == list(range(7))
+        fitted = dict(zip(found, library.fitted(found), strict=True))
+        assert [float(fitted[t][0]) for t in own] == pytest.approx(true, rel=0.25)

@@ -9,6 +9,9 @@ from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
 
+USUAL = 0.005
+"""Dry friction that goes unnoticed, over the joint's largest torque [-]; assumed."""
+
 
 class CoulombFriction(Cause):
     """A torque of constant size against the motion."""
@@ -28,6 +31,10 @@ class CoulombFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
         return data.smooth(data.dry_friction_ratio(joint))[:, None]
+
+    def tolerance(self, data: Data, joint: int) -> float:
+        """Return dry friction that goes unnoticed [N·m]."""
+        return USUAL * float(data.arm.limits.torque[joint])
 
     def dry_friction(self, coefficients: Array) -> float:
         """Return F_c [N·m]."""
