@@ -9,7 +9,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import wraps
+from functools import cached_property, lru_cache, wraps
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
@@ -23,6 +23,9 @@ Index = NDArray[np.int64]
 Method = TypeVar("Method", bound=Callable[..., Any])
 MOST_SUMS = 128
 """Number of sums of a joint's columns that are kept [-]; assumed: hundreds of kB each."""
+
+MOST_MODELS = 64
+"""Number of models whose columns are kept as arrays [-]; assumed: two or three are compared."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,21 @@ class ModelColumns:
     def prior(self) -> Array:
         """(P,) that precision."""
         return np.array(self.firm) if self.firm else np.zeros(len(self.low))
+
+    @cached_property
+    def _hash(self) -> int:
+        return hash((self.columns, self.coefficients, self.low, self.high, self.firm))
+
+    def __hash__(self) -> int:
+        """Return what is computed once: models of hundreds of numbers are looked up often."""
+        return self._hash
+
+
+@lru_cache(maxsize=MOST_MODELS)
+def _of_joints(model: ModelColumns) -> list[tuple[int, Index, Index]]:
+    """Return the joints with columns: number, columns, and their coefficients."""
+    both = zip(model.columns, model.coefficients, strict=True)
+    return [(j, np.array(x), np.array(at)) for j, (x, at) in enumerate(both) if x]
 
 
 def _kept(method: Method) -> Method:
@@ -137,9 +155,8 @@ class JointGrams:
 
     def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:
         """Yield the joints with columns: number, sums, columns, and their coefficients."""
-        for j, (columns, where) in enumerate(zip(model.columns, model.coefficients, strict=True)):
-            if columns:
-                yield j, self.joints[j], np.array(columns), np.array(where)
+        for j, columns, where in _of_joints(model):
+            yield j, self.joints[j], columns, where
 
     def system(self, model: ModelColumns, weight: Array | None = None) -> tuple[Array, Array]:
         """Return (xx, xr) of a model, over blocks with multiplicities ``weight`` (B,) or 1."""
@@ -160,33 +177,43 @@ class JointGrams:
     def fit(self, model: ModelColumns, weight: Array | None = None) -> Array:
         """Return the coefficients of a model, fitted to blocks with multiplicities ``weight``."""
         if weight is None:
-            return np.asarray(self._fits(model)[0])
+            all_known = self._results.get((JointGrams._fits.__name__, model))
+            return np.asarray((self._whole_fit(model) if all_known is None else all_known)[0])
         xx, xr = self.system(model, weight)
         return solve(xx, xr, np.array(model.low), np.array(model.high))
 
     @_kept
+    def _whole_fit(self, model: ModelColumns) -> Array:
+        """Return (1, P) the fit to all blocks: the first of `_fits`, without the others."""
+        return self._solved(model, 1)
+
+    @_kept
     def _fits(self, model: ModelColumns) -> Array:
         """Return (1 + B, P) the fit to all blocks, and the fits to all but each."""
+        return self._solved(model, 1 + self.blocks)
+
+    def _solved(self, model: ModelColumns, fits: int) -> Array:
+        """Return the first of `_fits`."""
         r, low, high = model.random, np.array(model.low), np.array(model.high)
         p = len(low) - r
-        xx, xr = np.zeros((1 + self.blocks, p, p)), np.zeros((1 + self.blocks, p))
+        xx, xr = np.zeros((fits, p, p)), np.zeros((fits, p))
         gone = self._without_random(model) if r else None
-        mixed = np.zeros((1 + self.blocks, r, p))
+        mixed = np.zeros((fits, r, p))
         for j, gram, cols, at in self._each(model):
             own, to = cols[r:], at[r:] - r
             sums = self._gathered(j, model.columns[j], r)
-            xx[:, to[:, None], to] += sums.left_xx
-            xr[:, to] += sums.left_xr
+            xx[:, to[:, None], to] += sums.left_xx[:fits]
+            xr[:, to] += sums.left_xr[:fits]
             if gone is not None:
-                mixed[:, :, to] += gone.mixed[j][:, :, own]
+                mixed[:, :, to] += gone.mixed[j][:fits, :, own]
         xx[:, range(p), range(p)] += model.prior[r:]
         if gone is None:
             return solve_all(xx, xr, low, high)
-        across = np.swapaxes(mixed, 1, 2)
-        xx, xr = xx - across @ mixed, xr - (across @ gone.right[..., None])[..., 0]
+        across, right = np.swapaxes(mixed, 1, 2), gone.right[:fits]
+        xx, xr = xx - across @ mixed, xr - (across @ right[..., None])[..., 0]
         c = solve_all(xx, xr, low[r:], high[r:])
-        rest = gone.right - (mixed @ c[..., None])[..., 0]
-        random = (np.swapaxes(gone.root, 1, 2) @ rest[..., None])[..., 0]
+        rest = right - (mixed @ c[..., None])[..., 0]
+        random = (np.swapaxes(gone.root[:fits], 1, 2) @ rest[..., None])[..., 0]
         return np.concatenate([random, c], axis=1)
 
     def _without_random(self, model: ModelColumns) -> Eliminated:

@@ -255,3 +255,15 @@ def test_columns_in_parts_have_the_sums_of_columns_side_by_side() -> None:
     ):
         for name in ("xx", "xr", "rr", "count"):
             np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-12)
+
+
+def test_the_fit_to_all_blocks_is_the_same_alone_and_among_the_others() -> None:
+    """To the bit, with bounds and without; a hash is that of an equal model."""
+    grams, _, model = with_random_effects()
+    for low in (model.low, (-np.inf,) * model.random + (0.0,) * (len(model.low) - model.random)):
+        one, same = replace(model, low=low), replace(model, low=low)
+        assert one == same
+        assert hash(one) == hash(same)
+        alone, among = JointGrams(grams), JointGrams(grams)
+        among.held_out(one)
+        np.testing.assert_array_equal(alone.fit(one), among.fit(same))
