@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,6 +103,19 @@ class Gram:
 def _side_by_side(parts: Sequence[Array], rows: slice | Index) -> Array:
     """Return (P, R) some rows of columns in parts (k, T), as a copy."""
     return np.concatenate([x[:, rows] for x in parts])
+
+
+class Gathered(NamedTuple):
+    """Sums of p columns of a joint beside r random effects, over each block."""
+
+    xx: Array
+    """(B, p, p)."""
+    cross: Array
+    """(B, r, p) with the random effects."""
+    left_xx: Array
+    """(1 + B, p, p) over all blocks, and over all but each, in independent observations."""
+    left_xr: Array
+    """(1 + B, p) likewise, with the residual."""
 
 
 def _rows_of(block: Index, blocks: int) -> Iterator[tuple[int, slice | Index]]:

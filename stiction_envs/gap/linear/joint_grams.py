@@ -10,13 +10,13 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, wraps
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.linear.bounded_fit import RIDGE, solve, solve_all
-from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.grams import Gathered, Gram
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -114,19 +114,6 @@ class Eliminated:
         return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
 
 
-class Gathered(NamedTuple):
-    """Sums of p columns of a joint beside r random effects, over each block."""
-
-    xx: Array
-    """(B, p, p)."""
-    cross: Array
-    """(B, r, p) with the random effects."""
-    left_xx: Array
-    """(1 + B, p, p) over all blocks, and over all but each, in independent observations."""
-    left_xr: Array
-    """(1 + B, p) likewise, with the residual."""
-
-
 class JointGrams:
     """The Grams of all joints.
 
@@ -199,7 +186,7 @@ class JointGrams:
         xx, xr = np.zeros((fits, p, p)), np.zeros((fits, p))
         gone = self._without_random(model) if r else None
         mixed = np.zeros((fits, r, p))
-        for j, gram, cols, at in self._each(model):
+        for j, _, cols, at in self._each(model):
             own, to = cols[r:], at[r:] - r
             sums = self._gathered(j, model.columns[j], r)
             xx[:, to[:, None], to] += sums.left_xx[:fits]

@@ -214,7 +214,9 @@ class JointPictures:
         trace(top, at, data.tau[:, joint], data, MEASURED, "measured", 1.6)
         trace(top, at, data.nominal[:, joint], data, BEFORE, "nominal", 0.9)
         trace(top, at, data.nominal[:, joint] + more, data, AFTER, "extended", 0.9)
-        top.legend(fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
+        top.legend(
+            fontsize=8, frameon=False, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98)
+        )
         _spectrum(panels["spectrum"], data, before, after, float(data.noise[joint]))
         for y, colour in ((before, BEFORE), (after, AFTER)):
             trace(time, at, y, data, colour, "", 0.8)

@@ -164,7 +164,7 @@ def log_page(
 def _drawn(
     d: Diagnosis, plots: Path, forward: ForwardValidation | str, check: Check | None, threads: int
 ) -> dict[str, Picture]:
-    """Draw all pictures of a report of logs; return them by name, those of causes by the cause's."""
+    """Draw all pictures of a report of logs; return them by name, those of causes by the cause."""
     caption = "Root mean square residual on data that was not fitted."
     summary = (d.nominal_rms, d.extended_rms, d.noise, plots / "summary.png")
     joints = JointPictures(d)

@@ -1,4 +1,4 @@
-"""Columns of every joint, as they were made: nothing is copied when others come or are handed on."""
+"""Columns of every joint, as they were made: nothing is copied when others come."""
 
 from __future__ import annotations
 
