@@ -183,15 +183,15 @@ class RegressorLibrary:
         return [term.joint]
 
     def _rows(self, term: Candidate) -> list[Array]:
-        """Return the (k, T) columns on each joint that a candidate acts on.
+        """Return the (k, T) columns on each joint that a candidate acts on, each in one piece.
 
-        The rows are copies: a view would keep the whole array in memory.
+        They are copied where they are not: a view would keep the whole array in memory.
         """
         cause, joints = self.causes[term.cause], self.affected_joints(term)
         if cause.coupled:
             spread = cause.spread(self.data, term.joint, term.shape)
-            return [np.array(spread[:, j].T, order="C") for j in joints]
-        return [np.array(cause.columns(self.data, j, term.shape).T, order="C") for j in joints]
+            return [np.ascontiguousarray(spread[:, j].T) for j in joints]
+        return [np.ascontiguousarray(cause.columns(self.data, j, term.shape).T) for j in joints]
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the causes that a cause needs: none if the nominal model has friction."""

@@ -61,7 +61,9 @@ def body_columns(recording: Recording, *gravity: float) -> Array:
     n = recording.n
     each = [link_directions(phi) for phi in inertial_parameters(model)]
     basis = recording.derived(link_basis)
-    out = np.empty((len(recording.t), n, 4 * n + 10 + basis.shape[1]))
+    # the columns of a joint are neighbours in memory, each in one piece: none is copied later
+    memory = np.empty((n, 4 * n + 10 + basis.shape[1], len(recording.t)))
+    out = np.moveaxis(memory, 2, 0)
     for start in range(0, len(out), ROWS):
         rows = slice(start, start + ROWS)
         w = torque_regressor(model, *(x[rows] for x in (recording.q, recording.dq, recording.ddq)))
