@@ -21,8 +21,8 @@ from tests.command_line import python
 TOP = Path(__file__).parents[1]
 PACKAGES = ("stiction_envs", "tuning")
 PROJECT = tomllib.loads((TOP / "pyproject.toml").read_text("utf-8"))
-ELSEWHERE = {"pinocchio": ["pin"]}
-"""Modules that lie where `importlib.metadata` does not look."""
+ELSEWHERE = {"pinocchio": ["pin"], "warp": ["warp-lang"]}
+"""Modules that lie where `importlib.metadata` does not look, or of extras that may be missing."""
 NOT_OURS = re.compile(r"\.(?!ci$).+|__pycache__|venv|build|dist|runs|.+\.egg-info")
 """Names of directories that hold nothing a clone would have."""
 

@@ -104,7 +104,8 @@ def panda() -> tuple[dict[str, Array], dict[str, tuple[Array, Array]]]:
 
 def iiwa() -> tuple[dict[str, Array], dict[str, tuple[Array, Array]]]:
     """Return numbers (7,) of the iiwa 14's logs, NaN for joint 4's lag, and spectra of joint 4."""
-    lags, rest = np.full(7, np.nan), {name: [[] for _ in range(7)] for name in ("q", "tau")}
+    lags = np.full(7, np.nan)
+    rest: dict[str, list[list[float]]] = {name: [[] for _ in range(7)] for name in ("q", "tau")}
     shown: dict[str, tuple[Array, Array]] = {}
     for path in IIWA:
         moving = int(path.name[5]) - 1
@@ -171,7 +172,8 @@ def sensing_of(robot: str, name: str) -> Sensing:
     own = load_sensing(load_arm(robot), "ideal" if name == "ideal" else "robot")
     if name == "robot, noise × 3":
         noisy = ("angle_noise", "speed_noise", "torque_noise")
-        return replace(own, **{k: tuple(3 * own.of_joint(k, 7)) for k in noisy})
+        more: dict[str, Any] = {k: tuple(3 * own.of_joint(k, 7)) for k in noisy}
+        return replace(own, **more)
     if name == "robot, 5 ms later":
         return replace(own, command_delay=own.command_delay + MORE_DELAY)
     return own

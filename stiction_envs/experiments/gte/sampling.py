@@ -84,7 +84,7 @@ class Sampler:
         )
         # the filter's state runs on from block to block
         filter_sections(self._band, shaken, self._state)
-        shaken = shaken.reshape(*shaken.shape[:2], self.size, self.stride)
+        samples = shaken.reshape(*shaken.shape[:2], self.size, self.stride)
         actual = self._position[:: self.stride], self._quaternion[:: self.stride]
         both = np.stack([np.concatenate(actual, axis=-1), self._reference]).swapaxes(1, 2)
         poses = np.concatenate([both[..., :3], to_rpy(both[..., 3:])], axis=-1)
@@ -92,7 +92,7 @@ class Sampler:
             actual=poses[0],
             error=pose_error(poses[0], poses[1]),
             reference=poses[1],
-            mean_square=np.mean(shaken**2, axis=-1),
+            mean_square=np.mean(samples**2, axis=-1),
         )
 
     def _watch(self) -> None:
