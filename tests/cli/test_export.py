@@ -20,7 +20,6 @@ from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.model import COULOMB, STICTION, build
 from stiction_envs.friction.parameters import (
     dump_friction,
-    friction_path,
     friction_text,
     load_friction,
 )
@@ -178,12 +177,18 @@ def test_kinds_and_engines(cli, two, work, options, kind, has):
 
 
 def test_a_kind_and_a_file_may_both_be_named(cli, two, inputs, work):
-    text = friction_path(None).read_text("utf-8").replace("0.8, 0.8,", "0.7, 0.8,", 1)
+    p = load_friction("generic", 2)
+    text = dump_friction(
+        p.replace(stiction=np.array([[0.7, 0.7], [0.6, 0.6]])),
+        sources={k: "test" for k in friction_text("panda") if k not in ("meta", "provenance")},
+        meta={},
+        provenance={},
+    )
     (inputs / "own.toml").write_text(text, encoding="utf-8")
     named = ["--friction", inputs / "own.toml", "--friction", "frictionloss"]
     assert cli("export", two, *named, "--out", "a").code == 0
     model = mujoco.MjModel.from_xml_path("a/model.xml")
-    np.testing.assert_allclose(model.dof_frictionloss[model.dof_frictionloss > 0], [0.7, 0.8])
+    np.testing.assert_allclose(model.dof_frictionloss[model.dof_frictionloss > 0], [0.7, 0.6])
     assert json.loads((work / "a" / "provenance.json").read_text())["arguments"]["kind"] == (
         "frictionloss"
     )

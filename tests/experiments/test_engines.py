@@ -87,7 +87,7 @@ def test_rows_name_the_engine_and_its_tolerance(copy, tmp_path):
 
 
 def test_a_model_is_what_export_writes_for_the_engine(copy):
-    model = sticking(stiction=[0.5, 0.5])
+    model = sticking(stiction=0.5)
     assert conformance(model, engine="copy", settings=SHORT).passed
     text = copy.asked[0].mjcf
     assert text == plain_mjcf(model, friction_name=model.arm.name, motor="voltage")
@@ -150,7 +150,7 @@ def needs(name: str) -> None:
 def test_lugre_sticks_there_as_in_mujoco(name):
     needs(name)
     motor = ENGINES[name].motor
-    model = sticking(stiction=[0.5, 0.4], joint_stiffness=[5e3, np.inf], rotor_inertia=0.1)
+    model = sticking(stiction=0.5, joint_stiffness=[5e3, np.inf], rotor_inertia=0.1)
     here = conformance(model, settings=SHORT, rates=())
     there = conformance(model, engine=name, settings=SHORT)
     assert motor is not None

@@ -66,7 +66,7 @@ def test_a_volt_is_a_newton_metre():
 
 
 def test_frictionloss_has_the_same_names_and_the_breakaway_torque():
-    model = sticking(joint_stiffness=[8e3, np.inf], stiction=[0.5, 0.3])
+    model = sticking(joint_stiffness=[8e3, np.inf], stiction=[[0.5, 0.5], [0.3, 0.3]])
     text = plain_mjcf(model, friction_name="none", kind="frictionloss")
     one, other = exported(model), mujoco.MjModel.from_xml_string(text)
     for count, kind in ((one.njnt, "joint"), (one.nu, "actuator"), (one.nbody, "body")):
