@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
+import warnings
 from collections.abc import Callable, Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -14,20 +16,24 @@ from typing import Any
 def shared(jobs: Sequence[Callable[[], Any]], threads: int = 0) -> list[Any]:
     """Return what each job returns, half of them done by a copy of this process.
 
-    What the copy could not do is done here. Without a second processor, and in a program with
-    threads, which a copy would lack, all is done here.
+    What the copy could not do is done here. Without a second processor, in a program with threads,
+    which a copy would lack, and on systems where copies are not safe, all is done here.
 
     Args:
         jobs: they return what can be pickled, and change nothing that later work needs.
         threads: processors to use, 0 for all.
     """
-    alone = threading.active_count() > 1 or min(threads or 2, len(os.sched_getaffinity(0))) < 2
-    if alone or len(jobs) < 2:
+    if sys.platform != "linux" or threading.active_count() > 1:
+        return [job() for job in jobs]
+    if min(threads or 2, len(os.sched_getaffinity(0)), len(jobs)) < 2:
         return [job() for job in jobs]
     context = get_context("fork")  # the copy has all data already
     receiver, sender = context.Pipe(duplex=False)
     copy = context.Process(target=_do, args=(jobs[1::2], sender), daemon=True)
-    copy.start()
+    with warnings.catch_warnings():
+        # threads of the engine and of linear algebra rest, and the copy needs none of them
+        warnings.simplefilter("ignore", DeprecationWarning)
+        copy.start()
     sender.close()  # so that the end of the copy is the end of the pipe
     try:
         out: list[Any] = [None] * len(jobs)
