@@ -119,8 +119,8 @@ def iiwa() -> tuple[dict[str, Array], dict[str, tuple[Array, Array]]]:
             part = slice(a, a + size)
             still = np.ptp(log.q[part], axis=0) < STILL
             for j in np.flatnonzero(still & (np.arange(7) != moving)):
-                rest["q"][j].append(np.std(log.q[part, j]))
-                rest["tau"][j].append(np.std(log.tau[part, j]))
+                rest["q"][j].append(float(np.std(log.q[part, j])))
+                rest["tau"][j].append(float(np.std(log.tau[part, j])))
         if moving == 6:
             shown["torque"] = spectrum(log.tau[first, 3], 0.005)
     found = {
