@@ -8,7 +8,7 @@ DEV := .venv/.stamp-dev-$(PYTHON_VERSION)
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 PIP := $(BIN)/pip --disable-pip-version-check install --quiet -c constraints.txt
 # modules that write a page
-BENCHMARKS := $(shell grep -l 'def main' benchmarks/accuracy/*.py benchmarks/speed/*.py benchmarks/learning/*.py | sed 's:/:.:g; s:\.py$$::')
+BENCHMARKS := $(shell grep -l 'def main' benchmarks/accuracy/*.py benchmarks/servo/*.py benchmarks/engines/*.py benchmarks/speed/*.py benchmarks/learning/*.py | sed 's:/:.:g; s:\.py$$::')
 
 .NOTPARALLEL:
 .PHONY: help tune reproduce test test-slow test-all env bench docs clean

@@ -30,7 +30,7 @@ WINDING = "1e-06"
 1, and what the back-EMF damps, their product over it, is 1e-6 N·m·s/rad (assumed to be nothing)."""
 HARDEST = {"solreffriction": "{:g} 1", "solimpfriction": "0.9999 0.9999 0.001"}
 """``frictionloss`` that creeps least without `NOSLIP`: MuJoCo's largest impedance, and the shortest
-time constant that a step allows, twice its length (benchmarks/accuracy/engines.md)."""
+time constant that a step allows, twice its length (benchmarks/engines/engines.md)."""
 NOSLIP = 5
 """Iterations of MuJoCo's noslip solver, which then leaves a creep under 1e-12 rad/s (the same)."""
 

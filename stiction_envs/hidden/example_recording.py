@@ -1,7 +1,7 @@
 """A recording of an SO-101: ``python -m stiction_envs.hidden.example_recording``.
 
 To try `stiction diagnose` with. A simulated SO-101 whose servos and friction are about those of a
-real one (``benchmarks/accuracy/servo_friction.md``) and whose links are 5 % off. Writes into a new
+real one (``benchmarks/servo/servo_friction.md``) and whose links are 5 % off. Writes into a new
 folder: ``recording`` as lerobot does (version 3, 30 Hz, degrees) with ``calibration.json``, another
 motion ``other.csv``, the arm as its user knows it, ``so101.urdf`` without meshes and
 ``so101.toml``, and the truth, ``hidden.json``. Needs the packages example-robot-data and pyarrow.
@@ -50,7 +50,7 @@ SO101 = {
     "load": (0.0, 0.5, 0.0, 0.0, 0.0, 0.0),
 }
 """Parameters of the servos by joint (`gap.servo.parameters`), assumed: about those found of a real
-arm (``benchmarks/accuracy/servo_friction.md``)."""
+arm (``benchmarks/servo/servo_friction.md``)."""
 INTERFACE = """# Beside so101.urdf: what it does not say.
 [interface.controller_rate_hz] # of commands
 value = 50.0

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.accuracy.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score, search
+from benchmarks.servo.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score, search
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_logs import hide

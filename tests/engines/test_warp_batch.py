@@ -242,7 +242,7 @@ def test_other_joints_are_refused():
 
 @pytest.mark.parametrize("robot", ["panda", "iiwa7"])
 def test_breakaway_torques_are_mujocos(robot):
-    """Within a per cent; measured 0 on the Panda, 4e-7 on the iiwa: benchmarks/accuracy/warp.md."""
+    """Within a per cent; measured 0 on the Panda, 4e-7 on the iiwa: benchmarks/engines/warp.md."""
     found = []
     for engine in ENGINES:
         e = SingleJointExperiment(robot, scatter=False, engine=engine)

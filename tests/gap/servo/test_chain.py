@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.blind_servo_logs import robot_file
-from benchmarks.accuracy.servo_peers import GO2
+from benchmarks.servo.blind_servo_logs import robot_file
+from benchmarks.servo.servo_peers import GO2
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis

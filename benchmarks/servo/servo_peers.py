@@ -1,6 +1,6 @@
 """Real servo logs through this tool and through PACE's set of parameters, on motions left out.
 
-    python -m benchmarks.accuracy.servo_peers [--logs FOLDER]
+    python -m benchmarks.servo.servo_peers [--logs FOLDER]
 
 PACE (leggedrobotics/pace-sim2real) fits armature, viscous friction, Coulomb friction and an encoder
 bias per joint and one delay of the robot by CMA-ES, to servos whose gains are known. Here they are
@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.blind_servo_logs import robot_file
-from benchmarks.accuracy.servo_friction import JOINTS
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row, machine
+from benchmarks.servo.blind_servo_logs import robot_file
+from benchmarks.servo.servo_friction import JOINTS
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.joint import JointMotion
@@ -37,7 +37,7 @@ from stiction_envs.robots import Arm, load_arm
 Array = NDArray[np.float64]
 MADE_BY = (
     *(*LOGS, "stiction_envs/control", "stiction_envs/plant.py"),
-    *("benchmarks/accuracy/servo_peers.py", "benchmarks/accuracy/blind_servo_logs.py"),
+    *("benchmarks/servo/servo_peers.py", "benchmarks/servo/blind_servo_logs.py"),
 )
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 MOTIONS = (

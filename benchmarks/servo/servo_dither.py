@@ -1,8 +1,8 @@
 """Does dither of the commanded angle bring an SO-101 nearer to its goals?
 
-    python -m benchmarks.accuracy.servo_dither [--goals 64]
+    python -m benchmarks.servo.servo_dither [--goals 64]
 
-The arm of ``servo_so101.toml``, which `benchmarks.accuracy.servo_friction` made of logs of a real
+The arm of ``servo_so101.toml``, which `benchmarks.servo.servo_friction` made of logs of a real
 one, is told random goals and comes to rest: without dither, with a sine on every command, and
 with one that fades once the command has arrived.
 """
@@ -19,9 +19,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.blind_servo_logs import robot_file
-from benchmarks.accuracy.servo_friction import JOINTS, MODEL, with_frictionloss
 from benchmarks.harness import Benchmark, Row
+from benchmarks.servo.blind_servo_logs import robot_file
+from benchmarks.servo.servo_friction import JOINTS, MODEL, with_frictionloss
 from stiction_envs.control.position_servo import put_under_servos, read_servos
 from stiction_envs.experiments.reach import Moves, random_poses, reach, weights
 from stiction_envs.experiments.rig import minimum_jerk
@@ -36,8 +36,8 @@ Array = NDArray[np.float64]
 MADE_BY = (
     *("stiction_envs/compiled.py", "stiction_envs/control", "stiction_envs/experiments"),
     *("stiction_envs/friction", "stiction_envs/plant.py", "stiction_envs/robots"),
-    *("stiction_envs/gap", "benchmarks/accuracy/servo_dither.py"),
-    *("benchmarks/accuracy/servo_friction.py", f"benchmarks/accuracy/{MODEL}"),
+    *("stiction_envs/gap", "benchmarks/servo/servo_dither.py"),
+    *("benchmarks/servo/servo_friction.py", f"benchmarks/servo/{MODEL}"),
 )
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 FREQUENCIES = (2.0, 5.0, 10.0, 15.0)

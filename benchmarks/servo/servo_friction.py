@@ -1,6 +1,6 @@
 """A real SO-101 and its models on motions that took no part: MuJoCo's friction against LuGre.
 
-    python -m benchmarks.accuracy.servo_friction [--logs FOLDER]
+    python -m benchmarks.servo.servo_friction [--logs FOLDER]
 
 `diagnose` reads three servo logs (commands and angles) and writes ``model.toml``, which is kept
 beside the page, and ``model.xml``. On other motions the commands drive stock MuJoCo: ``model.xml``,
@@ -19,8 +19,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.accuracy.blind_servo_logs import robot_file
 from benchmarks.harness import MEASURED, Benchmark
+from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.friction.model import COULOMB, STICTION
 from stiction_envs.gap.diagnose import diagnose

@@ -1,6 +1,6 @@
 """Where an exported arm sticks: the conformance test inside every engine that is installed.
 
-    python -m benchmarks.accuracy.engines [--hold 60] [--minutes M]
+    python -m benchmarks.engines.engines [--hold 60] [--minutes M]
 
 An arm is exported as `stiction export` does for the engine, with both kinds of friction; each joint
 is held at 90 % of its stiction and driven at 110 %. Engines whose extra is not installed keep the
@@ -31,7 +31,7 @@ STUDY = Benchmark(
     __file__,
     __doc__,
     made_by=(
-        "benchmarks/accuracy/engines.py",
+        "benchmarks/engines/engines.py",
         *(f"stiction_envs/experiments/{x}" for x in ("conformance.py", "engines", "settings.toml")),
         *("stiction_envs/friction", "stiction_envs/robots"),
     ),

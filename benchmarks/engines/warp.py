@@ -1,6 +1,6 @@
 """Does an arm on MuJoCo Warp stick, let go and learn as it does on MuJoCo?
 
-    python -m benchmarks.accuracy.warp [--minutes 10]         # extra warp
+    python -m benchmarks.engines.warp [--minutes 10]         # extra warp
 
 Every experiment runs on both engines, MuJoCo first, with the same torques, poses and seeds. Once
 more it runs with angles and bristles summed in float32, as MuJoCo Warp by itself does.
@@ -36,7 +36,7 @@ from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.robots import load_arm
 
 Array = NDArray[np.float64]
-MADE_BY = (*EPISODES, "stiction_envs/dither", "benchmarks/accuracy/warp.py")
+MADE_BY = (*EPISODES, "stiction_envs/dither", "benchmarks/engines/warp.py")
 PACKAGES = ("numba", "pin", "mujoco-warp", "warp-lang")
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY, packages=PACKAGES)
 ENGINES = ("mujoco", "warp")

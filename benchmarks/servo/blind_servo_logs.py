@@ -1,6 +1,6 @@
 """Find hidden causes in servo logs: commanded and measured positions, no torque.
 
-    python -m benchmarks.accuracy.blind_servo_logs --cases 24
+    python -m benchmarks.servo.blind_servo_logs --cases 24
 
 Arms of `example_robot_data` and ours, each with its links 5 % off, angles in steps of 1.5 mrad,
 late stamps and a clock that jitters, hide none to three causes on drawn joints
@@ -30,7 +30,7 @@ MADE_BY = (
     *LOGS,
     "stiction_envs/hidden",
     "stiction_envs/plant.py",
-    "benchmarks/accuracy/blind_servo_logs.py",
+    "benchmarks/servo/blind_servo_logs.py",
 )
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
