@@ -147,7 +147,7 @@ GUARDED = (
     *("tuning/policies/checkpoint.py", "tuning/policies/training_callbacks.py"),
     "stiction_envs/engines/warp_batch.py",
 )
-"""Imported by `tuning.policies.train` and `engines.choose` alone, which say before what is missing."""
+"""Imported by `tuning.policies.train` and `engines.choose` alone, which say what is missing."""
 
 
 def test_every_import_is_declared():
