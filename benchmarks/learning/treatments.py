@@ -6,8 +6,7 @@ A row is one condition: robot, stiffness, how wrong the believed friction is, an
 controller sees (delay and noise). In it every treatment follows the same random paths; then it
 moves a little, holds still, and a hand pushes it slowly. Treatments have the gains of the model's
 friction; with ``--found`` also those that ``stiction tune --treatment`` wrote there
-(``final.yaml``). Rows with delay or noise need `stiction_envs.control.sensing`, and are left out
-without it.
+(``final.yaml``).
 """
 
 from __future__ import annotations
@@ -15,18 +14,19 @@ from __future__ import annotations
 import dataclasses
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.harness import EPISODES, Benchmark, Row, machine
+from benchmarks.harness import EPISODES, Benchmark, Row
+from benchmarks.learning.treatments_page import page
+from benchmarks.learning.treatments_plan import ROBOTS, Condition, conditions
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.control.compensation_files import read_compensation
+from stiction_envs.control.sensing import load_sensing
 from stiction_envs.control.trajectory import Path as Goals
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -36,7 +36,6 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import scaled, stack_friction
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.reporting.markdown import table_text
 from tuning.search.bounds import bounds_of
 from tuning.search.tracking import TrackingObjective, Treatment
 
@@ -44,11 +43,14 @@ Array = NDArray[np.float64]
 STUDY = Benchmark(
     __file__,
     __doc__,
-    made_by=(*EPISODES, "tuning/search/tracking.py", "benchmarks/learning/treatments.py"),
+    made_by=(
+        *EPISODES,
+        "tuning/search/tracking.py",
+        "benchmarks/learning/treatments.py",
+        "benchmarks/learning/treatments_plan.py",
+    ),
 )
-ROBOTS = ("panda", "iiwa7", "iiwa14")
 TABLES = Path(__file__).parents[2] / "stiction_envs" / "dither" / "tables"
-STIFFNESS = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
 SEED = 29
 PATHS, FIRST, ITERATIONS = 4, 1000, 2
 """Random paths of a row, the number of the first, which no search draws, and runs of each."""
@@ -56,46 +58,15 @@ STEP_M, STILL_S, PUSH_S = 0.03, 4.0, 4.0
 """A goal this far away, then rest; of that the last half is looked at. Then a push of this time."""
 PUSH_N = 10.0
 """Force of the hand at its end, in the direction of the step."""
-STILL_M = 1e-6
-"""What swings less than this has no frequency."""
-SENSES = "stiction_envs.control.sensing"
 SHARP = {"smooth_sign": 0.01}
 """Switch-over speed [rad/s] of a second variant: as sharp as the feedforward's is not."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Condition:
-    """What is the same for all treatments of a row."""
-
-    robot: str
-    stiffness: tuple[float, float, float]
-    friction: float = 1.0
-    """True stiction over that which the controller believes [-]."""
-    delay_ms: float | None = None
-    """Age of what the controller sees [ms]; None: ideal senses."""
-    noise: float = 1.0
-    """Noise over the robot's own [-]; counts with a delay."""
-
-
-def conditions(robot: str) -> list[Condition]:
-    """Return the rows of a robot: friction, delay, noise, and friction wrong with real senses."""
-    out = []
-    for k in STIFFNESS:
-        at = partial(Condition, robot=robot, stiffness=k)
-        out += [at(friction=f) for f in (1.0, 1 / 0.7, 1 / 1.3)]
-        out += [at(delay_ms=d) for d in (0.0, 1.0, 3.0, 5.0)]
-        out += [at(delay_ms=1.0, noise=x) for x in (1 / 3, 3.0)]
-        out += [at(delay_ms=1.0, friction=f) for f in (1 / 0.7, 1 / 1.3)]
-    return [c for c in out if c.delay_ms is None or find_spec(SENSES)]
 
 
 def sensing_of(condition: Condition, experiment: GeneratedTrajectoryExperiment) -> dict[str, Any]:
     """Return the argument ``sensing`` of an experiment, none where senses are ideal."""
     if condition.delay_ms is None:
         return {}
-    from importlib import import_module
-
-    own = import_module(SENSES).load_sensing(experiment.sticking.arm, "robot")
+    own = load_sensing(experiment.sticking.arm, "robot")
     noisy = {
         name: (np.multiply(getattr(own, name), condition.noise)).tolist()
         for name in ("angle_noise", "speed_noise", "torque_noise")
@@ -237,60 +208,6 @@ def hold_and_push(
     return out
 
 
-# ---- the page ------------------------------------------------------------------------------------
-
-
-def page(rows: Mapping[Condition, Row], planned: int) -> str:
-    """Return the page: a table per condition that was measured."""
-    parts = [
-        "# Treatments of friction side by side",
-        f"{len(rows)} of {planned} conditions measured. Error left at the goals of {PATHS} random "
-        f"paths, {ITERATIONS} runs each, over that of an untreated arm; vibration above 8 Hz; how "
-        f"an arm holds still from {STILL_S / 2:g} to {STILL_S:g} s after a step of "
-        f"{100 * STEP_M:g} cm: it creeps, or swings about that; stiffness that a hand feels that "
-        f"pushes slowly up to {PUSH_N:g} N.",
-    ]
-    header = ["treatment", "position left [%]", "orientation left [%]", "vibration [mm]"]
-    header += ["at rest [mm]", "torque rate [N·m/s]", "creeps [mm/s]", "swings [mm]", "at [Hz]"]
-    header += ["push [N/m]"]
-    for condition, row in rows.items():
-        lines = [
-            [
-                name,
-                f"{100 * m['position_left']:.0f}",
-                f"{100 * m['orientation_left']:.0f}",
-                f"{1e3 * m['vibration_m']:.4f}",
-                f"{1e3 * m['vibration_at_rest_m']:.4f}",
-                f"{m['torque_rate_nm_s']:.0f}",
-                f"{1e3 * m['creep_m_s']:.4f}",
-                f"{1e3 * m['hold_m']:.4f}",
-                f"{m['hold_hz']:.1f}" if m["hold_m"] > STILL_M else "–",
-                f"{m['push_n_per_m']:.0f}",
-            ]
-            for name, m in row.items()
-            if name != "seconds"
-        ]
-        parts += [f"## {_title(condition)}", table_text(header, lines)]
-    parts += [
-        "## How it was measured",
-        f"`{STUDY.command}`; {machine()}. Treatments have the gains of the model's friction unless "
-        "they are called searched. The hand pushes the link, not the motor. Errors are means over "
-        "frictions before they are compared; an arm that never reaches a goal has no number.",
-    ]
-    return "\n\n".join(parts)
-
-
-def _title(c: Condition) -> str:
-    words = [c.robot, f"{c.stiffness[0]:g} N/m"]
-    wrong = 100 * (1 / c.friction - 1)
-    words.append("friction known" if abs(wrong) < 1e-9 else f"friction believed {wrong:+.0f} %")
-    if c.delay_ms is None:
-        words.append("ideal senses")
-    else:
-        words += [f"senses {c.delay_ms:g} ms late", f"noise × {c.noise:.2g}"]
-    return ", ".join(words)
-
-
 def main() -> None:
     parser = STUDY.parser()
     parser.add_argument("--robot", nargs="+", choices=ROBOTS, default=ROBOTS)
@@ -302,7 +219,8 @@ def main() -> None:
     jobs = {repr((c, contents)): c for c in wanted}
     rows = STUDY.rows(options).fill(jobs, partial(measure, options.found), minutes=options.minutes)
     if rows:
-        STUDY.write_page(options, page({jobs[key]: row for key, row in rows.items()}, len(jobs)))
+        measured = {jobs[key]: row for key, row in rows.items()}
+        STUDY.write_page(options, **page(measured, len(jobs)))
 
 
 if __name__ == "__main__":

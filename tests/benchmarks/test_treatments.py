@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.learning.treatments import STEP_M, Condition, conditions, hold_and_push, page
+from benchmarks.learning.treatments import STEP_M, STUDY, hold_and_push
+from benchmarks.learning.treatments_page import best, page
+from benchmarks.learning.treatments_plan import Condition, conditions
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.control.trajectory import Path
+from stiction_envs.reporting.templates import render
 from tests.experiments.gte.short_paths import SOFT, bench, friction
 from tuning.search.tracking import Treatment
 
@@ -34,16 +37,36 @@ def test_conditions_are_distinct_and_ideal_ones_need_no_senses():
     assert sum(c.delay_ms is None for c in listed) == 6
 
 
-def test_the_page_holds_every_treatment():
-    names = ("nothing", *KINDS)
-    numbers = ("position_left", "orientation_left", "vibration_m", "vibration_at_rest_m")
-    numbers += ("torque_rate_nm_s", "creep_m_s", "hold_m", "hold_hz", "push_n_per_m")
+def numbers(left: float, rest: float = 2e-5, swings: float = 0.0) -> dict[str, float]:
+    """What a treatment did that leaves so much of the error and shakes so much at rest [m]."""
+    out = {"position_left": left, "orientation_left": left, "vibration_m": 1e-4}
+    out |= {"vibration_at_rest_m": rest, "torque_rate_nm_s": 500.0, "creep_m_s": 0.0}
+    return out | {"hold_m": swings, "hold_hz": 0.0, "push_n_per_m": 300.0}
+
+
+def test_the_best_treatment_neither_shakes_nor_hunts_at_rest():
     row = {
         "seconds": 1.0,
-        **{name: dict.fromkeys(numbers, 0.01 * (k + 1)) for k, name in enumerate(names)},
+        "nothing": numbers(1.0),
+        "dither": numbers(0.2, rest=5e-5),
+        "lugre_observer": numbers(0.1, swings=0.02),
+        "push": numbers(0.6),
     }
-    text = page({Condition(robot="panda", stiffness=SOFT, friction=1 / 0.7): row}, 6)
+    assert best(row) == "push"
+    row["dither"] = numbers(0.2, rest=3.9e-5)
+    assert best(row) == "dither"
+    row["push"] = row["dither"] = numbers(1.5)
+    assert best(row) == "nothing"
+
+
+def test_the_page_holds_every_treatment():
+    names = ("nothing", "dither", *KINDS)
+    row = {"seconds": 1.0, **{name: numbers(0.01 * (k + 1)) for k, name in enumerate(names)}}
+    condition = Condition(robot="panda", stiffness=SOFT, friction=1 / 0.7)
+    text = render(
+        STUDY.folder / "treatments.md.j2", command=STUDY.command, **page({condition: row}, 6)
+    )
     assert "1 of 6 conditions" in text
     assert "## panda, 200 N/m, friction believed -30 %, ideal senses" in text
     for k, name in enumerate(names):
-        assert f"| {name} | {k + 1} | {k + 1} | {10 * (k + 1):.4f} |" in text
+        assert f"| {name} | {k + 1} | {k + 1} | 0.1000 |" in text
