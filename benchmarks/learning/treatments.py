@@ -67,13 +67,12 @@ def sensing_of(condition: Condition, experiment: GeneratedTrajectoryExperiment) 
     if condition.delay_ms is None:
         return {}
     own = load_sensing(experiment.sticking.arm, "robot")
-    noisy = {
-        name: (np.multiply(getattr(own, name), condition.noise)).tolist()
-        for name in ("angle_noise", "speed_noise", "torque_noise")
+    noisy = ("angle_noise", "speed_noise", "torque_noise")
+    changes: dict[str, Any] = {
+        name: tuple(condition.noise * own.of_joint(name, experiment.n)) for name in noisy
     }
-    late = {"measurement_delay": 1e-3 * condition.delay_ms, "command_delay": 0.0}
-    changes = {k: tuple(v) if isinstance(v, list) else v for k, v in noisy.items()}
-    return {"sensing": dataclasses.replace(own, **changes, **late, measurement_jitter=0.0)}
+    changes |= {"measurement_delay": 1e-3 * condition.delay_ms, "command_delay": 0.0}
+    return {"sensing": dataclasses.replace(own, **changes, measurement_jitter=0.0)}
 
 
 def treatments(robot: str, found: Sequence[Path] = ()) -> dict[str, Treatment]:
