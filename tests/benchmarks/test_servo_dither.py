@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import servo_dither as study
+from benchmarks.servo import servo_dither as study
 
 MODEL = study.STUDY.folder / study.MODEL
 

@@ -3,7 +3,7 @@
 import mujoco
 import numpy as np
 
-from benchmarks.accuracy import servo_friction as study
+from benchmarks.servo import servo_friction as study
 from stiction_envs.gap.servo.model import servo_mjcf
 from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.servo_arm import LOAD, STICTION, joint_parameters, servo_arm

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.accuracy import servo_peers as study
+from benchmarks.servo import servo_peers as study
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("mujoco_warp")
-from benchmarks.accuracy import warp as study
+from benchmarks.engines import warp as study
 
 
 def ramp(tau: float, end: float) -> dict[str, object]:
