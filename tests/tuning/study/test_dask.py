@@ -19,6 +19,7 @@ from tests.robots.arms import chain
 from tuning.settings import tuning_settings
 from tuning.study.record import has_outcome
 from tuning.study.storage import open_storage
+from tuning.study.workers import SURPLUS
 
 distributed = pytest.importorskip("distributed")
 PAGE = DOCS / "many_machines.md"
@@ -124,7 +125,9 @@ def test_a_killed_worker_loses_nothing(folder, work, fast, database, monkeypatch
         assert len(done) == len({tuple(t.params.items()) for t in done}) == count
     everything = [t for study in trials.values() for t in study]
     assert all(t.state.is_finished() for t in everything)
-    lost = [t for t in everything if t.state == TrialState.FAIL and not has_outcome(t)]
+    # two workers may ask for the last trial at once: the surplus one was never evaluated
+    given_up = [t for t in everything if t.state == TrialState.FAIL and SURPLUS not in t.user_attrs]
+    lost = [t for t in given_up if not has_outcome(t)]
     assert len(lost) == 4, "a batch of either joint"
     for result in results:
         assert result.final == alone.final
