@@ -14,7 +14,7 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import mujoco
@@ -23,6 +23,7 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.engines.choose import DEFAULT_ENGINE, make_batch
+from stiction_envs.engines.loop_batch import LoopBatch
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import (
@@ -309,7 +310,7 @@ class Plant:
                 out[:, k : k + block] = s.one_link_position(qpos, joint)
             self._steps[ids] += block
             k += block
-        _raise_if_stopped(self._batch)
+        raise_if_stopped(self._batch)
         return out
 
     def follow(self, law: Callable[[], Array], steps: int) -> None:
@@ -324,24 +325,52 @@ class Plant:
         Raises:
             ExperimentError: a simulation that the engine stopped (NaN, divergence).
         """
-        ids = np.arange(self.nsim)
-        control = self._batch.bind("ctrl")
-        control[:, self._servo_columns] = self._setpoint
-        torque = control[:, self._torque_columns]
-        step, stage, k = self._batch.step, int(mujoco.mjtStage.mjSTAGE_VEL), 0
-        while k < steps:
-            phase = self._steps % SLOW_STEPS
-            self._write_slow(ids[phase == 0])
-            # no simulation passes its next update
-            block = min(SLOW_STEPS - int(phase.max()), steps - k)
+        ids, torque = np.arange(self.nsim), self._torque_inputs()
+        step, stage = self._batch.step, int(mujoco.mjtStage.mjSTAGE_VEL)
+        for block in self._blocks(steps):
             for _ in range(block):
                 if self._asymmetric:
                     self._write_direction(ids)
                 torque[:] = law()
                 step(nstep=self._substeps, stage=stage)
+
+    @property
+    def compiled_loop(self) -> tuple[Array, tuple[Any, ...], int] | None:
+        """What a compiled feedback law steps all simulations with, None where it cannot.
+
+        Its torques (N, n) [N·m], then the arguments of `engines.loop_batch.advance` for a control
+        step of 1 ms. Kinematics of the engine are those of the present state.
+        """
+        if self._asymmetric or not isinstance(self._batch, LoopBatch):
+            return None
+        return self._torque_inputs(), self._batch.loop, self._substeps
+
+    def follow_compiled(self, advance: Callable[[int], None], steps: int) -> None:
+        """As `follow`, where ``advance`` itself takes numbers of control steps by `compiled_loop`.
+
+        In between, what changes slowly in the friction is written.
+        """
+        for block in self._blocks(steps):
+            advance(block)
+
+    def _torque_inputs(self) -> Array:
+        """Return the live (N, n) torques of the next step [N·m], servos at their setpoints."""
+        control: Array = self._batch.bind("ctrl")
+        control[:, self._servo_columns] = self._setpoint
+        return control[:, self._torque_columns]
+
+    def _blocks(self, steps: int) -> Iterator[int]:
+        """Cut ``steps`` control steps where friction changes slowly, and write it before each."""
+        ids, k = np.arange(self.nsim), 0
+        while k < steps:
+            phase = self._steps % SLOW_STEPS
+            self._write_slow(ids[phase == 0])
+            # no simulation passes its next update
+            block = min(SLOW_STEPS - int(phase.max()), steps - k)
+            yield block
             self._steps += block
             k += block
-        _raise_if_stopped(self._batch)
+        raise_if_stopped(self._batch)
 
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""
@@ -391,88 +420,10 @@ class Plant:
         self._damping[rows, self.sticking.motor] = self._viscous[rows, joints, side]
 
 
-def _raise_if_stopped(batch: Batch) -> None:
+def raise_if_stopped(batch: Batch) -> None:
     """Raise if the engine stopped a simulation: its records then repeat, as if it stood still."""
     count = batch.warning[:, :, 1]
     if count.any():
         sim, kind = np.argwhere(count)[0]
         name = mujoco.mjtWarning(int(kind)).name
         raise ExperimentError(f"simulation {sim} stopped by the engine: {name}")
-
-
-def rollout(
-    model: mujoco.MjModel,
-    qpos: Array,
-    torque: Callable[[Array], Array],
-    steps: int,
-    *,
-    record: Sequence[str] = ("qpos",),
-    chunk: int = 500,
-    threads: int = 0,
-) -> Iterator[dict[str, Array]]:
-    """Step N simulations of any model under applied joint torques, in chunks of ``chunk`` steps.
-
-    Args:
-        model: the model; controls stay zero.
-        qpos: (N, nq) start positions, at rest.
-        torque: of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m or N]. It is
-            asked once per chunk, so it may depend on the chunks before.
-        steps: steps in all.
-        record: `MjData` fields.
-        chunk: steps between two calls of ``torque``.
-        threads: threads, 0 for all processors.
-
-    Yields:
-        Per chunk, ``time`` (K,) at the start of each step [s] and each recorded field (N, K, ...)
-        after it.
-
-    Raises:
-        ExperimentError: a simulation that the engine stopped (NaN, divergence, full buffers).
-    """
-    batch = Batch(model, len(qpos), threads)
-    batch.bind("qpos")[:] = qpos
-    applied = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
-    for start in range(0, steps, chunk):
-        time = np.arange(start, min(start + chunk, steps), dtype=np.float64)
-        time *= model.opt.timestep
-        out = batch.rollout(
-            len(time), control=torque(time), control_spec=applied, record=tuple(record)
-        )
-        _raise_if_stopped(batch)
-        yield {"time": time, **out}
-
-
-def steer(
-    model: mujoco.MjModel,
-    start: Mapping[str, Array],
-    law: Callable[[int, Batch], Array],
-    steps: int,
-    *,
-    fastest: float = np.inf,
-    threads: int = 0,
-) -> Array:
-    """Step N simulations of any model, each step under the controls of a feedback law.
-
-    Args:
-        model: the model.
-        start: `MjData` state fields to start from, such as qpos (N, nq) and qvel (N, nv).
-        law: of a step's number and the batch, its (N, nu) controls.
-        steps: steps in all.
-        fastest: speed that is no joint's any more [rad/s].
-        threads: threads, 0 for all processors.
-
-    Returns:
-        (N, steps, nq) positions after each step, NaN after a stop of the engine or ``fastest``.
-    """
-    nsim = len(start["qpos"])
-    batch = Batch(model, nsim, threads)
-    for name, value in start.items():
-        batch.bind(name)[:] = value
-    out, going = np.full((nsim, steps, model.nq), np.nan), np.arange(nsim)
-    for k in range(steps):
-        batch.bind("ctrl")[:] = law(k, batch)
-        batch.step(ids=going)
-        slow = (np.abs(batch.bind("qvel")[going]) <= fastest).all(axis=1)  # false for NaN too
-        going = going[slow & ~batch.warning[going, :, 1].any(axis=1)]
-        out[going, k] = batch.bind("qpos")[going]
-    return out

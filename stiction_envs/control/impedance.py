@@ -303,6 +303,11 @@ class CartesianImpedance:
             self.command,
         )
 
+    @property
+    def filters(self) -> bool:
+        """Whether the reference moves in every cycle."""
+        return self._filter_step < 1.0
+
     def advance_filter(self) -> None:
         """Move the reference one cycle towards its target; `torque` does it too."""
         step = self._filter_step

@@ -44,12 +44,15 @@ class Tiles:
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // make_core.arms_per_thread))
-        even = -(-count // threads) * threads  # every thread has as many tiles
-        # only one thread is in Python at a time: of k tiles the last waits for it k times
-        count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
+        if make_core.on_one_thread:
+            even = -(-count // threads) * threads  # every thread has as many tiles
+            # only one thread is in Python at a time: of k tiles the last waits for it k times
+            count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
         if arguments.get("engine", DEFAULT_ENGINE) != DEFAULT_ENGINE:
             count = 1  # such a device takes all arms at once
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
+        if count == 1:
+            arguments["engine_threads"] = threads
         self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)
         self._threads = min(threads, count)

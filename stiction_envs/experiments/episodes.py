@@ -74,6 +74,8 @@ class Arguments:
     friction_factor: float = 1.0
     waveform: str = DEFAULT_WAVEFORM
     threads: int = 0
+    engine_threads: int = 1
+    """Threads of these episodes' engine; several where no other episodes run beside them."""
     engine: str = DEFAULT_ENGINE
     record: bool = False
     """Whether traces are kept, to be drawn."""
@@ -111,6 +113,8 @@ class Episodes(ABC):
     """The observation."""
     arms_per_thread: ClassVar[int]
     """Most arms of a tile, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
+    on_one_thread: ClassVar[bool] = False
+    """Whether the engine runs on the caller's thread alone."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""

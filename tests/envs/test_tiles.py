@@ -18,7 +18,7 @@ from tests.envs.helpers import GTE, Kind, same
 class Core:
     """A tile that counts its steps; ``doing`` is called in each of them."""
 
-    arms_per_thread = 2
+    arms_per_thread, on_one_thread = 2, True
 
     def __init__(self, num_envs: int, doing=lambda core: None, **_) -> None:
         self.num_envs, self.doing, self.count = num_envs, doing, 0

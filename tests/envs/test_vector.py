@@ -232,10 +232,10 @@ def test_a_frame_is_of_its_own_environment(monkeypatch):
 
 def test_a_tile_has_its_arms_for_every_thread():
     class Core:
-        arms_per_thread = 32
+        arms_per_thread, on_one_thread = 32, True
 
-        def __init__(self, num_envs: int, threads: int = 0) -> None:
-            self.num_envs = num_envs
+        def __init__(self, num_envs: int, threads: int = 0, engine_threads: int = 1) -> None:
+            self.num_envs, self.engine_threads = num_envs, engine_threads
 
     def sizes(count: int, threads: int) -> list[int]:
         return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]
@@ -247,6 +247,10 @@ def test_a_tile_has_its_arms_for_every_thread():
     assert sizes(70, 1) == [24, 23, 23], "no tile is left with a few"
     assert sizes(70, 2) == [18, 18, 17, 17], "as many for each thread"
     assert sizes(64, 64) == [13, 13, 13, 13, 12], "more would wait for Python's lock"
-    Core.arms_per_thread = 6
+    Core.on_one_thread = False
+    assert sizes(8, 2) == [8], "its engine has threads of its own"
+    lone, among = (Tiles(Core, n, threads=2).cores[0] for n in (32, 64))  # type: ignore[arg-type]
+    assert (lone.engine_threads, among.engine_threads) == (2, 1)
+    Core.on_one_thread, Core.arms_per_thread = True, 6
     found = Tiles(Core, 7, threads=1)  # type: ignore[arg-type]
     assert [found.locate(i) for i in (0, 3, 4, 6)] == [(0, 0), (0, 3), (1, 0), (1, 2)]

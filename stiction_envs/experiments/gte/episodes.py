@@ -81,6 +81,7 @@ class GTEEpisodes(Episodes):
     groups = GROUPS
     # each keeps its own engine data, and all are visited in every control step
     arms_per_thread = 64
+    on_one_thread = True
 
     reward_settings = staticmethod(gte_reward_settings)
     _check_options = staticmethod(check_gte_options)

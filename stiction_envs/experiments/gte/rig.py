@@ -14,158 +14,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
-from stiction_envs.control.compensation import Compensator, compensate
+from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance
-from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
 from stiction_envs.control.sensing import CommandLine, Senses, Sensing
-from stiction_envs.control.sensing_kernels import send
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
-from stiction_envs.dither.kernels import sine
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.gte.controller_model import ControllerModel
 from stiction_envs.experiments.gte.protocol import GTEProtocol
+from stiction_envs.experiments.gte.step import (
+    DitherArrays,
+    JointArrays,
+    SeenArrays,
+    StepArrays,
+    control_step,
+    follow_steps,
+)
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.model import link_angles
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-
-
-class JointArrays(NamedTuple):
-    """State of N arms, and which of its entries are the joints'."""
-
-    qpos: Array
-    """(N, nq) [rad]."""
-    qvel: Array
-    """(N, nv) [rad/s]."""
-    motor: Index
-    spring: Index
-    """As in `link_angles`."""
-
-
-class SeenArrays(NamedTuple):
-    """What the controller has measured of N arms, and how its commands get to them."""
-
-    active: bool
-    """False: it has the plant's own state, and its commands act at once."""
-    pose: tuple[Array, Array, Array]
-    """Position (N, 3), quaternion (N, 4) and Jacobian (N, 6, n) at the angles that it has."""
-    q: Array
-    """(N, n) [rad]."""
-    dq: Array
-    """(N, n) [rad/s]."""
-    torque: Array
-    """(N, n) [N·m]."""
-    line: tuple[Any, ...]
-    """The last of `sensing_kernels.send`; what arrives is its last."""
-
-
-class DitherArrays(NamedTuple):
-    """The dither, as far as it is sines."""
-
-    only_sines: bool
-    """Any other dither is in `torque` already."""
-    omega: Array
-    phase: Array
-    amplitude: Array
-    """As in `dither.kernels.sine`."""
-    torque: Array
-    """(N, n) sines are written in every controller cycle [N·m]."""
-
-
-class CompensationArrays(NamedTuple):
-    """Compensation of the joints' friction."""
-
-    active: bool
-    """Whether any arm is compensated."""
-    arguments: tuple[Any, ...]
-    """The last of `compensate`, its result at the end."""
-    added: Array
-    """(N, n) dither and compensation together, written where active [N·m]."""
-
-
-class StepArrays(NamedTuple):
-    """All that a control step reads and writes; the same objects while arms follow."""
-
-    site: tuple[Any, ...]
-    """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
-    joints: tuple[Any, ...]
-    """`JointArrays`."""
-    seen: tuple[Any, ...]
-    """`SeenArrays`."""
-    step: Index
-    """(N,) control steps since the arm began to follow."""
-    dither: tuple[Any, ...]
-    """`DitherArrays`."""
-    compensation: tuple[Any, ...]
-    """`CompensationArrays`."""
-    impedance: tuple[Any, ...]
-    """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
-    path: tuple[Array, float, Array, Array, Array]
-    """Of `pass_torque` between command and result."""
-    missing: Array
-    """(N, n) torque that acts besides, gravity compensated wrongly [N·m]."""
-    applied: Array
-    """(N, n) what the joints get of the command, written [N·m]."""
-    torque: Array
-    """(N, n) the sum of that and `missing`, written [N·m]."""
-
-
-@compiled
-def control_step(due: bool, arrays: tuple[Any, ...]) -> None:
-    """Read the end effector and, where ``due``, compute the next command; pass the command on.
-
-    One call of compiled code: called one by one from Python, these functions would spend half of
-    the time between their calls. Where not ``due``, the controller's command is held.
-
-    Args:
-        due: whether the controller computes in this step.
-        arrays: `StepArrays` and those within as plain tuples, which numba takes over faster.
-    """
-    a = StepArrays(*arrays)
-    site_kinematics(*a.site)
-    seen = SeenArrays(*a.seen)
-    if due:
-        joints, dither, impedance = JointArrays(*a.joints), DitherArrays(*a.dither), a.impedance
-        if seen.active:
-            position, quaternion, jacobian = seen.pose
-            q, dq = seen.q, seen.dq
-        else:
-            position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
-            q = link_angles(joints.qpos, joints.motor, joints.spring)
-            dq = link_angles(joints.qvel, joints.motor, joints.spring)
-        compensation = CompensationArrays(*a.compensation)
-        if dither.only_sines:
-            time = a.step.astype(np.float64) * CONTROL_DT
-            sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
-        added = dither.torque
-        if compensation.active:
-            reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
-            compensated = compensation.arguments
-            compensate(
-                *(position, quaternion, jacobian, dq, reference, error_matrix, stiffness),
-                *compensated,
-            )
-            added = compensation.added
-            for i in range(added.shape[0]):
-                for j in range(added.shape[1]):
-                    added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
-        impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
-    command = a.impedance[-1]
-    if seen.active:
-        send(due, a.step, command, seen.line)
-        command = seen.line[-1]
-    pass_torque(command, *a.path, a.applied)
-    for i in range(a.torque.shape[0]):
-        for j in range(a.torque.shape[1]):
-            a.torque[i, j] = a.applied[i, j] + a.missing[i, j]
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -181,6 +54,19 @@ class GTESetup(Experiment):
     tool: Array
     """(3,) the point that is controlled and measured, from the flange in the hand's frame [m]."""
     controller_model: Arm | None
+
+
+class Sampling(NamedTuple):
+    """What is noted while arms follow for K control steps, before they move."""
+
+    position: Array
+    """(K, N, 3) of the tool points in each step, written [m]."""
+    quaternion: Array
+    """(K, N, 4) of the hands, written."""
+    stride: int
+    """Control steps of a sample."""
+    take: Callable[[int], None]
+    """Called with the number (from 0) of each sample's first step."""
 
 
 class GTERig(Rig):
@@ -231,8 +117,8 @@ class GTERig(Rig):
         self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
         self._model_period = setup.protocol.model_steps
         self.start_position, self.start_quaternion = self._nominal()
-        self._watch: Callable[[], None] | None = None
-        self._count, self._hold_steps = 0, self.interface.hold_steps
+        self._watch: Callable[..., None] = _nothing
+        self._count, self._row, self._hold_steps = 0, 0, self.interface.hold_steps
         self._arrays: tuple[Any, ...] = ()
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
@@ -324,27 +210,74 @@ class GTERig(Rig):
         wanted, after = self.controller.wanted, self.controller.settings.dither_after_saturation
         return wanted.copy() if after else wanted - self.dither_torque
 
-    def advance(self, steps: int, watch: Callable[[], None] | None = None) -> None:
-        """Follow for ``steps`` control steps; ``watch`` is called in each, before the arms move."""
-        self._watch, self._count = watch, int(self.step.max())
-        self._arrays = self._step_arrays()
-        self.plant.follow(self._law, steps)
+    def advance(
+        self,
+        steps: int,
+        watch: Callable[[], None] | None = None,
+        sampling: Sampling | None = None,
+    ) -> None:
+        """Follow for some control steps.
+
+        Args:
+            steps: K control steps.
+            watch: called in each, before the arms move; it costs speed.
+            sampling: what is noted meanwhile.
+        """
+        shape = steps, self.nsim
+        given = sampling or Sampling(np.empty((*shape, 3)), np.empty((*shape, 4)), steps, _nothing)
+        self._sampling, self._watch = given, watch or _nothing
+        self._count, self._row = int(self.step.max()), 0
+        self._arrays = self._step_arrays((given.position, given.quaternion))
+        # what is not compiled is asked in every control step
+        python = watch or self.senses or not self.dither.sines or self.controller.filters
+        if python or self.plant.compiled_loop is None:
+            self.plant.follow(self._law, steps)
+        else:
+            self.plant.follow_compiled(self._follow_block, steps)
+
+    def _follow_block(self, steps: int) -> None:
+        """Follow for control steps between which friction does not change slowly."""
+        loop, end = self.plant.compiled_loop or (), self._row + steps
+        while self._row < end:
+            model, goals = self._due(self._count)
+            if model or goals:
+                self._look_ahead(model, goals)
+            if self._row % self._sampling.stride == 0:
+                self._sampling.take(self._row)
+            count = 1
+            while self._row + count < end and not self._waits(count):
+                count += 1
+            follow_steps(count, self._count, self._row, self._hold_steps, self._arrays, loop)
+            self._count, self._row = self._count + count, self._row + count
+
+    def _waits(self, count: int) -> bool:
+        """Return whether Python has something to do ``count`` control steps from now."""
+        samples = (self._row + count) % self._sampling.stride == 0
+        return samples or any(self._due(self._count + count))
+
+    def _due(self, step: int) -> tuple[bool, bool]:
+        """Return whether model and goals are looked at in a control step."""
+        hold = self._hold_steps
+        if step % hold:
+            return False, False
+        # a slow controller takes at its next cycle what fell due since its last
+        return step % self._model_period < hold, step % self._goal_period < hold
 
     def _law(self) -> Array:
-        step, hold = self._count, self._hold_steps
-        self._count = step + 1
-        due = step % hold == 0
+        step, row = self._count, self._row
+        self._count, self._row = step + 1, row + 1
+        due = step % self._hold_steps == 0
         if self.senses is not None:
             plant = self.plant
             state = plant.position, plant.velocity, plant.joint_torque
             self.senses.read(due, self.step, *state)
-        # a slow controller takes at its next cycle what fell due since its last
-        model, goals = step % self._model_period < hold, step % self._goal_period < hold
-        if due and (model or goals):
+        model, goals = self._due(step)
+        if model or goals:
             self._look_ahead(model, goals)
-        self._control_step(due)
-        if self._watch is not None:
-            self._watch()
+        self._control_step(due, row)
+        if row % self._sampling.stride == 0:
+            self._sampling.take(row)
+        self._watch()
         self.step += 1
         return self._torque
 
@@ -365,16 +298,16 @@ class GTERig(Rig):
             if self.compensator.feeds:
                 self.compensator.look_ahead(pose.jacobian, self.sequencer.twist(t))
 
-    def _control_step(self, due: bool) -> None:
+    def _control_step(self, due: bool, row: int) -> None:
         if due:
             if self.senses is not None:
                 self.seen_end_effector.read()
             self.controller.advance_filter()
             if self.dither.sines is None:
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
-        control_step(due, self._arrays)
+        control_step(due, row, self._arrays)
 
-    def _step_arrays(self) -> tuple[Any, ...]:
+    def _step_arrays(self, poses: tuple[Array, Array]) -> tuple[Any, ...]:
         """Return what `control_step` works on until the arms stop following."""
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
@@ -405,5 +338,10 @@ class GTERig(Rig):
                 missing=model.missing,
                 applied=self.applied,
                 torque=self._torque,
+                poses=poses,
             )
         )
+
+
+def _nothing(*_: int) -> None:
+    """Do nothing in a control step."""

@@ -9,6 +9,7 @@ to control step and multiplied by a lever [m], go through the same high-pass as 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,7 +20,7 @@ from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.experiments.gte.accumulator import Accumulator
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run, pose_error
-from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.gte.rig import GTERig, Sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.plant import CONTROL_DT
 
@@ -62,8 +63,8 @@ class Sampler:
         self._state = np.zeros((len(self._band), nsim, 6, 2))
         self._rest = np.zeros((nsim, 3))
         self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
-        self._tick = 0
         self._position, self._quaternion = np.zeros((steps, nsim, 3)), np.zeros((steps, nsim, 4))
+        self._watch: Callable[[], None] | None = None
         self._reference = np.zeros((self.size, nsim, 7))
         self.start(np.arange(nsim))
 
@@ -75,8 +76,9 @@ class Sampler:
 
     def advance(self) -> Samples:
         """Let all arms follow for one block."""
-        self._tick = 0
-        self._rig.advance(len(self._position), self._watch)
+        # all else waits for the end of the block: between control steps every call costs
+        sampling = Sampling(self._position, self._quaternion, self.stride, self._take_reference)
+        self._rig.advance(len(self._position), self._watch, sampling)
         shaken = np.empty((self._rig.nsim, 6, len(self._position)))
         _add_motion(
             *(self._position, self._rest, self._quaternion, self._lever),
@@ -95,16 +97,10 @@ class Sampler:
             mean_square=np.mean(samples**2, axis=-1),
         )
 
-    def _watch(self) -> None:
-        """One control step, before the arms move."""
-        rig, k = self._rig, self._tick
-        # all else waits for the end of the block: between control steps every call costs
-        self._position[k] = rig.end_effector.position
-        self._quaternion[k] = rig.end_effector.quaternion
-        if k % self.stride == 0:
-            reference = self._reference[k // self.stride]
-            reference[:, :3], reference[:, 3:] = rig.controller.reference
-        self._tick = k + 1
+    def _take_reference(self, k: int) -> None:
+        """Note the reference of control step ``k``, the first of a sample."""
+        reference = self._reference[k // self.stride]
+        reference[:, :3], reference[:, 3:] = self._rig.controller.reference
 
 
 @compiled
@@ -157,11 +153,13 @@ class RunLog(Sampler):
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
         self._previous = rig.applied.copy()
         self._blocks: defaultdict[str, list[NDArray[Any]]] = defaultdict(list)
+        self._watch = self._add_step
         self._clear()
 
     def _clear(self) -> None:
         """Begin a block."""
         nsim, n = self._rig.nsim, self._rig.n
+        self._tick = 0
         self._power = np.zeros((nsim, self.size))
         self._rate = np.zeros((nsim, self.size, n))
         self._flags = np.zeros((nsim, self.size, len(FLAGS)), dtype=bool)
@@ -187,9 +185,10 @@ class RunLog(Sampler):
         self._clear()
         return samples
 
-    def _watch(self) -> None:
+    def _add_step(self) -> None:
+        """Add a control step to its sample."""
         rig, s = self._rig, self._tick // self.stride
-        super()._watch()
+        self._tick += 1
         self._power[:, s] += np.abs(rig.dither_torque * self._speed[:, self._motor]).sum(axis=1)
         rate, change = self._rate[:, s], np.abs(rig.applied - self._previous)
         np.maximum(rate, change / CONTROL_DT, out=rate)

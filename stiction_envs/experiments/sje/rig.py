@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.dither.kernels import add_sines
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.rig import Rig, minimum_jerk
@@ -248,7 +249,10 @@ class SJERig(Rig):
         command = np.zeros((len(ids), length, self.columns))
         mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
         command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
-        if self.dither.amplitude.any() or self.dither.offset.any():
+        if self.dither.sines is not None:
+            time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
+            add_sines(*self.dither.sines, time, ids, command)
+        elif self.dither.amplitude.any() or self.dither.offset.any():
             speed, hold = self._held_gate_speed(ids, step[:, 0]), self.interface.hold_steps
             stride = hold if BLOCK % hold == 0 else 1
             for k in range(0, length, stride):

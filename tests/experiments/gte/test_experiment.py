@@ -22,7 +22,7 @@ from stiction_envs.experiments.gte.protocol import (
     Run,
     load_gte_protocol,
 )
-from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.gte.rig import GTERig, Sampling
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
 from tests.experiments.gte.short_paths import DITHER, PATHS, SOFT, STIFF, STILL, bench, one, through
@@ -274,7 +274,7 @@ def test_iiwa_holds_its_command_for_5_ms():
     assert np.linalg.norm(error[:3]) < 0.03
 
 
-def one_by_one(rig: GTERig, due: bool) -> None:
+def one_by_one(rig: GTERig, due: bool, row: int) -> None:
     """`GTERig._control_step` by the public calls of its parts."""
     tip, model = rig.end_effector, rig._model
     tip.read()
@@ -353,6 +353,43 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
         seen.append([np.concatenate(row) for row in rows])
     np.testing.assert_array_equal(*seen)
     assert rig.dither_torque.any()
+
+
+@pytest.mark.parametrize(
+    ("robot", "options"),
+    [
+        ("panda", {}),
+        ("iiwa7", {}),
+        ("panda", {"settings": MIXED, "controller_model": HEAVY, "timestep": 5e-4}),
+        ("iiwa14", {"compensated": True}),
+    ],
+)
+def test_compiled_steps_are_the_same_bits(robot, options):
+    """Many control steps in one call of compiled code, as step by step through Python."""
+    ids, seen, options = np.arange(3), [], dict(options)
+    compensated = options.pop("compensated", False)
+    for watch in (None, lambda: None):
+        b = bench(robot, threads=1, **options)
+        rig = b.rig(3, 2)
+        paths = [b.path(p) for p in ("there", "corner", "stay")]
+        rig.begin(ids, paths, np.tile((200.0, 20.0, 5.0), (3, 1)), [(k,) for k in ids])
+        rig.set_dither(ids, amplitude=np.array([[1.0], [0.0], [0.5]]), frequency=30.0)
+        if compensated:
+            rig.compensator.set_rows(ids, [None, *[b.compensation("push")] * 2])
+        assert rig.plant.compiled_loop is not None
+        noted = []
+        for steps in (237, 100, 3):
+            poses = np.empty((steps, 3, 3)), np.empty((steps, 3, 4))
+            took: list[int] = []
+            rig.advance(steps, watch, Sampling(*poses, 10, took.append))
+            assert took == list(range(0, steps, 10))
+            noted += [*poses, rig.plant.state[0].copy(), rig.plant.state[1].copy()]
+            noted += [rig.applied.copy(), rig.dither_torque.copy(), rig.sequencer.reached_at.copy()]
+            noted += [rig.plant.bristle, rig.plant.joint_torque, rig.step.copy()]
+        seen.append(noted)
+    for compiled, stepped in zip(*seen, strict=True):
+        np.testing.assert_array_equal(compiled, stepped)
+    assert np.abs(seen[0][3]).max() > 1e-3, "arms move"
 
 
 def test_slow_controller_takes_what_fell_due_between_its_cycles():

@@ -44,9 +44,13 @@ class Stub:
             reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
         )
 
-    def advance(self, steps, watch) -> None:
-        for _ in range(steps):
+    def advance(self, steps, watch, sampling) -> None:
+        for k in range(steps):
             self.move(self, self.count * 1e-3)
+            sampling.position[k] = self.end_effector.position
+            sampling.quaternion[k] = self.end_effector.quaternion
+            if k % sampling.stride == 0:
+                sampling.take(k)
             watch()
             self.count += 1
 

@@ -1,0 +1,92 @@
+"""N simulations of any model in lockstep, without what a sticking arm's plant does besides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+from numpy.typing import NDArray
+
+from stiction_envs.plant import raise_if_stopped
+
+Array = NDArray[np.float64]
+
+
+def rollout(
+    model: mujoco.MjModel,
+    qpos: Array,
+    torque: Callable[[Array], Array],
+    steps: int,
+    *,
+    record: Sequence[str] = ("qpos",),
+    chunk: int = 500,
+    threads: int = 0,
+) -> Iterator[dict[str, Array]]:
+    """Step N simulations of any model under applied joint torques, in chunks of ``chunk`` steps.
+
+    Args:
+        model: the model; controls stay zero.
+        qpos: (N, nq) start positions, at rest.
+        torque: of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m or N]. It is
+            asked once per chunk, so it may depend on the chunks before.
+        steps: steps in all.
+        record: `MjData` fields.
+        chunk: steps between two calls of ``torque``.
+        threads: threads, 0 for all processors.
+
+    Yields:
+        Per chunk, ``time`` (K,) at the start of each step [s] and each recorded field (N, K, ...)
+        after it.
+
+    Raises:
+        ExperimentError: a simulation that the engine stopped (NaN, divergence, full buffers).
+    """
+    batch = Batch(model, len(qpos), threads)
+    batch.bind("qpos")[:] = qpos
+    applied = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
+    for start in range(0, steps, chunk):
+        time = np.arange(start, min(start + chunk, steps), dtype=np.float64)
+        time *= model.opt.timestep
+        out = batch.rollout(
+            len(time), control=torque(time), control_spec=applied, record=tuple(record)
+        )
+        raise_if_stopped(batch)
+        yield {"time": time, **out}
+
+
+def steer(
+    model: mujoco.MjModel,
+    start: Mapping[str, Array],
+    law: Callable[[int, Batch], Array],
+    steps: int,
+    *,
+    fastest: float = np.inf,
+    threads: int = 0,
+) -> Array:
+    """Step N simulations of any model, each step under the controls of a feedback law.
+
+    Args:
+        model: the model.
+        start: `MjData` state fields to start from, such as qpos (N, nq) and qvel (N, nv).
+        law: of a step's number and the batch, its (N, nu) controls.
+        steps: steps in all.
+        fastest: speed that is no joint's any more [rad/s].
+        threads: threads, 0 for all processors.
+
+    Returns:
+        (N, steps, nq) positions after each step, NaN after a stop of the engine or ``fastest``.
+    """
+    nsim = len(start["qpos"])
+    batch = Batch(model, nsim, threads)
+    for name, value in start.items():
+        batch.bind(name)[:] = value
+    out, going = np.full((nsim, steps, model.nq), np.nan), np.arange(nsim)
+    for k in range(steps):
+        batch.bind("ctrl")[:] = law(k, batch)
+        batch.step(ids=going)
+        slow = (np.abs(batch.bind("qvel")[going]) <= fastest).all(axis=1)  # false for NaN too
+        going = going[slow & ~batch.warning[going, :, 1].any(axis=1)]
+        out[going, k] = batch.bind("qpos")[going]
+    return out

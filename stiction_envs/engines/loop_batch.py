@@ -1,0 +1,183 @@
+"""A batch of MuJoCo's whose simulations compiled code steps itself, one control step at a time.
+
+A feedback law between two steps of `mujoco.batch.Batch` goes through Python, whose lock the threads
+of other batches wait for. Here law and physics are one call of compiled code, which needs no lock:
+
+    advance(loop):  controls, friction -> mj_step2 -> mj_step1 -> state, kinematics
+
+That is `Batch.step` up to ``mjSTAGE_VEL``, with the same bits: the same functions of MuJoCo's
+library in the same order.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from llvmlite import binding
+from mujoco.batch import Batch
+from numba import types
+from numpy.typing import ArrayLike, NDArray
+
+from stiction_envs.compiled import compiled
+
+Addresses = NDArray[np.int64]
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""What a batch keeps of a simulation, in this order."""
+VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
+
+# compiled code finds the library's functions by their names, and can be cached
+binding.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("*mujoco.*"))))
+_pointer = types.intp
+_of_two: Any = types.void(_pointer, _pointer)
+_of_state: Any = types.void(_pointer, _pointer, _pointer, types.intc)
+_step1: Any = types.ExternalFunction("mj_step1", _of_two)
+_step2: Any = types.ExternalFunction("mj_step2", _of_two)
+_set_state: Any = types.ExternalFunction("mj_setState", _of_state)
+_get_state: Any = types.ExternalFunction("mj_getState", _of_state)
+_copy: Any = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
+
+
+class Loop(NamedTuple):
+    """What compiled code steps; addresses are those of memory that lives as long as the batch."""
+
+    model: int
+    """Of the model that all simulations use in turn."""
+    data: Addresses
+    """(N,) of each simulation's `MjData`."""
+    rows: Addresses
+    """(N,) of each simulation's state in the batch."""
+    inputs: Addresses
+    """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
+    model, number of bytes."""
+    outputs: Addresses
+    """(O, N + 3): from each simulation's `MjData`; to the first simulation's values in the batch,
+    bytes to the next one's, number of bytes. The first are its warnings."""
+
+
+@compiled
+def _take_fields(loop: Loop, i: int) -> None:
+    """Give the model what simulation ``i`` has of its own."""
+    for k in range(loop.inputs.shape[0]):
+        first, stride, to, size = loop.inputs[k]
+        _copy(to, first + i * stride, size)
+
+
+@compiled
+def _give_fields(loop: Loop, i: int) -> None:
+    """Hand out state and bound fields of simulation ``i``."""
+    _get_state(loop.model, loop.data[i], loop.rows[i], STATE)
+    n = loop.data.shape[0]
+    for k in range(loop.outputs.shape[0]):
+        first, stride, size = loop.outputs[k, n:]
+        _copy(first + i * stride, loop.outputs[k, i], size)
+
+
+@compiled
+def begin(loop: tuple[Any, ...]) -> None:
+    """Take the states of all simulations over from the batch, and compute their kinematics."""
+    a = Loop(*loop)
+    n = a.data.shape[0]
+    warnings, stride, size = a.outputs[0, n:]
+    for i in range(n):
+        _take_fields(a, i)
+        _set_state(a.model, a.data[i], a.rows[i], STATE)
+        _copy(a.outputs[0, i], warnings + i * stride, size)
+        _step1(a.model, a.data[i])
+        _give_fields(a, i)
+
+
+@compiled
+def advance(loop: tuple[Any, ...], steps: int) -> None:
+    """Advance all simulations by ``steps`` physics steps under the batch's controls."""
+    a = Loop(*loop)
+    for i in range(a.data.shape[0]):
+        _take_fields(a, i)
+        _set_state(a.model, a.data[i], a.rows[i], STATE)
+        for _ in range(steps):
+            _step2(a.model, a.data[i])
+            _step1(a.model, a.data[i])
+        _give_fields(a, i)
+
+
+class LoopBatch(Batch):
+    """N simulations of a model, each with its `MjData`, on the thread of its caller."""
+
+    def __init__(self, model: mujoco.MjModel, nsim: int) -> None:
+        """Make the simulations."""
+        super().__init__(model, nsim, 1)
+        self._own_model = self.get_model(0)
+        self._own_data = [mujoco.MjData(self._own_model) for _ in range(nsim)]
+        self._outputs: dict[str, NDArray[Any]] = {}
+        self._inputs: dict[str, NDArray[Any]] = {}
+        self._loop: Loop | None = None
+        self._begun = False
+
+    def bind(self, name: str) -> NDArray[Any]:
+        """As `Batch.bind`."""
+        out = super().bind(name)
+        if not out.flags.writeable and name not in self._outputs:
+            self._outputs[name], self._loop = out, None
+        return out
+
+    def expand(self, name: str) -> NDArray[Any]:
+        """As `Batch.expand`."""
+        out = super().expand(name)
+        if name not in self._inputs:
+            self._inputs[name], self._loop = out, None
+        return out
+
+    def forward(self, *args: Any, **kwargs: Any) -> None:
+        """As `Batch.forward`."""
+        self._begun = False
+        super().forward(*args, **kwargs)
+
+    def reset(self, *args: Any, **kwargs: Any) -> None:
+        """As `Batch.reset`."""
+        self._begun = False
+        super().reset(*args, **kwargs)
+
+    def rollout(self, *args: Any, **kwargs: Any) -> Any:
+        """As `Batch.rollout`."""
+        self._begun = False
+        return super().rollout(*args, **kwargs)
+
+    def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
+        """As `Batch.step`."""
+        if ids is not None or stage != VEL:
+            self._begun = False
+            super().step(ids, nstep, stage)
+            return
+        advance(self.loop, nstep)
+
+    @property
+    def loop(self) -> tuple[Any, ...]:
+        """What `advance` steps, kinematics as those of the present state."""
+        if self._loop is None:
+            self._loop, self._begun = self._addresses(), False
+        if not self._begun:
+            begin(tuple(self._loop))
+            self._begun = True
+        return tuple(self._loop)
+
+    def _addresses(self) -> Loop:
+        data, model = self._own_data, self._own_model
+        inputs = [
+            (x.ctypes.data, x.strides[0], getattr(model, name).ctypes.data, x[0].nbytes)
+            for name, x in self._inputs.items()
+        ]
+        warned = [d.warning.lastinfo for d in data], self.warning
+        bound = [([getattr(d, name) for d in data], x) for name, x in self._outputs.items()]
+        outputs = [
+            (*(x.ctypes.data for x in own), out.ctypes.data, out.strides[0], out[0].nbytes)
+            for own, out in (warned, *bound)
+        ]
+        return Loop(
+            model=model._address,
+            data=np.array([d._address for d in data], dtype=np.int64),
+            rows=self.state.ctypes.data + self.state.strides[0] * np.arange(self.nsim),
+            inputs=np.array(inputs, dtype=np.int64).reshape(-1, 4),
+            outputs=np.array(outputs, dtype=np.int64),
+        )

@@ -1,0 +1,179 @@
+"""A control step of the Generated Trajectory Experiment, and many of them, in compiled code."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+from stiction_envs.control.compensation import compensate
+from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
+from stiction_envs.control.sensing_kernels import send
+from stiction_envs.dither.kernels import sine
+from stiction_envs.engines.loop_batch import advance
+from stiction_envs.friction.model import link_angles
+from stiction_envs.plant import CONTROL_DT
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+
+class JointArrays(NamedTuple):
+    """State of N arms, and which of its entries are the joints'."""
+
+    qpos: Array
+    """(N, nq) [rad]."""
+    qvel: Array
+    """(N, nv) [rad/s]."""
+    motor: Index
+    spring: Index
+    """As in `link_angles`."""
+
+
+class SeenArrays(NamedTuple):
+    """What the controller has measured of N arms, and how its commands get to them."""
+
+    active: bool
+    """False: it has the plant's own state, and its commands act at once."""
+    pose: tuple[Array, Array, Array]
+    """Position (N, 3), quaternion (N, 4) and Jacobian (N, 6, n) at the angles that it has."""
+    q: Array
+    """(N, n) [rad]."""
+    dq: Array
+    """(N, n) [rad/s]."""
+    torque: Array
+    """(N, n) [N·m]."""
+    line: tuple[Any, ...]
+    """The last of `sensing_kernels.send`; what arrives is its last."""
+
+
+class DitherArrays(NamedTuple):
+    """The dither, as far as it is sines."""
+
+    only_sines: bool
+    """Any other dither is in `torque` already."""
+    omega: Array
+    phase: Array
+    amplitude: Array
+    """As in `dither.kernels.sine`."""
+    torque: Array
+    """(N, n) sines are written in every controller cycle [N·m]."""
+
+
+class CompensationArrays(NamedTuple):
+    """Compensation of the joints' friction."""
+
+    active: bool
+    """Whether any arm is compensated."""
+    arguments: tuple[Any, ...]
+    """The last of `compensate`, its result at the end."""
+    added: Array
+    """(N, n) dither and compensation together, written where active [N·m]."""
+
+
+class StepArrays(NamedTuple):
+    """All that a control step reads and writes; the same objects while arms follow."""
+
+    site: tuple[Any, ...]
+    """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
+    joints: tuple[Any, ...]
+    """`JointArrays`."""
+    seen: tuple[Any, ...]
+    """`SeenArrays`."""
+    step: Index
+    """(N,) control steps since the arm began to follow."""
+    dither: tuple[Any, ...]
+    """`DitherArrays`."""
+    compensation: tuple[Any, ...]
+    """`CompensationArrays`."""
+    impedance: tuple[Any, ...]
+    """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
+    path: tuple[Array, float, Array, Array, Array]
+    """Of `pass_torque` between command and result."""
+    missing: Array
+    """(N, n) torque that acts besides, gravity compensated wrongly [N·m]."""
+    applied: Array
+    """(N, n) what the joints get of the command, written [N·m]."""
+    torque: Array
+    """(N, n) the sum of that and `missing`, written [N·m]."""
+    poses: tuple[Array, Array]
+    """(K, N, 3) positions [m] and (K, N, 4) quaternions of K control steps, written."""
+
+
+@compiled
+def control_step(due: bool, row: int, arrays: tuple[Any, ...]) -> None:
+    """Read the end effector and, where ``due``, compute the next command; pass the command on.
+
+    One call of compiled code: called one by one from Python, these functions would spend half of
+    the time between their calls. Where not ``due``, the controller's command is held.
+
+    Args:
+        due: whether the controller computes in this step.
+        row: where the pose is written.
+        arrays: `StepArrays` and those within as plain tuples, which numba takes over faster.
+    """
+    a = StepArrays(*arrays)
+    site_kinematics(*a.site)
+    positions, quaternions = a.poses
+    positions[row], quaternions[row] = a.site[-3], a.site[-2]
+    seen = SeenArrays(*a.seen)
+    if due:
+        joints, dither, impedance = JointArrays(*a.joints), DitherArrays(*a.dither), a.impedance
+        if seen.active:
+            position, quaternion, jacobian = seen.pose
+            q, dq = seen.q, seen.dq
+        else:
+            position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
+            q = link_angles(joints.qpos, joints.motor, joints.spring)
+            dq = link_angles(joints.qvel, joints.motor, joints.spring)
+        compensation = CompensationArrays(*a.compensation)
+        if dither.only_sines:
+            time = a.step.astype(np.float64) * CONTROL_DT
+            sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
+        added = dither.torque
+        if compensation.active:
+            reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
+            compensated = compensation.arguments
+            compensate(
+                *(position, quaternion, jacobian, dq, reference, error_matrix, stiffness),
+                *compensated,
+            )
+            added = compensation.added
+            for i in range(added.shape[0]):
+                for j in range(added.shape[1]):
+                    added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
+        impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
+    command = a.impedance[-1]
+    if seen.active:
+        send(due, a.step, command, seen.line)
+        command = seen.line[-1]
+    pass_torque(command, *a.path, a.applied)
+    for i in range(a.torque.shape[0]):
+        for j in range(a.torque.shape[1]):
+            a.torque[i, j] = a.applied[i, j] + a.missing[i, j]
+
+
+@compiled
+def follow_steps(
+    steps: int, first: int, row: int, hold: int, arrays: tuple[Any, ...], loop: tuple[Any, ...]
+) -> None:
+    """Follow for control steps in which Python has nothing to do.
+
+    Args:
+        steps: number of control steps.
+        first: number of the first since arms began to follow.
+        row: its row in the poses.
+        hold: control steps of a controller's cycle.
+        arrays: as of `control_step`.
+        loop: `Plant.compiled_loop`.
+    """
+    a, (torque, physics, substeps) = StepArrays(*arrays), loop
+    for k in range(steps):
+        control_step((first + k) % hold == 0, row + k, arrays)
+        for i in range(torque.shape[0]):
+            a.step[i] += 1
+            for j in range(torque.shape[1]):
+                torque[i, j] = a.torque[i, j]
+        advance(physics, substeps)

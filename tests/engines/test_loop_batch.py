@@ -1,0 +1,110 @@
+"""A batch that compiled code steps is MuJoCo's own batch, to the bit."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco.batch import Batch
+
+from stiction_envs.engines.loop_batch import LoopBatch, advance
+from stiction_envs.errors import ExperimentError
+from stiction_envs.friction.model import COULOMB
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.plant import Plant
+
+VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
+N = 3
+READ = ("xanchor", "xaxis", "xquat", "subtree_com", "qacc", "qfrc_passive", "qfrc_actuator")
+
+
+@pytest.fixture(scope="module")
+def sticking():
+    return sticking_model("panda")
+
+
+def both(sticking) -> tuple[Batch, LoopBatch]:
+    """Return the same three arms in either batch, each with friction of its own."""
+    batches = (Batch(sticking.model, N, 1, persistent=True), LoopBatch(sticking.model, N))
+    for b in batches:
+        for name in READ:
+            b.bind(name)
+        b.expand("actuator_biasprm")[:, sticking.torque_actuator, COULOMB] *= [[0.5], [1.0], [2.0]]
+        b.bind("qpos")[:, sticking.motor] = sticking.arm.rest
+        b.forward(stage=VEL)
+    return batches
+
+
+def same(one: Batch, other: Batch) -> bool:
+    names = ("qpos", "qvel", "act", "time", *READ)
+    return all(np.array_equal(one.bind(x), other.bind(x)) for x in names)
+
+
+def drive(batches, k: int, sticking) -> None:
+    for b in batches:
+        b.bind("ctrl")[:, sticking.torque_actuator] = 20.0 * np.sin(0.3 * k + np.arange(N))[:, None]
+
+
+@pytest.mark.parametrize("nstep", [1, 3])
+def test_it_steps_as_mujoco_does(sticking, nstep):
+    batches = both(sticking)
+    for k in range(40):
+        drive(batches, k, sticking)
+        if k == 20:  # what plants do between steps: friction, one arm put elsewhere, loads
+            for b in batches:
+                b.expand("dof_damping")[1] *= 2.0
+                b.bind("qfrc_applied")[2] = 0.5
+                b.bind("qpos")[0] += 0.1
+                b.forward(np.array([0]), stage=VEL)
+        for b in batches:
+            b.step(nstep=nstep, stage=VEL)
+        assert same(*batches)
+    assert np.abs(batches[0].bind("qvel")).max() > 1e-3
+
+
+def test_calls_of_either_kind_may_alternate(sticking):
+    batches = both(sticking)
+    for k in range(6):
+        drive(batches, k, sticking)
+        for b in batches:
+            b.step(stage=VEL)
+            b.step(ids=np.array([1]))
+            b.rollout(5, ids=np.array([0, 2]))
+            b.forward(stage=VEL)
+            b.step(stage=VEL)
+        assert same(*batches)
+    for b in batches:
+        b.reset(np.array([1]), stage=VEL)
+        b.step(stage=VEL)
+    assert same(*batches)
+
+
+def test_compiled_steps_are_steps(sticking):
+    batches = both(sticking)
+    drive(batches, 1, sticking)
+    for _ in range(8):
+        batches[0].step(stage=VEL)
+    loop = batches[1].loop
+    for _ in range(4):
+        advance(loop, 2)
+    assert same(*batches)
+
+
+def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):
+    batches = both(sticking)
+    for b in batches:
+        b.bind("qvel")[1] = np.nan
+        b.step(stage=VEL)
+        assert (b.warning[:, :, 1].sum(axis=1) > 0).tolist() == [False, True, False]
+        b.reset(np.array([1]), stage=VEL)
+        b.step(stage=VEL)
+        assert not b.warning.any()
+
+
+def test_plants_of_a_closed_loop_on_one_thread_use_it(sticking):
+    plant = Plant(sticking, N, threads=1, closed_loop=True)
+    assert isinstance(plant.batch, LoopBatch)
+    assert not isinstance(Plant(sticking, N, threads=2, closed_loop=True).batch, LoopBatch)
+    plant.state[1][2] = np.nan
+    with pytest.raises(ExperimentError, match="simulation 2 stopped"):
+        plant.follow(lambda: np.zeros((N, plant.n)), 2)
