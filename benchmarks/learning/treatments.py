@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import EPISODES, Benchmark, Row
-from benchmarks.learning.treatments_page import page
+from benchmarks.learning.treatments_page import draw, page
 from benchmarks.learning.treatments_plan import ROBOTS, Condition, conditions
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.control.compensation_files import read_compensation
@@ -36,8 +36,9 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import scaled, stack_friction
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.plant import CONTROL_DT
+from stiction_envs.robots import load_arm
 from tuning.search.bounds import bounds_of
-from tuning.search.tracking import TrackingObjective, Treatment
+from tuning.search.tracking import Tracking, TrackingObjective, Treatment
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(
@@ -52,12 +53,14 @@ STUDY = Benchmark(
 )
 TABLES = Path(__file__).parents[2] / "stiction_envs" / "dither" / "tables"
 SEED = 29
-PATHS, FIRST, ITERATIONS = 4, 1000, 2
+PATHS, FIRST, ITERATIONS = 8, 1000, 1
 """Random paths of a row, the number of the first, which no search draws, and runs of each."""
 STEP_M, STILL_S, PUSH_S = 0.03, 4.0, 4.0
 """A goal this far away, then rest; of that the last half is looked at. Then a push of this time."""
 PUSH_N = 10.0
 """Force of the hand at its end, in the direction of the step."""
+LOAD_AT = (0.0, 0.0, 0.05)
+"""Where a load hangs, from the flange [m]."""
 SHARP = {"smooth_sign": 0.01}
 """Switch-over speed [rad/s] of a second variant: as sharp as the feedforward's is not."""
 
@@ -119,8 +122,11 @@ def _found(path: Path, n: int) -> Treatment:
 def measure(found: Sequence[Path], condition: Condition) -> Row:
     """Return what every treatment does in a condition."""
     ideal = GeneratedTrajectoryExperiment(condition.robot, seed=SEED)
+    arm = ideal.sticking.arm
+    loaded = load_arm(condition.robot, payload=(condition.load_kg, *LOAD_AT))
     e = GeneratedTrajectoryExperiment(
-        condition.robot,
+        loaded if condition.load_kg else arm,
+        controller_model=arm if condition.load_kg else None,
         seed=SEED,
         threads=1,
         paths={"step": Goals("step", np.array([[STEP_M, 0, 0]]), np.array([[1.0, 0, 0, 0]]))},
@@ -146,12 +152,21 @@ def measure(found: Sequence[Path], condition: Condition) -> Row:
             "orientation_left": orientation,
             "position_m": float(np.nanmean(one.position)),
             "orientation_rad": float(np.nanmean(one.orientation)),
+            "left_by_path": by_path(one, plain),
             "vibration_m": moving,
             "vibration_at_rest_m": resting,
             "torque_rate_nm_s": float(one.torque_rate.max()),
             **rest,
         }
     return out
+
+
+def by_path(one: Tracking, plain: Tracking) -> list[float]:
+    """Return log of what is left on each path, mean of both errors over its goals."""
+    ratios = (one.position / plain.position, one.orientation / plain.orientation)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(np.concatenate(ratios, axis=-1)).reshape(len(one.position), -1)
+    return [float(x[np.isfinite(x)].mean()) for x in logs]
 
 
 def hold_and_push(
@@ -162,9 +177,9 @@ def hold_and_push(
 ) -> list[dict[str, float]]:
     """Return what arms do that hold still after a step, and that a hand pushes then.
 
-    At rest: how fast they creep, and the largest distance and strongest frequency of what moves
-    about that, which is a limit cycle where there is one. The push: force over displacement, which
-    is the chosen stiffness of an arm without friction.
+    At rest: how far they are from their goal, how fast they creep, and the largest distance and
+    strongest frequency of what moves about that, which is a limit cycle where there is one. The
+    push: force over displacement, which is the chosen stiffness of an arm without friction.
     """
     n, count = experiment.n, len(listed)
     path = experiment.path("step")
@@ -187,18 +202,21 @@ def hold_and_push(
 
     rig.advance(still + push, watch)
     x = np.stack(positions, axis=1)
+    goal = path.goals(rig.start_position[None], rig.start_quaternion[None])[0][0, -1]
     rest = x[:, still - round(STILL_S / 2 / CONTROL_DT) : still]
     out, time = [], CONTROL_DT * np.arange(rest.shape[1])
     window = np.hanning(len(time))[:, None]
     frequencies = np.fft.rfftfreq(len(time), CONTROL_DT)
     for one, whole in zip(rest, x, strict=True):
         slope, start = np.polyfit(time, one, 1)
+        off = one.mean(axis=0) - goal
         swing = one - start - time[:, None] * slope
         spectrum = np.abs(np.fft.rfft(window * swing, axis=0)).sum(axis=1)
         moved = float(whole[-1, 0] - whole[still - 1, 0])
         out.append(
             {
                 "creep_m_s": float(np.linalg.norm(slope)),
+                "rest_error_m": float(np.linalg.norm(off)),
                 "hold_m": float(np.linalg.norm(np.ptp(swing, axis=0))),
                 "hold_hz": float(frequencies[1 + int(np.argmax(spectrum[1:]))]),
                 "push_n_per_m": PUSH_N / moved if moved > 0 else float("inf"),
@@ -219,6 +237,7 @@ def main() -> None:
     rows = STUDY.rows(options).fill(jobs, partial(measure, options.found), minutes=options.minutes)
     if rows:
         measured = {jobs[key]: row for key, row in rows.items()}
+        draw(measured, options.out / "treatments.png")
         STUDY.write_page(options, **page(measured, len(jobs)))
 
 

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.harness import Row, machine
 from benchmarks.learning.treatments_plan import Condition
 from stiction_envs.control.laws import LAWS
 from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.png import save_full
 from tuning.settings import tuning_settings
 
 STILL_M = 1e-6
 """What swings less than this has no frequency."""
 SWINGS_M = 1e-3
 """A treatment that swings by more at rest hunts, and is not recommended; assumed."""
+DRAWS = 2000
+"""Of a bootstrap; assumed."""
 NOTHING, DITHER = "nothing", "dither"
 
 
@@ -55,7 +60,17 @@ def title(c: Condition) -> str:
         words.append("ideal senses")
     else:
         words += [f"senses {c.delay_ms:g} ms late", f"noise × {c.noise:.2g}"]
+    if c.load_kg:
+        words.append(f"{c.load_kg:g} kg that nobody told")
     return ", ".join(words)
+
+
+def interval(m: Mapping[str, Any], seed: int = 0) -> tuple[float, float]:
+    """Return the 95 % bootstrap interval of the error left, paths drawn anew [-]."""
+    logs = np.asarray(m["left_by_path"])
+    drawn = np.random.default_rng(seed).choice(logs, size=(DRAWS, len(logs))).mean(axis=1)
+    low, high = np.exp(np.percentile(drawn, [2.5, 97.5]))
+    return float(low), float(high)
 
 
 def page(rows: Mapping[Condition, Row], planned: int) -> dict[str, Any]:
@@ -63,17 +78,16 @@ def page(rows: Mapping[Condition, Row], planned: int) -> dict[str, Any]:
     winners = {c: best(row) for c, row in rows.items()}
     wins = Counter(winners.values()).most_common()
     dither = [c for c, name in winners.items() if name == DITHER]
-    aim = [
-        c
-        for c, row in rows.items()
-        if max(row[winners[c]]["position_left"], row[winners[c]]["orientation_left"]) <= 0.3
-    ]
+    aim = {c for c, row in rows.items() if _most(row[winners[c]]) <= 0.3}
+    robots = {c.robot: [d for d in rows if d.robot == c.robot] for c in rows}
     return {
+        "aims": [
+            f"{len(aim & {*own})} of {len(own)} on the {name}" for name, own in robots.items()
+        ],
         "wins": [f"{name} in {count}" for name, count in wins],
         "measured": len(rows),
         "planned": planned,
         "dither_wins": len(dither),
-        "aim": len(aim),
         "best": _best_table(rows, winners),
         "tables": [(title(c), _table(row)) for c, row in rows.items()],
         "needs": [(name, law.knows) for name, law in LAWS.items()],
@@ -84,25 +98,65 @@ def page(rows: Mapping[Condition, Row], planned: int) -> dict[str, Any]:
 
 
 def _best_table(rows: Mapping[Condition, Row], winners: Mapping[Condition, str]) -> str:
-    header = ["condition", "best", "left [%]", "at rest [mm]", "a hand feels [N/m]"]
-    header += ["dither: left [%]", "at rest [mm]", "nothing: at rest [mm]", "a hand feels [N/m]"]
+    header = ["condition", "best", "left [%]", "both [%]", "shakes at rest [mm]"]
+    header += ["still off [mm]", "a hand feels [N/m]", "dither: left [%]", "shakes at rest [mm]"]
+    header += ["nothing: shakes at rest [mm]", "still off [mm]", "a hand feels [N/m]"]
     lines = []
     for c, row in rows.items():
         one, dither, nothing = row[winners[c]], row[DITHER], row[NOTHING]
+        low, high = interval(one)
         lines.append(
             [
                 title(c),
                 winners[c],
                 _left(one),
+                f"{100 * left(one):.0f} ({100 * low:.0f} to {100 * high:.0f})",
                 f"{1e3 * one['vibration_at_rest_m']:.3f}",
+                f"{1e3 * one['rest_error_m']:.1f}",
                 f"{one['push_n_per_m']:.0f}",
                 _left(dither),
                 f"{1e3 * dither['vibration_at_rest_m']:.3f}",
                 f"{1e3 * nothing['vibration_at_rest_m']:.3f}",
+                f"{1e3 * nothing['rest_error_m']:.1f}",
                 f"{nothing['push_n_per_m']:.0f}",
             ]
         )
     return table_text(header, lines)
+
+
+def _most(m: Mapping[str, float]) -> float:
+    return max(m["position_left"], m["orientation_left"])
+
+
+def draw(rows: Mapping[Condition, Row], path: Path) -> None:
+    """Draw error left against vibration of every treatment, a field per robot, 200 N/m, 1 ms late.
+
+    Sizes of points are noise levels.
+    """
+    shown = {c: r for c, r in rows.items() if c.delay_ms == 1.0 and c.friction == 1.0}
+    shown = {c: r for c, r in shown.items() if c.stiffness[0] == 200.0 and not c.load_kg}
+    robots = list(dict.fromkeys(c.robot for c in shown))
+    figure = Figure(figsize=(4.2 * max(len(robots), 1) + 2.2, 4.2), layout="constrained")
+    for k, robot in enumerate(robots):
+        axes = figure.add_subplot(1, len(robots), k + 1)
+        own = sorted((c for c in shown if c.robot == robot), key=lambda c: c.noise)
+        for j, name in enumerate(n for n in shown[own[0]] if n != "seconds"):
+            marks = [shown[c][name] for c in own]
+            x, y = ([f(m) for m in marks] for f in (_rest_mm, lambda m: 100 * left(m)))
+            size = [14 + 26 * i for i in range(len(own))]
+            axes.scatter(x, y, s=size, color=f"C{j % 10}", marker="os"[j // 10], label=name)
+        axes.set(title=robot, xlabel="vibration at rest [mm]", xscale="log")
+        axes.axhline(30, color="0.7", linewidth=1, zorder=0)
+        axes.set_ylim(0, 130)
+        if k == 0:
+            axes.set_ylabel("error left at goals [%]")
+    if robots:
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside right upper", fontsize=8)
+    save_full(figure, path)
+
+
+def _rest_mm(m: Mapping[str, float]) -> float:
+    return 1e3 * m["vibration_at_rest_m"]
 
 
 def _left(m: Mapping[str, float]) -> str:
@@ -111,8 +165,8 @@ def _left(m: Mapping[str, float]) -> str:
 
 def _table(row: Row) -> str:
     header = ["treatment", "position left [%]", "orientation left [%]", "vibration [mm]"]
-    header += ["at rest [mm]", "torque rate [N·m/s]", "creeps [mm/s]", "swings [mm]", "at [Hz]"]
-    header += ["push [N/m]"]
+    header += ["at rest [mm]", "torque rate [N·m/s]", "still off [mm]", "creeps [mm/s]"]
+    header += ["swings [mm]", "at [Hz]", "push [N/m]"]
     return table_text(
         header,
         [
@@ -123,6 +177,7 @@ def _table(row: Row) -> str:
                 f"{1e3 * m['vibration_m']:.4f}",
                 f"{1e3 * m['vibration_at_rest_m']:.4f}",
                 f"{m['torque_rate_nm_s']:.0f}",
+                f"{1e3 * m['rest_error_m']:.2f}",
                 f"{1e3 * m['creep_m_s']:.4f}",
                 f"{1e3 * m['hold_m']:.4f}",
                 f"{m['hold_hz']:.1f}" if m["hold_m"] > STILL_M else "–",

@@ -23,6 +23,8 @@ class Condition:
     """Age of what the controller sees [ms]; None: ideal senses."""
     noise: float = 1.0
     """Noise over the robot's own [-]; counts with a delay."""
+    load_kg: float = 0.0
+    """On the flange, of which the controller was not told [kg]."""
 
 
 def conditions(robot: str) -> list[Condition]:
@@ -34,4 +36,5 @@ def conditions(robot: str) -> list[Condition]:
         out += [at(delay_ms=1.0, friction=f) for f in FRICTIONS]
         out += [at(delay_ms=d) for d in (0.0, 3.0, 5.0)]
         out += [at(delay_ms=1.0, noise=x) for x in (1 / 3, 3.0)]
+        out += [at(delay_ms=1.0, load_kg=0.5)]
     return out

@@ -40,6 +40,7 @@ def test_conditions_are_distinct_and_ideal_ones_need_no_senses():
 def numbers(left: float, rest: float = 2e-5, swings: float = 0.0) -> dict[str, float]:
     """What a treatment did that leaves so much of the error and shakes so much at rest [m]."""
     out = {"position_left": left, "orientation_left": left, "vibration_m": 1e-4}
+    out |= {"left_by_path": [float(np.log(left))] * 4, "rest_error_m": 2e-3}
     out |= {"vibration_at_rest_m": rest, "torque_rate_nm_s": 500.0, "creep_m_s": 0.0}
     return out | {"hold_m": swings, "hold_hz": 0.0, "push_n_per_m": 300.0}
 

@@ -9,23 +9,25 @@ what the momentum gains beyond what Coriolis torque and M's change explain (De L
 gain of momentum is added up cycle by cycle, so a change of M is no disturbance.
 
 Friction at rest equals what pushes the joint, so the command grows by up to 1/(1 − s) before it
-breaks free. It is bounded by g, the breakaway torque, since friction is no larger. Whoever pushes
-the arm is a disturbance too, up to g: this observer has no torque sensor behind the friction, which
-those two papers have, and cannot tell a hand from friction.
+breaks free. It is bounded by g, the breakaway torque and a margin, since friction is no larger.
+Whoever pushes the arm is a disturbance too, up to g: this observer has no torque sensor behind the
+friction, which those two papers have, and cannot tell a hand from friction.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
 from stiction_envs.compiled import compiled
-from stiction_envs.control.laws.base import PUSHED, TORQUE, Array, Field, Law
+from stiction_envs.control.laws.base import PUSHED, TORQUE, Array, Field, Law, breakaway
+from stiction_envs.friction.parameters import FrictionParameters
 
 
 class MomentumObserver(Law):
-    """Whatever the model does not explain, up to the breakaway torque."""
+    """Whatever the model does not explain, up to the breakaway torque and a margin."""
 
     name: ClassVar = "momentum_observer"
     words: ClassVar = "momentum observer"
@@ -37,6 +39,10 @@ class MomentumObserver(Law):
     )
     searched: ClassVar = ("rate", "share")
     reads_momentum: ClassVar = True
+
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+        """Return the bound: friction may be stronger than it is believed to be."""
+        return {"gain": self.default("bound") * breakaway(friction, load)}
 
 
 @compiled
