@@ -26,6 +26,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.engines.graphs import captured
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import (
     BRISTLE_STIFFNESS,
@@ -49,8 +50,6 @@ _INPUTS = ("ctrl", "qfrc_applied")
 """What only the plant writes."""
 
 VECTOR = wp.types.vector(length=10, dtype=wp.float32)
-# compiling is told of with INFO, on standard output, where commands write their result
-wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
 
 
 @wp.kernel(enable_backward=False)
@@ -206,7 +205,7 @@ class WarpBatch:
         self._template = mujoco.MjData(model)
         self._bound: dict[str, Array] = {}
         self._expanded: dict[str, Array] = {}
-        self._graphs: dict[str, Any] = {}
+        self._graphs: dict[str, Callable[[], None]] = {}
         self._angle = wp.zeros((nsim, model.nq), dtype=wp.float64)
         self._bristle = wp.zeros((nsim, model.na), dtype=wp.float64)
         motors = model.actuator_dyntype == mujoco.mjtDyn.mjDYN_DCMOTOR
@@ -365,13 +364,10 @@ class WarpBatch:
 
     def _launch(self, name: str, work: Callable[[], None]) -> None:
         """Run work on the device as a graph, captured the first time."""
-        if name not in self._graphs:
-            work()  # loads every kernel
-            with wp.ScopedCapture() as capture:
-                work()
-            self._graphs[name] = capture.graph
-            return
-        wp.capture_launch(self._graphs[name])
+        if name in self._graphs:
+            self._graphs[name]()
+        else:
+            self._graphs[name] = captured(work)
 
     def _kinematics(self) -> None:
         mujoco_warp.kinematics(self._model, self._data)

@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance_report import JointResult, Report
-from stiction_envs.experiments.engines import ENGINES, Bare, Engine, Refused, engine_named
+from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
@@ -237,9 +237,15 @@ class _Bench:
         start = np.tile(self.qpos, (m, 1))
         steps = round(time / self.bare.model.opt.timestep)
         adr = np.tile(self.adr, len(signs))
-        for part in self.engine.simulate(
-            self.bare, start, applied, steps, record=record, threads=self.threads
-        ):
+        drive = Drive(
+            bare=self.bare,
+            qpos=start,
+            torque=applied,
+            steps=steps,
+            record=record,
+            threads=self.threads,
+        )
+        for part in self.engine.simulate(drive):
             q = part["qpos"][np.arange(m), :, adr] - self.qpos[adr][:, None]
             yield part, sign[:, None] * q
 

@@ -39,9 +39,9 @@ class Copy(MuJoCo):
     def __init__(self) -> None:
         self.asked: list[base.Bare] = []
 
-    def simulate(self, bare, *arguments, **options):
-        self.asked.append(bare)
-        return super().simulate(bare, *arguments, **options)
+    def simulate(self, drive):
+        self.asked.append(drive.bare)
+        return super().simulate(drive)
 
 
 class Picky(MuJoCo):
@@ -49,7 +49,7 @@ class Picky(MuJoCo):
 
     name: ClassVar = "picky"
 
-    def simulate(self, *arguments, **options):
+    def simulate(self, drive):
         raise Refused("no LuGre\n   here")
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from stiction_envs.errors import unknown
-from stiction_envs.experiments.engines.base import Bare, Engine, Refused
+from stiction_envs.experiments.engines.base import Bare, Drive, Engine, Refused
 from stiction_envs.experiments.engines.mjx import Mjx
 from stiction_envs.experiments.engines.mujoco_c import MuJoCo
 from stiction_envs.experiments.engines.newton import Newton
 from stiction_envs.experiments.engines.warp import Warp
 
-__all__ = ["ENGINES", "Bare", "Engine", "Refused", "engine_named"]
+__all__ = ["ENGINES", "Bare", "Drive", "Engine", "Refused", "engine_named"]
 
 ENGINES: dict[str, Engine] = {e.name: e for e in (MuJoCo(), Warp(), Mjx(), Newton())}
 

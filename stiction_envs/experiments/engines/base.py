@@ -47,6 +47,35 @@ class Bare:
     """Hinges whose spring was taken out of `model`."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """What an engine is asked to simulate: N copies, from rest, under applied joint torques."""
+
+    bare: Bare
+    """The model; controls stay zero."""
+    qpos: Array
+    """(N, nq) start positions [rad]."""
+    torque: Torque
+    """Asked once per chunk, so it may depend on the chunks before."""
+    steps: int
+    """Of the model's timestep, in all."""
+    record: Sequence[str] = ("qpos",)
+    """Names of `mujoco.MjData` fields."""
+    threads: int = 0
+    """Threads, 0 for all processors; an engine may not heed it."""
+
+    @property
+    def timestep(self) -> float:
+        """Of the physics [s]."""
+        return float(self.bare.model.opt.timestep)
+
+    def chunks(self) -> Iterator[Array]:
+        """Yield the times of each chunk's steps [s]."""
+        for start in range(0, self.steps, CHUNK):
+            end = min(start + CHUNK, self.steps)
+            yield np.arange(start, end, dtype=np.float64) * self.timestep
+
+
 class Engine(abc.ABC):
     """A physics engine."""
 
@@ -72,40 +101,14 @@ class Engine(abc.ABC):
         return {package: metadata.version(package) for _, package in self.packages}
 
     @abc.abstractmethod
-    def simulate(
-        self,
-        bare: Bare,
-        qpos: Array,
-        torque: Torque,
-        steps: int,
-        *,
-        record: Sequence[str] = ("qpos",),
-        threads: int = 0,
-    ) -> Iterator[dict[str, Array]]:
-        """Step N copies under applied joint torques, in chunks.
-
-        Args:
-            bare: the model; controls stay zero.
-            qpos: (N, nq) start positions [rad], at rest.
-            torque: asked once per chunk, so it may depend on the chunks before.
-            steps: of ``bare.model.opt.timestep``, in all.
-            record: names of `mujoco.MjData` fields.
-            threads: threads, 0 for all processors; an engine may not heed it.
-
-        Yields:
-            Per chunk ``time`` (K,) at the start of each step [s], and each field (N, K, …) after
-            it.
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
+        """Yield per chunk ``time`` (K,) at the start of each step [s], and what ``drive`` records,
+        (N, K, …), after it.
 
         Raises:
             Refused: the engine does not take the model.
             ExperimentError: a simulation that the engine stopped.
         """
-
-
-def chunks(timestep: float, steps: int) -> Iterator[Array]:
-    """Yield the times of each chunk's steps [s]."""
-    for start in range(0, steps, CHUNK):
-        yield np.arange(start, min(start + CHUNK, steps), dtype=np.float64) * timestep
 
 
 def silent(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
 
-from stiction_envs.experiments.engines.base import (
-    Array,
-    Bare,
-    Engine,
-    Refused,
-    Torque,
-    chunks,
-    silent,
-)
+from stiction_envs.experiments.engines.base import Array, Drive, Engine, Refused, silent
 
 ITERATIONS, LINE_SEARCH = 5, 8
 """Most iterations of the solver and of its line search [-], assumed: MJX makes all of a line search
@@ -34,22 +26,13 @@ class Mjx(Engine):
         '`mjx.put_model(mujoco.MjModel.from_xml_path("scene.xml"))`'
     )
 
-    def simulate(
-        self,
-        bare: Bare,
-        qpos: Array,
-        torque: Torque,
-        steps: int,
-        *,
-        record: Sequence[str] = ("qpos",),
-        threads: int = 0,
-    ) -> Iterator[dict[str, Array]]:
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
         import jax
         from jax import numpy as jnp
         from mujoco import mjx
 
-        host = silent(copy.copy(bare.model))
+        host = silent(copy.copy(drive.bare.model))
         host.opt.iterations = min(host.opt.iterations, ITERATIONS)
         host.opt.ls_iterations = min(host.opt.ls_iterations, LINE_SEARCH)
         try:
@@ -57,19 +40,19 @@ class Mjx(Engine):
         except (NotImplementedError, ValueError) as error:
             raise Refused(error) from None
         blank = mjx.make_data(model)
-        state = jax.vmap(lambda q: blank.replace(qpos=q))(jnp.asarray(qpos, jnp.float32))
+        state = jax.vmap(lambda q: blank.replace(qpos=q))(jnp.asarray(drive.qpos, jnp.float32))
 
         @jax.jit
         def run(state: Any, applied: Any) -> Any:
             def one(state: Any, now: Any) -> Any:
                 go = jax.vmap(lambda d, f: mjx.step(model, d.replace(qfrc_applied=f)))
                 state = go(state, now)
-                return state, {name: getattr(state, name) for name in record}
+                return state, {name: getattr(state, name) for name in drive.record}
 
             return jax.lax.scan(one, state, applied)
 
-        for time in chunks(float(bare.model.opt.timestep), steps):
-            applied = jnp.asarray(torque(time).swapaxes(0, 1), jnp.float32)
+        for time in drive.chunks():
+            applied = jnp.asarray(drive.torque(time).swapaxes(0, 1), jnp.float32)
             state, out = run(state, applied)
             yield {
                 "time": time,

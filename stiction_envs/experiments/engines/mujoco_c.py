@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import ClassVar
 
 from stiction_envs.any_model import rollout
-from stiction_envs.experiments.engines.base import CHUNK, Array, Bare, Engine, Torque
+from stiction_envs.experiments.engines.base import CHUNK, Array, Drive, Engine
 
 
 class MuJoCo(Engine):
@@ -17,15 +17,12 @@ class MuJoCo(Engine):
     single: ClassVar = False
     keep: ClassVar = 'nothing: `mujoco.MjModel.from_xml_path("scene.xml")`'
 
-    def simulate(
-        self,
-        bare: Bare,
-        qpos: Array,
-        torque: Torque,
-        steps: int,
-        *,
-        record: Sequence[str] = ("qpos",),
-        threads: int = 0,
-    ) -> Iterator[dict[str, Array]]:
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
-        return rollout(bare.model, qpos, torque, steps, record=record, chunk=CHUNK, threads=threads)
+        d = drive
+        return rollout(
+            *(d.bare.model, d.qpos, d.torque, d.steps),
+            record=d.record,
+            chunk=CHUNK,
+            threads=d.threads,
+        )

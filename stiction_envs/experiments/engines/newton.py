@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.engines.base import Array, Bare, Engine, Refused, Torque
-from stiction_envs.experiments.engines.warp import captured, driven
+from stiction_envs.experiments.engines.base import Array, Bare, Drive, Engine, Refused
+from stiction_envs.experiments.engines.warp import driven
 
 
 class Newton(Engine):
@@ -29,28 +29,20 @@ class Newton(Engine):
         "`solver.step(…, dt=0.001)`"
     )
 
-    def simulate(
-        self,
-        bare: Bare,
-        qpos: Array,
-        torque: Torque,
-        steps: int,
-        *,
-        record: Sequence[str] = ("qpos",),
-        threads: int = 0,
-    ) -> Iterator[dict[str, Array]]:
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
         import newton
-        import warp
 
+        import stiction_envs.engines.graphs  # noqa: F401 (Warp prints less)
+
+        bare = drive.bare
         if bare.mjcf is None:
             raise StictionError("engine newton reads MJCF: expected a robot's name, a path or text")
-        warp.config.quiet = True
         try:
             arm = newton.ModelBuilder()
             arm.add_mjcf(str(bare.mjcf))
             scene = newton.ModelBuilder()
-            scene.replicate(arm, len(qpos))
+            scene.replicate(arm, len(drive.qpos))
             model = scene.finalize()
             with warnings.catch_warnings():
                 # newton 1.8 asks for MuJoCo 3.17; it runs with 4.0
@@ -62,11 +54,20 @@ class Newton(Engine):
             raise Refused(f"reads {solver.mj_model.nv} degrees of freedom, MuJoCo {bare.model.nv}")
         model.set_gravity((0.0, 0.0, 0.0))
         _only_friction(solver, bare)
-        yield from driven(*_steps(model, solver, bare, qpos), torque, _dt(bare), steps, record)
+        state, control = model.state(), model.control()
+        copies = _Copies(solver, control, (len(drive.qpos), bare.model.nv))
 
+        def step() -> None:
+            solver.step(state, state, control, None, drive.timestep)
 
-def _dt(bare: Bare) -> float:
-    return float(bare.model.opt.timestep)
+        def restore() -> None:
+            solver.mjw_data.act.zero_()
+            solver.mjw_data.qacc_warmstart.zero_()
+            state.joint_q.assign(drive.qpos.astype(np.float32).ravel())
+            state.joint_qd.zero_()
+
+        restore()
+        yield from driven(drive, step, restore, copies)
 
 
 def _only_friction(solver: Any, bare: Bare) -> None:
@@ -92,18 +93,3 @@ class _Copies:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._solver.mjw_data, name)
-
-
-def _steps(model: Any, solver: Any, bare: Bare, qpos: Array) -> tuple[Any, Any]:
-    """Return a function that makes one step, and the copies that it moves."""
-    state, control = model.state(), model.control()
-
-    def back() -> None:
-        solver.mjw_data.act.zero_()
-        solver.mjw_data.qacc_warmstart.zero_()
-        state.joint_q.assign(qpos.astype(np.float32).ravel())
-        state.joint_qd.zero_()
-
-    back()
-    step = captured(lambda: solver.step(state, state, control, None, _dt(bare)), back)
-    return step, _Copies(solver, control, (len(qpos), bare.model.nv))

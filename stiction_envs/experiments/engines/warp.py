@@ -3,90 +3,68 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
 
-from stiction_envs.experiments.engines.base import (
-    Array,
-    Bare,
-    Engine,
-    Refused,
-    Torque,
-    chunks,
-    silent,
-)
+from stiction_envs.experiments.engines.base import Array, Drive, Engine, Refused, silent
 
 
 class Warp(Engine):
-    """MuJoCo Warp, float32; a step is one captured graph."""
+    """MuJoCo Warp as its users run it, all in float32; a step is one captured graph.
+
+    `stiction_envs.engines.warp_batch` is the plant's engine, which sums angles in float64.
+    """
 
     name: ClassVar = "warp"
     packages: ClassVar = (("mujoco_warp", "mujoco-warp"), ("warp", "warp-lang"))
     keep: ClassVar = 'nothing: `mujoco_warp.put_model(mujoco.MjModel.from_xml_path("scene.xml"))`'
 
-    def simulate(
-        self,
-        bare: Bare,
-        qpos: Array,
-        torque: Torque,
-        steps: int,
-        *,
-        record: Sequence[str] = ("qpos",),
-        threads: int = 0,
-    ) -> Iterator[dict[str, Array]]:
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
         import mujoco_warp as mjw
-        import warp
 
-        warp.config.quiet = True
-        host = silent(copy.copy(bare.model))
-        data = mujoco.MjData(host)
+        import stiction_envs.engines.graphs  # noqa: F401 (Warp prints less)
+
+        host = silent(copy.copy(drive.bare.model))
         try:
             model = mjw.put_model(host)
         except (NotImplementedError, ValueError) as error:
             raise Refused(error) from None
-        state = mjw.put_data(host, data, nworld=len(qpos))
-        state.qpos.assign(qpos.astype(np.float32))
-        step = captured(lambda: mjw.step(model, state), lambda: restore(state, qpos))
-        yield from driven(step, state, torque, float(host.opt.timestep), steps, record)
+        state = mjw.put_data(host, mujoco.MjData(host), nworld=len(drive.qpos))
+        state.qpos.assign(drive.qpos.astype(np.float32))
 
+        def restore() -> None:
+            for name in ("qvel", "act", "qacc_warmstart", "time"):
+                getattr(state, name).zero_()
+            state.qpos.assign(drive.qpos.astype(np.float32))
 
-def restore(state: Any, qpos: Array) -> None:
-    """Put copies back to their start, at rest, bristles relaxed."""
-    for name in ("qvel", "act", "qacc_warmstart", "time"):
-        getattr(state, name).zero_()
-    state.qpos.assign(qpos.astype(np.float32))
-
-
-def captured(step: Any, back: Any) -> Any:
-    """Return a function that repeats ``step``'s kernels, which cost little that way.
-
-    Args:
-        step: is called twice; kernels are compiled in the first call.
-        back: undoes what the calls changed.
-    """
-    import warp
-
-    step()
-    with warp.ScopedCapture() as capture:
-        step()
-    back()
-    return lambda: warp.capture_launch(capture.graph)
+        yield from driven(drive, lambda: mjw.step(model, state), restore, state)
 
 
 def driven(
-    step: Any, state: Any, torque: Torque, timestep: float, steps: int, record: Sequence[str]
+    drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Any
 ) -> Iterator[dict[str, Array]]:
-    """Yield what `Engine.simulate` does of a state with ``qfrc_applied`` and the fields."""
-    for time in chunks(timestep, steps):
-        applied = torque(time).astype(np.float32)
-        out: dict[str, list[Array]] = {name: [] for name in record}
+    """Yield what `Engine.simulate` does.
+
+    Args:
+        drive: what is simulated.
+        step: launches the kernels of one step.
+        restore: puts the copies back to their start, at rest, bristles relaxed.
+        state: of the copies: ``qfrc_applied``, and the fields that are recorded.
+    """
+    from stiction_envs.engines.graphs import captured
+
+    again = captured(step)
+    restore()
+    for time in drive.chunks():
+        applied = drive.torque(time).astype(np.float32)
+        out: dict[str, list[Array]] = {name: [] for name in drive.record}
         for k in range(len(time)):
             state.qfrc_applied.assign(np.ascontiguousarray(applied[:, k]))
-            step()
+            again()
             for name, values in out.items():
                 values.append(getattr(state, name).numpy().astype(float))
         yield {"time": time, **{name: np.stack(v, axis=1) for name, v in out.items()}}
