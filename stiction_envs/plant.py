@@ -93,7 +93,7 @@ class Plant:
         self._asymmetric = False
         self._switch: Any = None
         if engine != DEFAULT_ENGINE:
-            self._switch = self._batch.switch(sticking, self._moving_up, self._substeps)
+            self._switch = self._batch.carry(sticking, self._moving_up, self._substeps)
         self._factor = np.ones((nsim, self.n))
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
@@ -371,6 +371,32 @@ class Plant:
             self._steps += block
             k += block
         raise_if_stopped(self._batch)
+
+    @property
+    def has_device(self) -> bool:
+        """Whether the engine computes on a device of its own: for `follow_on_device`."""
+        return self._switch is not None
+
+    def follow_on_device(self, name: str, control: Callable[[int], None], steps: int) -> None:
+        """Advance all simulations by control steps of 1 ms, all of it on the engine's device.
+
+        Args:
+            name: of these launches, which are the same whenever the name is.
+            control: launches what writes the engine's controls in a control step, from 0.
+            steps: control steps.
+
+        Raises:
+            ExperimentError: a simulation that the engine stopped (NaN, divergence).
+        """
+        self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
+        self._switch.change_slowly(
+            *(self._load_sensor, self._p, self._factor, self._steps),
+            *(SLOW_STEPS, CONTROL_DT),
+        )
+        self._batch.follow(name, control, steps, self._substeps)
+        self._level[:], self._viscous[:] = self._switch.fetch_levels()
+        self._steps += steps
+        _raise_if_stopped(self._batch)
 
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.control.kernels import impedance_cycle
+from stiction_envs.control.kernels import advance_reference, impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, renew
-from stiction_envs.control.rotation import error_matrix, slerp, write_error_matrix
+from stiction_envs.control.rotation import error_matrix, write_error_matrix
 from stiction_envs.control.settings import ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
@@ -308,13 +308,27 @@ class CartesianImpedance:
         """Whether the reference moves in every cycle."""
         return self._filter_step < 1.0
 
+    @property
+    def needs_model(self) -> bool:
+        """Whether torques depend on the model of the present pose: on P, or on a D made with Λ."""
+        return self._null_active or self.settings.damping_design == "mass"
+
+    @property
+    def reference_arguments(self) -> tuple[Any, ...]:
+        """The arguments of `kernels.advance_reference`; always the same objects."""
+        return (
+            self._filter_step,
+            self._position_target,
+            self._quaternion_target,
+            self._position,
+            self._quaternion,
+            self._error_matrix,
+        )
+
     def advance_filter(self) -> None:
         """Move the reference one cycle towards its target; `torque` does it too."""
-        step = self._filter_step
-        if step < 1.0:
-            self._position += step * (self._position_target - self._position)
-            self._quaternion = slerp(self._quaternion, self._quaternion_target, step)
-            write_error_matrix(self._quaternion, self._error_matrix)
+        if self.filters:
+            advance_reference(*self.reference_arguments)
 
     # ---- state ---------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.control.rotation import slerp_one, write_one_error_matrix
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -261,6 +262,33 @@ def pose_error(
     length = np.sqrt(x**2 + y**2 + z**2)
     factor = np.copysign(2.0 * np.arctan2(length, abs(w)) / max(length, _TINY), w)
     error[3], error[4], error[5] = factor * x, factor * y, factor * z
+
+
+@compiled
+def advance_reference(
+    step: float,
+    position_target: Array,
+    quaternion_target: Array,
+    position: Array,
+    quaternion: Array,
+    error_matrix: Array,
+) -> None:
+    """Move references (N, 3) [m] and (N, 4) one cycle towards their targets, and write
+    `rotation.error_matrix` (N, 4, 4) of them.
+
+    ``step`` is the share of the way [-]; at 1 they are the targets, to the bit.
+    """
+    for i in range(len(position)):
+        if step < 1.0:
+            for k in range(3):
+                position[i, k] += step * (position_target[i, k] - position[i, k])
+            slerp_one(quaternion[i], quaternion_target[i], step, quaternion[i])
+        else:
+            for k in range(3):
+                position[i, k] = position_target[i, k]
+            for k in range(4):
+                quaternion[i, k] = quaternion_target[i, k]
+        write_one_error_matrix(quaternion[i], error_matrix[i])
 
 
 @compiled

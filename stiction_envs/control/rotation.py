@@ -45,11 +45,17 @@ def error_matrix(reference: Array) -> Array:
 def write_error_matrix(reference: Array, out: Array) -> None:
     """Write `error_matrix` (N, 4, 4) of references (N, 4)."""
     for i in range(len(reference)):
-        w, x, y, z = reference[i, 0], reference[i, 1], reference[i, 2], reference[i, 3]
-        out[i, 0, 0], out[i, 0, 1], out[i, 0, 2], out[i, 0, 3] = w, x, y, z
-        out[i, 1, 0], out[i, 1, 1], out[i, 1, 2], out[i, 1, 3] = -x, w, -z, y
-        out[i, 2, 0], out[i, 2, 1], out[i, 2, 2], out[i, 2, 3] = -y, z, w, -x
-        out[i, 3, 0], out[i, 3, 1], out[i, 3, 2], out[i, 3, 3] = -z, -y, x, w
+        write_one_error_matrix(reference[i], out[i])
+
+
+@compiled
+def write_one_error_matrix(reference: Array, out: Array) -> None:
+    """Write `error_matrix` (4, 4) of one reference (4,); for other compiled functions."""
+    w, x, y, z = reference[0], reference[1], reference[2], reference[3]
+    out[0, 0], out[0, 1], out[0, 2], out[0, 3] = w, x, y, z
+    out[1, 0], out[1, 1], out[1, 2], out[1, 3] = -x, w, -z, y
+    out[2, 0], out[2, 1], out[2, 2], out[2, 3] = -y, z, w, -x
+    out[3, 0], out[3, 1], out[3, 2], out[3, 3] = -z, -y, x, w
 
 
 def rotation_vector(q: Array) -> Array:

@@ -12,7 +12,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -249,21 +249,22 @@ class GoalSequencer:
                 f"accept: poses of shape {position.shape} and {quaternion.shape}: expected "
                 f"({nsim}, 3) and ({nsim}, 4)"
             )
-        accepted: NDArray[np.bool_] = accept(
-            position,
-            quaternion,
-            _sized(t, nsim),
-            (
-                self.limits.position_tolerance,
-                self.limits.rotation_tolerance,
-                self.limits.patience,
-            ),
+        accepted = np.zeros(nsim, dtype=bool)
+        accept(position, quaternion, _sized(t, nsim), *self.arguments, accepted)
+        return accepted
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """The arguments of `trapezoid.accept` between the time and its result: tolerances, goals,
+        times, profile, trapezoid; always the same objects."""
+        limits = self.limits
+        return (
+            (limits.position_tolerance, limits.rotation_tolerance, limits.patience),
             (self._goal, self._goal_q, self._count, self._index),
             (self._accepted, self._reached, self._begun, self._due),
             self.segment._profile,
             self.segment._trapezoid,
         )
-        return accepted
 
     def reference(self, t: ArrayLike) -> Reference:
         """Return the reference of all arms at time t, one number or (N,) [s]."""

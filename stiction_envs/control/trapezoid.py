@@ -91,15 +91,31 @@ def _plan_one(
 @compiled
 def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
     """Return the reference at times ``clock`` (N,) [s] of the arms of a `Segment`."""
-    accelerations, decelerations, _, _ = profile
-    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction = trapezoid[:10]
-    duration = trapezoid[-1]
     n = len(clock)
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
-    velocity, speed, share = np.empty((n, 3)), np.empty((2, n)), np.empty(2)
-    for i in range(n):
+    velocity, speed = np.empty((n, 3)), np.empty((n, 2))
+    write_sample(clock, profile, trapezoid, position, quaternion, velocity, speed)
+    return position, quaternion, velocity, speed[:, 1].copy()
+
+
+@compiled
+def write_sample(
+    clock: Array,
+    profile: Profile,
+    trapezoid: Trapezoid,
+    position: Array,
+    quaternion: Array,
+    velocity: Array,
+    speed: Array,
+) -> None:
+    """Write `sample`, and the speed of translation and rotation (N, 2) [m/s, rad/s]."""
+    accelerations, decelerations, _, _ = profile
+    start, start_q, goal, goal_q, distance, rise, flat, fall, pace, direction = trapezoid[:10]
+    duration = trapezoid[11]
+    share = np.empty(2)
+    for i in range(len(clock)):
         for k in range(2):
-            share[k], speed[k, i] = _profile_at(
+            share[k], speed[i, k] = _profile_at(
                 clock[i],
                 accelerations[k],
                 decelerations[k],
@@ -113,9 +129,8 @@ def sample(clock: Array, profile: Profile, trapezoid: Trapezoid) -> Reference:
         for k in range(3):
             between = start[i, k] + share[0] * (goal[i, k] - start[i, k])
             position[i, k] = goal[i, k] if share[0] == 1.0 else between
-            velocity[i, k] = speed[0, i] * direction[i, k]
+            velocity[i, k] = speed[i, 0] * direction[i, k]
         slerp_one(start_q[i], goal_q[i], share[1], quaternion[i])
-    return position, quaternion, velocity, speed[1]
 
 
 @compiled
@@ -159,13 +174,15 @@ def accept(
     times: tuple[Array, Array, Array, Array],
     profile: Profile,
     trapezoid: Trapezoid,
-) -> NDArray[np.bool_]:
-    """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its order."""
+    out: NDArray[np.bool_],
+) -> None:
+    """`GoalSequencer.accept` at times ``now`` (N,), with its arrays in its order; ``out`` (N,) is
+    written."""
     near_position, near_rotation, patience = tolerances
     goal, goal_q, count, index = goals
     accepted, reached, begun, due = times
-    out = np.zeros(len(now), dtype=np.bool_)
     for i in range(len(now)):
+        out[i] = False
         if not now[i] >= due[i]:
             continue
         at = index[i]
@@ -184,5 +201,4 @@ def accept(
                     i, position[i], quaternion[i], goal[i, at], goal_q[i, at], profile, trapezoid
                 )
                 accepted[i, at] = begun[i] = now[i]
-                due[i] = now[i] + trapezoid[-1][i]
-    return out
+                due[i] = now[i] + trapezoid[11][i]

@@ -156,6 +156,16 @@ class Dither:
             plain = np.empty(shape)  # as in every control cycle
             sine(*self.sines, t, plain)
             return plain
+        out = self.ungated(t)
+        if self._gate is not None:
+            _fade(out, qd, self._gate)
+        if self._constant is not None:
+            out += self._constant
+        return out
+
+    def ungated(self, t: float | Floats) -> Floats:
+        """What `torque` is without gates and offsets, which follow `gate` and `offset`."""
+        shape = self.amplitude.shape
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Floats | None = None
         for waveform, where, rows, omega, phase, amplitude, drawn in self._branches:
@@ -169,12 +179,7 @@ class Dither:
                 out.reshape(-1)[where] = w
             else:
                 out = w
-        out = np.zeros(shape) if out is None else out
-        if self._gate is not None:
-            _fade(out, qd, self._gate)
-        if self._constant is not None:
-            out += self._constant
-        return out
+        return np.zeros(shape) if out is None else out
 
     def retune(
         self,

@@ -10,9 +10,9 @@ All is float32 but two sums, which are float64 on the device, too. What a slowly
 to its angle in a step is less than half of a float32's last digit, and would be lost. A bristle
 that bends as slowly would not bend: 1 − exp(−x) is 0 in float32 for x below 3e-8.
 
-On a graphics card a step is one CUDA graph; the steps of a call follow each other there, without a
-word from Python. On a processor Warp replays the same graph, on one thread. Warp's default device
-is used.
+On a graphics card a step is one CUDA graph, and so is all of `follow`: a control interval with its
+controller. On a processor Warp replays the same graph, on one thread. Warp's default device is
+used. No graphics card was at hand: there none of this has been run.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.engines.graphs import captured
+from stiction_envs.engines.warp_friction import VECTOR, DeviceFriction
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import (
     BRISTLE_STIFFNESS,
@@ -49,8 +50,6 @@ _STATE = ("qvel", "qacc_warmstart")
 _INPUTS = ("ctrl", "qfrc_applied")
 """What only the plant writes."""
 
-VECTOR = wp.types.vector(length=10, dtype=wp.float32)
-
 
 @wp.kernel(enable_backward=False)
 def _command(
@@ -59,34 +58,6 @@ def _command(
     """Write the controls of this step."""
     world, actuator = wp.tid()
     ctrl[world, actuator] = commands[step[0], world, actuator]
-
-
-@wp.kernel(enable_backward=False)
-def _switch(
-    step: wp.array[wp.int32],
-    every: int,
-    dofs: wp.array[wp.int32],
-    actuators: wp.array[wp.int32],
-    columns: wp.vec3i,
-    levels: wp.array3d[wp.vec4],
-    qvel: wp.array2d[wp.float32],
-    up: wp.array2d[wp.bool],
-    biasprm: wp.array2d[VECTOR],
-    damping: wp.array2d[wp.float32],
-) -> None:
-    """Write the friction of the direction in which a joint moves, or moved last."""
-    world, joint = wp.tid()
-    if step[1] % every != 0:
-        return
-    speed = qvel[world, dofs[joint]]
-    if speed != 0.0:
-        up[world, joint] = speed > 0.0
-    level = levels[world, joint, wp.where(up[world, joint], 0, 1)]
-    values = biasprm[world, actuators[joint]]
-    for k in range(3):
-        values[columns[k]] = level[k]
-    biasprm[world, actuators[joint]] = values
-    damping[world, dofs[joint]] = level[3]
 
 
 @wp.kernel(enable_backward=False)
@@ -103,7 +74,7 @@ def sum_angles(
     summed = angle[world, joint] + timestep * wp.float64(qvel[world, joint])
     angle[world, joint] = summed
     qpos[world, joint] = wp.float32(summed)
-    record[step[0], world, joint] = summed
+    record[step[0] % record.shape[0], world, joint] = summed
 
 
 @wp.kernel(enable_backward=False)
@@ -141,49 +112,6 @@ def _count(step: wp.array[wp.int32]) -> None:
     step[1] = step[1] + 1
 
 
-class LevelSwitch:
-    """Friction of both directions of every joint, of which the device takes the present one."""
-
-    def __init__(self, sticking: StickingModel, up: NDArray[np.bool_], every: int) -> None:
-        """Make it; see `WarpBatch.switch`."""
-        joints = (sticking.motor, sticking.torque_actuator)
-        self._where = (
-            *(every, *(wp.array(x, dtype=wp.int32) for x in joints)),
-            wp.vec3i(COULOMB, STICTION, STRIBECK),
-        )
-        self._host_up, self._host_levels = up, np.zeros((*up.shape, 2, 4))
-        self._up = wp.zeros(up.shape, dtype=wp.bool)
-        self._levels = wp.zeros((*up.shape, 2), dtype=wp.vec4)
-
-    def write(
-        self, ids: Index, coulomb: Array, stiction: Array, stribeck: Array, viscous: Array
-    ) -> None:
-        """Set the friction of simulations ``ids``, up and down, (M, n, 2).
-
-        Coulomb friction and stiction are in N·m, Stribeck velocities in rad/s, viscous friction in
-        N·m·s/rad.
-        """
-        self._host_levels[ids] = np.stack([coulomb, stiction, stribeck, viscous], axis=-1)
-
-    def send(self) -> None:
-        """Send both to the device."""
-        self._levels.assign(self._host_levels)
-        self._up.assign(self._host_up)
-
-    def fetch(self, rows: Index) -> None:
-        """Fetch the directions."""
-        self._host_up[rows] = self._up.numpy()[rows]
-
-    def launch(self, step: Any, model: Any, data: Any) -> None:
-        """Choose, on the device."""
-        wp.launch(
-            _switch,
-            dim=self._up.shape,
-            inputs=[step, *self._where, self._levels, data.qvel],
-            outputs=[self._up, model.actuator_biasprm, model.dof_damping],
-        )
-
-
 class WarpBatch:
     """N simulations of a model whose joints are all hinges or slides."""
 
@@ -216,7 +144,7 @@ class WarpBatch:
         self._record = wp.zeros((STEPS, nsim, model.nq), dtype=wp.float64)
         # steps since commands were sent, and since the call
         self._step = wp.zeros(2, dtype=wp.int32)
-        self._switch: LevelSwitch | None = None
+        self._friction: DeviceFriction | None = None
         self.warning = np.zeros((nsim, int(mujoco.mjtWarning.mjNWARNING), 2), dtype=np.int32)
         """(N, warnings, 2) as `Batch.warning`: of bad speeds and angles, the number of calls."""
         for name in (*_SUMMED, *_STATE, *_INPUTS):
@@ -249,7 +177,7 @@ class WarpBatch:
         """Return the per-simulation values of a model field, None where all share the model's."""
         return self._expanded.get(name)
 
-    def switch(self, sticking: StickingModel, up: NDArray[np.bool_], every: int) -> LevelSwitch:
+    def carry(self, sticking: StickingModel, up: NDArray[np.bool_], every: int) -> DeviceFriction:
         """Let the device choose each joint's friction by its direction, every so many steps.
 
         Args:
@@ -259,9 +187,9 @@ class WarpBatch:
         """
         for name in ("actuator_biasprm", "dof_damping"):
             self.expand(name)
-        self._switch = LevelSwitch(sticking, up, every)
+        self._friction = DeviceFriction(sticking, up, every)
         self._graphs.clear()
-        return self._switch
+        return self._friction
 
     # ---- calls -------------------------------------------------------------------------------
 
@@ -305,6 +233,33 @@ class WarpBatch:
         self._fetch(rows)
         return {"qpos": qpos}
 
+    def follow(self, name: str, control: Callable[[int], None], steps: int, substeps: int) -> None:
+        """Advance all simulations by control steps, all of it on the device, as one graph.
+
+        Args:
+            name: of the graph: the same launches have the same name.
+            control: launches what writes `ctrl` in a control step, from 0.
+            steps: control steps.
+            substeps: of the physics in each.
+        """
+
+        def work() -> None:
+            for k in range(steps):
+                self._kinematics()
+                if self._friction is not None:
+                    self._friction.launch_slow(k, self.device)
+                control(k)
+                for _ in range(substeps):
+                    self._one_step()
+            self._kinematics()
+
+        self._send()
+        self._step.zero_()
+        self._launch(f"follow {name}", work)
+        rows = self._rows(None)
+        self._bound["qfrc_applied"][:] = self._data.qfrc_applied.numpy()
+        self._fetch(rows)
+
     # ---- on the device -----------------------------------------------------------------------
 
     def _rows(self, ids: ArrayLike | None) -> Index:
@@ -318,8 +273,8 @@ class WarpBatch:
             getattr(self._data, name).assign(self._bound[name])
         for name, values in self._expanded.items():
             getattr(self._model, name).assign(values)
-        if self._switch is not None:
-            self._switch.send()
+        if self._friction is not None:
+            self._friction.send()
 
     def _advance(self, rows: Index, control: Array) -> Array:
         """Step under controls (M, K, nu); return the positions (M, K, nq) after each step."""
@@ -334,14 +289,14 @@ class WarpBatch:
             self._commands[:count].assign(sent)
             self._step.assign(np.array([0, start], dtype=np.int32))
             for _ in range(count):
-                self._launch("step", self._one_step)
+                self._launch("step", self._commanded_step)
             out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
         return out
 
     def _fetch(self, rows: Index) -> None:
         """Fetch what steps have changed."""
-        if self._switch is not None:
-            self._switch.fetch(rows)
+        if self._friction is not None:
+            self._friction.fetch(rows)
         self._bound["qpos"][rows] = self._angle.numpy()[rows]
         self._bound["act"][rows] = self._bristle.numpy()[rows]
         for name in _STATE:
@@ -373,16 +328,29 @@ class WarpBatch:
         mujoco_warp.kinematics(self._model, self._data)
         mujoco_warp.com_pos(self._model, self._data)
 
-    def _one_step(self) -> None:
-        m, d = self.model, self._data
+    @property
+    def device(self) -> Any:
+        """MuJoCo Warp's data; its arrays stay the same objects."""
+        return self._data
+
+    @property
+    def angle(self) -> Any:
+        """(N, nq) angles on the device, in float64 [rad]."""
+        return self._angle
+
+    def _commanded_step(self) -> None:
         wp.launch(
             _command,
-            dim=(self.nsim, m.nu),
+            dim=(self.nsim, self.model.nu),
             inputs=[self._step, self._commands],
-            outputs=[d.ctrl],
+            outputs=[self._data.ctrl],
         )
-        if self._switch is not None:
-            self._switch.launch(self._step, self._model, d)
+        self._one_step()
+
+    def _one_step(self) -> None:
+        m, d = self.model, self._data
+        if self._friction is not None:
+            self._friction.launch(self._step, self._model, d)
         mujoco_warp.step(self._model, d)
         wp.launch(
             sum_angles,

@@ -22,9 +22,9 @@ class LoadSensor:
 
     def __init__(self, sticking: StickingModel, batch: Any) -> None:
         model = sticking.model
-        self._joint = model.dof_jntid[sticking.motor]
-        self._body = model.jnt_bodyid[self._joint]
-        self._weight = model.body_subtreemass[self._body][:, None] * model.opt.gravity
+        self.joint = model.dof_jntid[sticking.motor]
+        self.body = model.jnt_bodyid[self.joint]
+        self.weight = model.body_subtreemass[self.body][:, None] * model.opt.gravity
         self._com = batch.bind("subtree_com")
         self._anchor, self._axis = batch.bind("xanchor"), batch.bind("xaxis")
         self.bearing = sticking.bearing
@@ -35,9 +35,9 @@ class LoadSensor:
         The signed one is g(q) of M q̈ + C q̇ + g = τ; where the bearing counts both are its moment.
         """
         # written out by component: a reduction's order could depend on the array's shape
-        joint = self._joint
-        r = self._com[ids][:, self._body] - self._anchor[ids][:, joint]
-        axis, w = self._axis[ids][:, joint], self._weight
+        joint = self.joint
+        r = self._com[ids][:, self.body] - self._anchor[ids][:, joint]
+        axis, w = self._axis[ids][:, joint], self.weight
         rx, ry, rz = r[..., 0], r[..., 1], r[..., 2]
         mx = ry * w[:, 2] - rz * w[:, 1]
         my = rz * w[:, 0] - rx * w[:, 2]

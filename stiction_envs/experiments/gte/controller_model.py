@@ -51,6 +51,11 @@ class ControllerModel:
         self.missing = np.zeros((nsim, model.nv))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
 
+    @property
+    def is_wrong(self) -> bool:
+        """Whether it is not the plant's, so that `missing` has to be kept up to date."""
+        return self._true is not None
+
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
         self._qpos[:], stage = q, mujoco.mjtStage.mjSTAGE_VEL

@@ -129,6 +129,7 @@ class GTERig(Rig):
         self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
+        self._device: Any = self._device_cycle() if self.plant.has_device else None
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -218,6 +219,9 @@ class GTERig(Rig):
     ) -> None:
         """Follow for some control steps.
 
+        Where the engine has a device, controllers without senses and compensation run there. Then
+        all is noted when the steps are done, from arrays as they were in each.
+
         Args:
             steps: K control steps.
             watch: called in each, before the arms move; it costs speed.
@@ -227,6 +231,9 @@ class GTERig(Rig):
         given = sampling or Sampling(np.empty((*shape, 3)), np.empty((*shape, 4)), steps, _nothing)
         self._sampling, self._watch = given, watch or _nothing
         self._count, self._row = int(self.step.max()), 0
+        if self._device is not None and self.senses is None and not self.compensator.active:
+            self._follow_on_device(steps)
+            return
         self._arrays = self._step_arrays((given.position, given.quaternion))
         # what is not compiled is asked in every control step
         python = watch or self.senses or not self.dither.sines or self.controller.filters
@@ -234,6 +241,32 @@ class GTERig(Rig):
             self.plant.follow(self._law, steps)
         else:
             self.plant.follow_compiled(self._follow_block, steps)
+
+    def _follow_on_device(self, steps: int) -> None:
+        """Follow on the engine's device, as far as its controller's model is not renewed."""
+        joints = self._watch is not _nothing
+        modelled = joints or self.controller.needs_model or self._model.is_wrong
+        end = self._count + steps
+        while self._count < end:
+            stop = end
+            if modelled:
+                if self._due(self._count)[0]:
+                    self._look_ahead(model=True, goals=False)
+                later = range(self._count + 1, end)
+                stop = next((k for k in later if self._due(k)[0]), end)
+            part = stop - self._count
+            self._device.follow(part, self.dither, watch=self._note, joints=joints)
+            self._count = stop
+
+    def _note(self) -> None:
+        """Note what the host's arrays have of a control step that the device has done."""
+        row, given = self._row, self._sampling
+        given.position[row] = self.end_effector.position
+        given.quaternion[row] = self.end_effector.quaternion
+        if row % given.stride == 0:
+            given.take(row)
+        self._watch()
+        self._row = row + 1
 
     def _follow_block(self, steps: int) -> None:
         """Follow for control steps between which friction does not change slowly."""
@@ -262,6 +295,19 @@ class GTERig(Rig):
             return False, False
         # a slow controller takes at its next cycle what fell due since its last
         return step % self._model_period < hold, step % self._goal_period < hold
+
+    def _device_cycle(self) -> Any:
+        """Return the controllers of the engine's device, which is an extra."""
+        from stiction_envs.control.device.cycle import DeviceCycle
+
+        return DeviceCycle(
+            *(self.plant, self.end_effector, self.controller, self.sequencer, self._path),
+            goal_period=self._goal_period,
+            step=self.step,
+            dither_torque=self.dither_torque,
+            missing=self._model.missing,
+            applied=self.applied,
+        )
 
     def _law(self) -> Array:
         step, row = self._count, self._row

@@ -1,0 +1,1 @@
+"""Controllers on Warp's device, beside the arms that they control (extra ``warp``)."""
