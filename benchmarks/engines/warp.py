@@ -50,6 +50,11 @@ WAIT_S, SEEN_S = 10.0, 30.0
 over which it is then watched [s]."""
 ARMS, STEPS = 64, 500
 """Of the timed run."""
+COUNTS = (1024, 4096, 16384)
+"""Environments at a time, where there is a graphics card."""
+TIMED = 5
+"""Steps of an environment that are timed [-]."""
+NO_CARD = "no CUDA device here: throughput of a graphics card is not measured"
 
 
 @wp.kernel(enable_backward=False)
@@ -277,6 +282,25 @@ def cost(engine: str) -> Row:
     return {"cost": min(seconds[1:]) / (ARMS * STEPS)}
 
 
+def throughput(experiment: str, engine: str, count: int) -> Row:
+    """Return control steps of all Pandas per second of the clock, in whole steps of environments.
+
+    The first step compiles kernels and captures the graph, and is not timed.
+    """
+    register_all()
+    make: Callable[..., ArmVectorEnv] = EXPERIMENTS[experiment].vector_class()
+    env = make(count, robot="panda", engine=engine)
+    ids, space, tiles = np.arange(count), env.core.action_space, env.tiles
+    tiles.reset(ids, [seeding.np_random(k)[0] for k in range(count)], [None] * count)
+    action = np.tile(0.3 * space.high + 0.7 * space.low, (count, 1))
+    tiles.step(ids, action)
+    start = time.perf_counter()
+    for _ in range(TIMED):
+        tiles.step(ids, action)
+    seconds = time.perf_counter() - start
+    return {"rate": count * TIMED * env.core.interval / CONTROL_DT / seconds}
+
+
 # ---- the page ------------------------------------------------------------------------------------
 
 ROBOTS = {"panda": "Panda", "iiwa7": "iiwa 7"}
@@ -292,6 +316,13 @@ JOBS: dict[str, Callable[[], Row]] = {
     "float32 dithered panda": partial(torques, "panda", dithered=True, float32=True),
 }
 """By the keys of their rows; the quick ones first."""
+ON_CARD = {
+    f"throughput {x} {e} {count}": partial(throughput, x, e, count)
+    for x in ("sje", "gte")
+    for e in ENGINES
+    for count in COUNTS
+}
+"""Those that need a graphics card: Warp's there, beside MuJoCo's on all processors."""
 
 
 def page(rows: Mapping[str, Row]) -> dict[str, Any]:
@@ -339,6 +370,12 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         )
         if f"rest {key} {PULLED}" in rows
     ]
+    rates = [
+        [x, str(count), *(short(rows[f"throughput {x} {e} {count}"]["rate"], 3) for e in ENGINES)]
+        for x in ("sje", "gte")
+        for count in COUNTS
+        if all(f"throughput {x} {e} {count}" in rows for e in ENGINES)
+    ]
     costs = {e: rows[f"cost {e}"]["cost"] for e in ENGINES if f"cost {e}" in rows}
     angles = {
         key: short(1e6 * lines[name]["angle"], 2)
@@ -370,6 +407,9 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
             resting,
         ),
         "angles": angles,
+        "rates": table_text(["", "environments", *(f"{e} [steps/s]" for e in ENGINES)], rates)
+        if rates
+        else "",
         "costs": {e: short(1e6 * x, 2) for e, x in costs.items()},
         "ratio": short(costs["warp"] / costs["mujoco"], 2),
         "arms": ARMS,
@@ -396,7 +436,12 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def main() -> None:
     options = STUDY.parser().parse_args()
-    found = STUDY.rows(options).fill(JOBS, lambda job: job(), minutes=options.minutes)
+    jobs = dict(JOBS)
+    if wp.is_cuda_available():
+        jobs |= ON_CARD
+    else:
+        print(NO_CARD)
+    found = STUDY.rows(options).fill(jobs, lambda job: job(), minutes=options.minutes)
     STUDY.write_page(options, **page(found))
 
 
