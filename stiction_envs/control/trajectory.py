@@ -250,7 +250,9 @@ class GoalSequencer:
                 f"({nsim}, 3) and ({nsim}, 4)"
             )
         accepted = np.zeros(nsim, dtype=bool)
-        accept(position, quaternion, _sized(t, nsim), *self.arguments, accepted)
+        tolerances, goals, times, profile, trapezoid = self.arguments
+        now = _sized(t, nsim)
+        accept(position, quaternion, now, tolerances, goals, times, profile, trapezoid, accepted)
         return accepted
 
     @property

@@ -266,13 +266,13 @@ class _Translation(ast.NodeTransformer):
             function = ast.parse(f"wp.{_NUMPY.get(name, name)}", mode="eval").body
             return ast.Call(function, arguments, [])
         assert isinstance(node.func, ast.Name)
-        name, function = node.func.id, self._known.get(node.func.id)
+        name, called = node.func.id, self._known.get(node.func.id)
         if name == "len":
             return ast.parse(f"{ast.unparse(self.visit(node.args[0]))}.shape[0]", mode="eval").body
-        if not hasattr(function, "py_func"):
+        if not hasattr(called, "py_func"):
             return ast.Call(node.func, [self.visit(x) for x in node.args], [])
         kinds = [self._tree(x) for x in node.args]
-        made = _function_of(function, tuple(kinds))
+        made = _function_of(called, tuple(kinds))
         self._scope[made.key] = made
         flat = [y for x in node.args for y in self._flat(x)]
         return _call(made.key, *flat)

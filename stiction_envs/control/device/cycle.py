@@ -302,7 +302,8 @@ class DeviceCycle:
         hold, n = self._path.interface.hold_steps, self._plant.n
         self._gate[:], self._offset[:] = 1.0 / dither.gate_velocity, dither.offset
         cycles = [k for k in range(steps) if (start + k) % hold == 0]
-        table = [dither.ungated((self._step + k) * CONTROL_DT) for k in cycles]
+        times: list[Array] = [np.multiply(self._step + k, CONTROL_DT, dtype=float) for k in cycles]
+        table = [dither.ungated(t) for t in times]
         if name not in self._tables:
             shape = max(len(table), 1), self._plant.nsim, n
             self._tables[name] = wp.zeros(shape, dtype=wp.float64)
