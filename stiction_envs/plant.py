@@ -396,7 +396,7 @@ class Plant:
         self._batch.follow(name, control, steps, self._substeps)
         self._level[:], self._viscous[:] = self._switch.fetch_levels()
         self._steps += steps
-        _raise_if_stopped(self._batch)
+        raise_if_stopped(self._batch)
 
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""
