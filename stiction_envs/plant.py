@@ -380,19 +380,12 @@ class Plant:
     def follow_on_device(self, name: str, control: Callable[[int], None], steps: int) -> None:
         """Advance all simulations by control steps of 1 ms, all of it on the engine's device.
 
-        Args:
-            name: of these launches, which are the same whenever the name is.
-            control: launches what writes the engine's controls in a control step, from 0.
-            steps: control steps.
-
-        Raises:
-            ExperimentError: a simulation that the engine stopped (NaN, divergence).
+        ``control`` launches what writes the engine's controls in a control step, from 0; the same
+        launches have the same name. Raises as `follow`.
         """
         self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
-        self._switch.change_slowly(
-            *(self._load_sensor, self._p, self._factor, self._steps),
-            *(SLOW_STEPS, CONTROL_DT),
-        )
+        clock = self._steps, SLOW_STEPS, CONTROL_DT
+        self._switch.change_slowly(self._load_sensor, self._p, self._factor, *clock)
         self._batch.follow(name, control, steps, self._substeps)
         self._level[:], self._viscous[:] = self._switch.fetch_levels()
         self._steps += steps
