@@ -36,7 +36,7 @@ class Policy(Protocol):
         episode_start: NDArray[Any] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
-        """Return actions (M, 2n) [N·m, Hz] for observations (M, observations), and the state."""
+        """Return actions (M, 2n) [N·m, Hz …] for observations (M, observations), and the state."""
 
 
 def evaluate(
@@ -116,7 +116,7 @@ def evaluate(
         ids = np.flatnonzero(going)
         action = np.asarray(actions, dtype=float)[ids]
         step = tiles.step(ids, action)
-        a, f = action[:, : core.n], action[:, core.n :]
+        a, f = action[:, : core.n], action[:, core.n : 2 * core.n]
         new = {
             "return": step.reward,
             "steps": 1.0,

@@ -22,7 +22,9 @@ from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.experiments.observation import (
+    DITHER,
     Group,
     action_bounds,
     observation_bounds,
@@ -109,8 +111,8 @@ class Episodes(ABC):
     """Measures that are in the info of every step."""
     final: ClassVar[tuple[str, ...]]
     """Measures that are in the info of an episode's last step."""
-    groups: ClassVar[tuple[Group, ...]]
-    """The observation."""
+    groups: tuple[Group, ...]
+    """The observation; of the class, that with the action `DITHERED`."""
     arms_per_thread: ClassVar[int]
     """Most arms of a tile, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
     on_one_thread: ClassVar[bool] = False
@@ -122,6 +124,8 @@ class Episodes(ABC):
     """Unit of the observed speeds [rad/s]."""
     rig: Any
     """The experiment's machine with all N arms."""
+    action_name: str = DITHERED
+    """Of the action, one of `ACTIONS`."""
 
     def __init__(self, num_envs: int, **arguments: Any) -> None:
         """Make N simulations; see `Arguments`."""
@@ -150,17 +154,30 @@ class Episodes(ABC):
         self.n, self.num_envs = arm.n, num_envs
         self.max_episode_steps = int(a.max_episode_steps)
         self.fixed_options = self._check_options(a.fixed_options)
-        low, high = action_bounds(self._nominal, find_poses(arm), e.interface)
+        low, high = self._action_bounds(a)
+        self.quantities = ACTIONS[self.action_name]
+        """Of the action, n numbers each."""
+        self.groups += tuple(q.observed for q in self.quantities[len(DITHER) :])
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         bounds = observation_bounds(arm.n, self.groups)
         self.observation_space = Box(*bounds, dtype=np.float32)
         self.observation_names = observation_names(arm.n, self.groups)
         self._low = self.action_space.low.astype(float)
         self._high = self.action_space.high.astype(float)
-        self.action = np.zeros((num_envs, 2 * arm.n))
+        self.action = np.zeros((num_envs, len(low)))
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.alive = np.zeros(num_envs, dtype=bool)
         self._make(a)
+
+    def _action_bounds(self, a: Any) -> tuple[Array, Array]:
+        """Return the lowest and highest action; one with more than dither is `action_name`'s."""
+        e = self.experiment
+        return action_bounds(self._nominal, find_poses(self.arm), e.interface)
+
+    def _act(self) -> None:
+        """Let the rig do the last actions."""
+        n = self.n
+        self.rig.retune(self.action[:, :n], self.action[:, n : 2 * n])
 
     # ---- what an experiment has of its own ---------------------------------------------------
 
@@ -275,11 +292,13 @@ class Episodes(ABC):
     def step(self, ids: Index, action: Any) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
 
+        Actions of another name of `ACTIONS` have further numbers.
+
         Raises:
             StictionError: an action outside the space, or an episode that is over.
         """
         self.action[ids] = self.check_step(ids, action)
-        self.rig.retune(self.action[:, : self.n], self.action[:, self.n :])
+        self._act()
         self._advance(ids)
         self.steps[ids] += 1
         out = self._outcome(ids)
@@ -313,17 +332,17 @@ class Episodes(ABC):
             out = np.array(action, dtype=float)
         except (TypeError, ValueError):
             raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
-        shape = (len(ids), 2 * self.n)
+        shape = (len(ids), len(self._low))
         if out.shape != shape:
             raise StictionError(f"action has shape {out.shape}: expected {shape}")
         slack = _ROUNDING * (self._high - self._low)
         good = (out >= self._low - slack) & (out <= self._high + slack)
         if not good.all():
             row, k = np.argwhere(~good)[0]
-            what, unit = ("amplitude", "N·m") if k < self.n else ("frequency", "Hz")
+            of = self.quantities[k // self.n]
             raise StictionError(
-                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: expected "
-                f"{self._low[k]:g} to {self._high[k]:g} {unit}"
+                f"action: {of.what} of joint {k % self.n + 1} is {out[row, k]:g} {of.unit}: "
+                f"expected {self._low[k]:g} to {self._high[k]:g} {of.unit}"
             )
         return np.clip(out, self._low, self._high)
 
@@ -344,9 +363,10 @@ class Episodes(ABC):
 
         They are the means over joints of (A / A_max)² and of the dither's (2πfA / limit)².
         """
-        amplitude, frequency = self.action[ids, : self.n], self.action[ids, self.n :]
+        n = self.n
+        amplitude, frequency = self.action[ids, :n], self.action[ids, n : 2 * n]
         rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
-        top = self._high[: self.n]
+        top = self._high[:n]
         power, rates = np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)
         return {
             "power": -self.weights["power_weight"] * share * power,

@@ -21,6 +21,7 @@ NAMED = ("none", "gated", "random", "rule")
 EPISODES = 32  # as in tuning/policies/settings.toml
 ENGINES = ("mujoco", "warp")
 GTE_ONLY = ("trajectory", "stiffness")
+ACTIONS = ("dither", "dither+push")
 
 
 def add_parser(subparsers: Any) -> None:
@@ -74,6 +75,19 @@ def add_task_options(parser: common.Parser) -> None:
         "nullspace",
     )
     parser.add_argument(
+        "--compensation",
+        metavar="KIND|FILE",
+        help="friction compensation in every episode, undithered ones too (gte): a kind of "
+        "`stiction gte`, with gains of the model's friction, or gains that were tuned, "
+        "compensation.csv or final.yaml",
+    )
+    parser.add_argument(
+        "--action",
+        choices=ACTIONS,
+        help="what a policy sets (gte): dither, or also push gains, of which --compensation has "
+        "the middle (default: dither)",
+    )
+    parser.add_argument(
         "--friction-factor",
         type=common.number(0, above=True),
         metavar="X",
@@ -105,6 +119,7 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
     Raises:
         StictionError: an option of another experiment, or an argument that does not exist.
     """
+    from stiction_envs.control.compensation_files import is_file, read_compensation
     from tuning.policies.task import Task
 
     common.read_arm(args)
@@ -114,6 +129,15 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:
         arguments["sensing"] = args.sensing
+    for name in ("action", "compensation"):
+        if getattr(args, name) is None:
+            continue
+        if args.experiment != "gte":
+            raise StictionError(f"--{name}: not with {args.experiment}")
+        arguments[name] = getattr(args, name)
+    if (given := arguments.get("compensation")) is not None and is_file(given):
+        # by its content, which tells trainings from one another
+        arguments["compensation"] = read_compensation(given, None, common.read_arm(args).n)
     if any(args.tilt):
         arguments["tilt"] = tuple(args.tilt)
     if options := {**more, **read_options(args)}:
@@ -150,6 +174,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     task, options = read_task(args), read_options(args)
     check(task, args.policy, options)
     inputs = {**common.model_files(args), **policy_files(task.arm_name, args.policy)}
+    inputs["compensation"] = compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(
@@ -170,6 +195,14 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "summary": evaluated.summary(),
         "rows": list(evaluated.rows),
     }
+
+
+def compensation_file(args: argparse.Namespace) -> Path | None:
+    """Return the file of gains that the user gave, if any."""
+    from stiction_envs.control.compensation_files import is_file
+
+    given = args.compensation
+    return Path(given) if given is not None and is_file(given) else None
 
 
 def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.errors import StictionError
 from tuning.commands import evaluate
 
 # as the packages have them; written out, so that --help does not load them
@@ -39,7 +40,8 @@ def add_parser(subparsers: Any) -> None:
         type=Path,
         metavar="TABLE.csv",
         help="amplitude table that the policy starts with, without its gates (default: half "
-        "of the highest amplitudes and frequencies)",
+        "of the highest amplitudes and frequencies; with --action dither+push no dither, and the "
+        "gains of --compensation)",
     )
     parser.add_argument(
         "--settings",
@@ -78,7 +80,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     start: list[AmplitudeRow] = []
     if args.start is not None:
         start = read_amplitudes(args.start, n_joints=common.read_arm(args).n)
+    action = task.arguments.get("action", evaluate.ACTIONS[0])
+    if args.distil and action != evaluate.ACTIONS[0]:
+        raise StictionError(f"--distil: not with --action {action}: a table holds no gains")
     inputs = {**common.model_files(args), "settings": args.settings, "start": args.start}
+    inputs["compensation"] = evaluate.compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     there = folder.path if folder.resumed else None
     plan = training.Training(

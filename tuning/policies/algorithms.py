@@ -189,6 +189,7 @@ def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None 
             environment=task.kind,
             observation_names=tuple(batch.observation_names),
             interval=float(batch.core.interval),
+            action=batch.core.action_name,
             activation=names[between.pop()] if between else "relu",
             output=output,
             clip=float(normal.clip_obs) if used else float(np.finfo(np.float32).max),

@@ -26,6 +26,8 @@ from scipy.optimize import least_squares
 
 from stiction_envs.envs.agents import GatedTable
 from stiction_envs.envs.evaluation import write_rows
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.actions import DITHERED
 from stiction_envs.measured import AmplitudeRow, write_final
 from tuning.policies.evaluation import Evaluated, evaluate_all
 from tuning.policies.settings import DistilSettings, policy_settings
@@ -135,10 +137,15 @@ def distil(
         policy: anything with Stable-Baselines3's `predict`.
         episodes: episodes to record, and as many others to evaluate; None for the settings'.
         seed: seed of the first episode.
+
+    Raises:
+        StictionError: an action with more than dither, which no table holds.
     """
     settings = policy_settings().distil
     episodes = settings.episodes if episodes is None else episodes
     env = task.make(episodes)
+    if env.core.action_name != DITHERED:
+        raise StictionError(f"distil: action {env.core.action_name}: expected {DITHERED}")
     names = env.core.arm.joint_names
     top = env.core.action_space.high[: env.core.n]
     fits = fit(*watch(env, policy, seed), top=top, settings=settings)

@@ -142,6 +142,7 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
             environment=task.kind,
             observation_names=env.observation_names,
             interval=float(env.core.interval),
+            action=env.core.action_name,
         )
         return _WithinBounds(policy, env)
     if path.suffix != ".csv":

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.method_settings import Positive
 from tuning.policies.policy_file import read_archive, write_archive
 
@@ -49,6 +50,8 @@ class Card:
     """Bound of normalised observations."""
     epsilon: Positive
     """Added to the variance in the normalisation."""
+    action: str = DITHERED
+    """Name of the action space, one of `experiments.actions.ACTIONS`."""
     training: Mapping[str, Any]
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
@@ -57,14 +60,16 @@ class Card:
 class Policy:
     """Observation → normalised → layers → amplitudes [N·m] and frequencies [Hz].
 
+    An action of another name than ``dither`` has further numbers behind these.
+
     A row of a batch gives the same bits as the row alone.
     """
 
     card: Card
     low: Array
-    """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
+    """(k n,) lowest action: n amplitudes [N·m], n frequencies [Hz], what it has besides."""
     high: Array
-    """(2n,) highest action."""
+    """(k n,) highest action."""
     mean: Array
     """(observations,) mean of the observations in training."""
     variance: Array
@@ -90,7 +95,7 @@ class Policy:
             deterministic: not used: the policy is deterministic.
 
         Returns:
-            (2n,) or (M, 2n) amplitudes [N·m] and frequencies [Hz], and None.
+            (k n,) or (M, k n) amplitudes [N·m], frequencies [Hz] and what else there is, and None.
 
         Raises:
             StictionError: an observation of another shape.
@@ -117,7 +122,13 @@ class Policy:
     # ---- where it belongs --------------------------------------------------------------------
 
     def check(
-        self, *, robot: str, environment: str, observation_names: Sequence[str], interval: float
+        self,
+        *,
+        robot: str,
+        environment: str,
+        observation_names: Sequence[str],
+        interval: float,
+        action: str = DITHERED,
     ) -> None:
         """Raise a StictionError that names the difference if this policy is for something else.
 
@@ -126,6 +137,7 @@ class Policy:
             environment: end of the identifier, ``GTE-v0``.
             observation_names: of the environment.
             interval: time between two actions [s].
+            action: name of the action space.
         """
         card = self.card
         kind, version = card.environment.split("-")
@@ -135,6 +147,8 @@ class Policy:
             raise StictionError(f"policy for {mine}: expected one for {other}")
         if version != environment.split("-")[1]:
             raise StictionError(f"policy for {card.environment}: expected one for {environment}")
+        if card.action != action:
+            raise StictionError(f"policy for action {card.action}: expected one for {action}")
         names = tuple(observation_names)
         if card.observation_names != names:
             more = [n for n in card.observation_names if n not in names]
@@ -205,7 +219,8 @@ class Policy:
                     f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}: expected "
                     f"({bias.size}, {sizes[k]}) and ({bias.size},)"
                 )
-        if not (actions == sizes[-1] and actions % 2 == 0 and (self.low < self.high).all()):
+        odd = actions % len(ACTIONS[self.card.action])
+        if not (actions == sizes[-1] and odd == 0 and (self.low < self.high).all()):
             raise StictionError(f"{path}: action bounds that are none: expected low < high")
         if self.variance.min() < 0:
             raise StictionError(f"{path}: variance below 0")
@@ -226,9 +241,10 @@ def _checked_card(path: Path, raw: Mapping[str, Any]) -> Card:
         raise StictionError(f"{path}: {value}{said[:1].lower()}{said[1:]}") from None
     if not np.isfinite([card.interval, card.clip, card.epsilon]).all():
         raise StictionError(f"{path}: interval, clip and epsilon: expected finite numbers")
-    for name, expected in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
-        if raw[name] not in expected:
-            raise unknown(f"{name} in {path}", raw[name], expected)
+    known = (("activation", ACTIVATIONS), ("output", OUTPUTS), ("action", tuple(ACTIONS)))
+    for name, expected in known:
+        if getattr(card, name) not in expected:
+            raise unknown(f"{name} in {path}", getattr(card, name), expected)
     if card.environment.count("-") != 1:
         raise StictionError(f"{path}: environment {card.environment!r}: expected one as GTE-v0")
     return card

@@ -105,7 +105,7 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StartSettings:
-    """A policy that starts from an amplitude table."""
+    """A policy that starts from an amplitude table, or from a treatment's gains."""
 
     slope: Positive
     """Initial variation of the network's output, over that of an untrained network [-]."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.actions import DITHERED
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import fingerprint
 from stiction_envs.reporting.atomic import write_bytes_atomic
@@ -91,6 +92,11 @@ class Training:
         """Settings of the algorithm."""
         return settings_of(self.algorithm, self.settings)
 
+    @property
+    def starts(self) -> bool:
+        """Whether it starts from dither or gains that are known."""
+        return bool(self.start) or self.task.arguments.get("action", DITHERED) != DITHERED
+
     def identity(self) -> dict[str, Any]:
         """Return what distinguishes a training from another."""
         task, settings = self.task, self.settings
@@ -103,7 +109,7 @@ class Training:
             "start": [repr(row) for row in self.start],
             "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
             "settings": fingerprint({"own": self.own, "run": settings.run}),
-            "start_settings": fingerprint(settings.start) if self.start else None,
+            "start_settings": fingerprint(settings.start) if self.starts else None,
             "packages": packages(),
         }
 
@@ -152,7 +158,8 @@ def train(
         out: an existing folder; an unfinished run of the same training in it is continued.
         seed: seed of all random numbers.
         start: amplitudes that the policy starts with, for every observation; their gates are
-            ignored. None: half of the highest amplitudes and frequencies.
+            ignored. None: half of the highest amplitudes and frequencies; with an action that has
+            more than dither no dither, and the gains of the environment's treatment.
         settings: None for the defaults.
         progress: see `Progress`.
 
@@ -178,8 +185,8 @@ class _Process:
         task, seed = training.task, training.seed
         env = make_env(task, own.envs, run, own.gamma)
         self._model = make_model(own, env, seed)
-        if training.start:
-            action = scaled_table(task, training.start)
+        if training.starts:
+            action = first_action(task, training.start)
             begin_with(self._model, action, training.settings.start)
         self._evaluations = Evaluations(
             make_env(task, run.evaluation_episodes, run, own.gamma),
@@ -263,8 +270,10 @@ def _has_tensorboard() -> bool:
     return importlib.util.find_spec("tensorboard") is not None
 
 
-def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
-    """Return an amplitude table as an action (2n,) in [-1, 1].
+def first_action(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
+    """Return an amplitude table as an action in [-1, 1]; what it has besides dither is 0.
+
+    Without rows it is no dither, at frequencies of 0.
 
     Raises:
         StictionError: a table that the environment cannot execute.
@@ -273,8 +282,12 @@ def scaled_table(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64
     space: Any = env.single_action_space
     table = ConstantTable(env, rows)
     env.close()
-    action = np.concatenate([table.amplitude, table.frequency])
-    return 2.0 * (action - space.low) / (space.high - space.low) - 1.0
+    dither = np.concatenate([table.amplitude, table.frequency])
+    low, high = space.low[: len(dither)], space.high[: len(dither)]
+    action = 2.0 * (dither - low) / (high - low) - 1.0
+    if not rows:
+        action[table.n :] = 0.0
+    return np.append(action, np.zeros(len(space.low) - len(dither)))
 
 
 def far_seed(seed: int, which: int) -> int:

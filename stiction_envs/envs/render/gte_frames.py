@@ -125,7 +125,7 @@ class PathRenderer(Renderer):
         core, (left, top, right, bottom) = self._core, box
         text = "dither: share of A_max, frequency [Hz]"
         draw.text((14, top - 20), text, font=font(12), fill=INK)
-        amplitude, frequency = np.split(core.action[i], 2)
+        amplitude, frequency = core.action[i, : core.n], core.action[i, core.n : 2 * core.n]
         share = amplitude / core.action_space.high[: core.n]
         pitch = (right - left) / core.n
         draw.rectangle(box, outline=SOFT)
