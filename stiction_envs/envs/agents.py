@@ -8,8 +8,8 @@
 
 Observations are (observations,) or a batch (M, observations), actions (2n,) or (M, 2n) in the units
 of the environment: amplitudes [N·m], then frequencies [Hz]. What an action has besides stays in the
-middle of its bounds: the gains of the treatment that the environment has. Actions depend on the observation only,
-so that they are the same bits in any batch.
+middle of its bounds: the gains of the environment's treatment. Actions depend on the observation
+only, so that they are the same bits in any batch.
 """
 
 from __future__ import annotations

@@ -40,4 +40,4 @@ ACTIONS: dict[str, tuple[Quantity, ...]] = {
 }
 """Quantities of an action, in order, by its name."""
 MOST_GAIN = 2.0
-"""Largest gain of an action over the treatment's [-]: the middle of the range is the treatment's."""
+"""Largest gain over the treatment's [-]: the middle of the range is the treatment's."""

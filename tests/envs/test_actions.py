@@ -116,7 +116,10 @@ def test_agents_dither_and_leave_the_gains_alone(name):
         ({"action": "push"}, "unknown action 'push': expected one of dither, dither+push"),
         ({"action": PUSHED, "compensation": "partial"}, "compensation partial: expected push"),
         (
-            {"action": PUSHED, "compensation": dataclasses.replace(PUSH, gain=(1, 1, 0, 1, 1, 1, 1))},
+            {
+                "action": PUSHED,
+                "compensation": dataclasses.replace(PUSH, gain=(1, 1, 0, 1, 1, 1, 1)),
+            },
             "compensation gain of joint 3 is 0: expected > 0 N·m",
         ),
     ],

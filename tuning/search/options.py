@@ -71,6 +71,9 @@ class Options:
             raise StictionError("compensation: expected objective gte or both")
         if self.without_dither and (self.compensation == "none" or self.objective != "gte"):
             raise StictionError("without dither: expected objective gte, and a compensation")
+        still = self.treatment is not None and "dither" not in TREATMENTS[self.treatment]
+        if self.pareto == "power" and (self.without_dither or still):
+            raise StictionError("pareto power, of the dither: expected dither to be searched")
         if self.without_dither and self.gates != "none":
             raise StictionError("gates: expected dither to be searched")
         for name in self.free:

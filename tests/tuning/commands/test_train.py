@@ -75,6 +75,23 @@ def test_train_writes_what_the_contract_says(train, cli, work):
 
 
 @pytest.mark.slow
+def test_a_policy_that_pushes_from_the_command_line(cli, settings, work, inputs):
+    gains = inputs / "compensation.csv"
+    gains.write_text("joint,kind,gain_nm\n" + "".join(f"{j},push,0.5\n" for j in range(1, 8)))
+    task = ["panda", "gte", "--action", "dither+push", "--compensation", gains]
+    short = ["--trajectory", "triangle", "--env", "max_episode_steps=8", "control_interval_s=0.2"]
+    training = ["--algo", "ppo", "--steps", 32, "--settings", settings, "--out", "out"]
+    assert cli("train", *task, *short, *training).code == 0
+    inputs_of = json.loads((work / "out" / NAME).read_text())["inputs"]
+    assert "compensation" in inputs_of
+    options = ["--policy", "none", "out/policy.zip", "--episodes", 2]
+    assert cli("evaluate", *task, *short, *options, "--out", "pushed").code == 0
+    ran = cli("evaluate", "panda", "gte", *short, *options, "--out", "not")
+    assert ran.code == 2
+    assert "policy for action dither+push: expected one for dither" in ran.err
+
+
+@pytest.mark.slow
 def test_what_is_shown(train):
     ran = train("--distil", steps=32)
     lines = ran.out.splitlines()
@@ -134,14 +151,27 @@ BAD_OPTIONS = {
     "--settings {own.toml}": "no such setting: expected one of",
     "--friction-factor 0": "expected finite numbers above 0",
 }
+PUSHING = "panda gte --algo ppo --steps 64 --action dither+push"
+BAD_TRAINING |= {
+    "panda sje --algo ppo --steps 64 --action dither+push": "--action: not with sje",
+    "panda sje --algo ppo --steps 64 --compensation push": "--compensation: not with sje",
+    "panda gte --algo ppo --steps 64 --action push": "choose from 'dither', 'dither+push'",
+    f"{PUSHING} --distil": "--distil: not with --action dither+push: a table holds no gains",
+    f"{PUSHING} --compensation partial": "compensation partial: expected push",
+    f"{PUSHING} --compensation shove": "unknown compensation 'shove'",
+    f"{PUSHING} --compensation no.csv": "no.csv",
+    f"{PUSHING} --compensation {{gains.csv}}": "compensation gain of joint 2 is 0: expected > 0",
+}
 BAD_TRAINING |= {f"panda sje --algo ppo --steps 64 {k}": v for k, v in BAD_OPTIONS.items()}
 
 
 @pytest.mark.parametrize(("line", "says"), BAD_TRAINING.items(), ids=BAD_TRAINING)
 def test_bad_training_is_refused(refused, settings, inputs, line, says):
     (inputs / "own.toml").write_text("[ppo]\nspeed = 3\n")
+    (inputs / "gains.csv").write_text("joint,kind,gain_nm\n1,push,0.5\n")
     words = shlex.split(line)
-    usual = [*words[:2], "--settings", settings, *QUICK]
+    quick = QUICK if words[1] == "sje" else ()
+    usual = [*words[:2], "--settings", settings, *quick]
     assert says in refused("train", *usual, *words[2:])
 
 

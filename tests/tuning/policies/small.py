@@ -49,6 +49,7 @@ def made_up(
     interval: float = 0.1,
     hidden: int = 4,
     output: str = "tanh",
+    action: str = "dither",
     seed: int = 0,
 ) -> Policy:
     """Return a policy with one hidden layer and weights drawn from a seed."""
@@ -64,6 +65,7 @@ def made_up(
             output=output,
             clip=10.0,
             epsilon=1e-8,
+            action=action,
             training={"algorithm": "made up"},
         ),
         low=np.array(low, float),

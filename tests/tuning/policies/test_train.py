@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from tests.tuning.policies.small import SPRINT, small_settings
@@ -26,6 +27,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tuning.policies import checkpoint
 from tuning.policies import train as training
 from tuning.policies.algorithms import export, make_env, make_model
+from tuning.policies.evaluation import read_agent
 from tuning.policies.policy import Policy
 from tuning.policies.resumable_env import ResumableVecEnv
 from tuning.policies.settings import PolicySettings
@@ -167,6 +169,32 @@ def test_evaluations_are_of_the_same_episodes(tmp_path):
     # the normalisation of what is seen changes
     assert points[0].evaluation_return == pytest.approx(points[-1].evaluation_return, abs=0.005)
     assert points[0].evaluation_std == pytest.approx(points[-1].evaluation_std, abs=0.005)
+
+
+def test_a_policy_that_pushes_starts_with_the_treatments_gains(tmp_path):
+    """Untrained (learning rate next to 0) it is the treatment alone: a return of −1, but for its
+    exploration; it plays where it was trained, not where there are no gains."""
+    gain = (0.5, 0.75, 0.5, 0.75, 0.25, 0.25, 0.375)
+    pushing = {"action": "dither+push", "compensation": Compensation(kind="push", gain=gain)}
+    task = replace(SPRINT, arguments={**SPRINT.arguments, **pushing})
+    assert training.first_action(task, []).tolist() == [-1.0] * 7 + [0.0] * 14
+    still = small_settings(**{"ppo.learning_rate": 1e-30})
+    trained = train(task, "ppo", steps=32, out=tmp_path, settings=still)
+    policy = trained.policy
+    assert policy.card.action == "dither+push"
+    env = task.make(2)
+    observation, _ = env.reset(seed=1)
+    action, _ = policy.predict(observation)
+    assert action[:, :7] == pytest.approx(0, abs=0.01)
+    assert action[:, 14:] == pytest.approx(np.array([gain] * 2), rel=0.01)
+    assert trained.points[0].evaluation_return == pytest.approx(-1, abs=0.1)
+    read_agent(str(tmp_path / "policy.zip"), task, env)
+    with pytest.raises(StictionError, match=r"policy for action dither\+push: expected one for di"):
+        read_agent(str(tmp_path / "policy.zip"), SPRINT, SPRINT.make(1))
+    other = {**pushing, "compensation": Compensation(kind="push", gain=(0.5,) * 7)}
+    moved = replace(SPRINT, arguments={**SPRINT.arguments, **other})
+    with pytest.raises(StictionError, match=r"checkpoint .*arguments"):
+        train(moved, "ppo", steps=32, out=tmp_path, settings=still)
 
 
 @pytest.mark.slow

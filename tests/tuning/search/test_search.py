@@ -122,6 +122,7 @@ def test_two_objectives_make_a_front(small, tmp_path, price):
         ({"sampler": "nsga2"}, "pareto"),
         ({"sampler": "gp", "pareto": "power"}, "two objectives"),
         ({"pareto": "weight"}, "torque_rate"),
+        ({"pareto": "power", "objective": "gte", "treatment": "push"}, "dither to be searched"),
         ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
         ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
         ({"free": ("phase",)}, "phase"),
