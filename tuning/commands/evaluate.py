@@ -173,8 +173,11 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     task, options = read_task(args), read_options(args)
     check(task, args.policy, options)
-    inputs = {**common.model_files(args), **policy_files(task.arm_name, args.policy)}
-    inputs["compensation"] = compensation_file(args)
+    inputs = {
+        **common.model_files(args),
+        **policy_files(task.arm_name, args.policy),
+        "compensation": compensation_file(args),
+    }
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(
