@@ -163,6 +163,14 @@ class RobotSettings:
     """Standard deviation of the error of a single setting [-]."""
     firmness: Positive
     """Weight of these numbers, as a number of readings from the robot itself."""
+    members: Count
+    """Frictions under which an arm is simulated that was never fitted, the nominal one included."""
+    spread: Positive
+    """Standard deviation of the logarithm of its rotors and of its springs [-]."""
+    bristle_spread: Positive
+    """Standard deviation of the logarithm of its bristles' stiffness [-]."""
+    joint_stiffness: Positive
+    """Median stiffness of its springs between rotor and link [N·m/rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)

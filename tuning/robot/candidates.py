@@ -33,6 +33,9 @@ class Candidates:
     """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
     displacement: Array
     """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
+    deviation: Array = field(default_factory=lambda: np.zeros(0))
+    """(K, S, 4) by how much the predictions under each of K frictions differ from their mean, which
+    is ``predicted`` [-]; the default is one friction."""
     eligible: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, dtype=bool))
     """(S,) may be proposed and chosen; the others (too much vibration) only serve for learning. The
     default is all."""
@@ -41,7 +44,12 @@ class Candidates:
         s = len(self.frequency_hz)
         if not len(self.eligible):
             object.__setattr__(self, "eligible", np.ones(s, dtype=bool))
-        shapes = {"amplitude_nm": (s, 4), "predicted": (s, 4), "displacement": (s, 4)}
+        if not self.deviation.size:
+            object.__setattr__(self, "deviation", np.zeros((1, s, 4)))
+        shapes: dict[str, tuple[int, ...]] = {
+            **dict.fromkeys(("amplitude_nm", "predicted", "displacement"), (s, 4)),
+            "deviation": (len(self.deviation), s, 4),
+        }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:
                 raise StictionError(

@@ -4,7 +4,8 @@ The ratio y = |τ|/|τ_base| of setting s in configuration c is
 
     y(s, c) = m(s, c) + d(s, c) + ε,      ε ~ N(0, σ_n²)
 
-where m is the prediction of the simulation and d, its discrepancy, is a Gaussian process (Kennedy &
+where m is the prediction of the simulation, the mean under several frictions where the arm's is not
+known (`ensemble`), and d, its discrepancy, is a Gaussian process (Kennedy &
 O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001; Rasmussen &
 Williams, Gaussian Processes for Machine Learning, 2006, eq. 2.22–2.24). The result is the mean of
 the four configurations. A common error of the simulation shifts all settings equally and decides
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.gaussian_process import GaussianProcessRegressor
+from scipy.linalg import cho_factor, cho_solve
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
 from tuning.robot.candidates import Candidates, Readings
@@ -49,17 +50,30 @@ def discrepancy_kernel(s: RobotSettings) -> Kernel:
     )
 
 
-def widening(process: GaussianProcessRegressor, s: RobotSettings) -> float:
+def prior_covariance(candidates: Candidates, s: RobotSettings) -> Array:
+    """Return (4 S, 4 S) covariance of the cells before anything was measured.
+
+    It is the discrepancy's, and the sample covariance of predictions under several frictions: a
+    reading that fits one of these better moves all settings towards it.
+    """
+    apart = candidates.deviation.reshape(len(candidates.deviation), -1)
+    out: Array = discrepancy_kernel(s)(candidates.features)
+    return out + apart.T @ apart / max(len(apart) - 1, 1)
+
+
+def widening(d: Array, weighted: Array, s: RobotSettings) -> float:
     """Return the factor (≥ 1) that widens the posterior for readings further off than it expected.
 
     It is that of a Student-t process, (ν + dᵀ K⁻¹ d)/(ν + M) for M readings (Shah, Wilson &
     Ghahramani, AISTATS 2014, lemma 3), where that is wider: for a robot unlike those that the
     kernel's numbers come from, the posterior must not be too narrow.
+
+    Args:
+        d: (M,) readings less their predictions [-].
+        weighted: (M,) K⁻¹ d.
+        s: numbers of the method.
     """
-    if not hasattr(process, "alpha_"):
-        return 1.0
-    d = process.y_train_
-    return max(1.0, float((s.firmness + d @ process.alpha_) / (s.firmness + len(d))))
+    return max(1.0, float((s.firmness + d @ weighted) / (s.firmness + len(d))))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,14 +118,17 @@ def posterior_of(
     """
     s = settings or tuning_settings().robot
     at = readings.setting[readings.valid] * CONFIGURATIONS + readings.configuration[readings.valid]
-    x, m = candidates.features, candidates.predicted.ravel()
-    process = GaussianProcessRegressor(discrepancy_kernel(s), alpha=s.noise**2, optimizer=None)
+    m, prior = candidates.predicted.ravel(), prior_covariance(candidates, s)
+    mean, covariance = m, prior
     if len(at):
-        process.fit(x[at], readings.ratio[readings.valid] - m[at])
-    correction, covariance = process.predict(x, return_cov=True)
-    covariance = covariance * widening(process, s)
+        d = readings.ratio[readings.valid] - m[at]
+        factor = cho_factor(prior[np.ix_(at, at)] + s.noise**2 * np.eye(len(at)), lower=True)
+        weighted = cho_solve(factor, d)
+        mean = m + prior[:, at] @ weighted
+        covariance = prior - prior[:, at] @ cho_solve(factor, prior[at])
+        covariance = covariance * widening(d, weighted, s)
     cells = (len(candidates), CONFIGURATIONS)
-    mean = (m + correction).reshape(cells)
+    mean = mean.reshape(cells)
     blocks = covariance.reshape(*cells, *cells)
     return Posterior(
         mean=mean.mean(axis=1),

@@ -6,7 +6,7 @@ reaches the displacement limit, where the best setting usually lies, and none be
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
     """Return the candidates of all joints with simulated ratios and displacements.
 
     Args:
-        objective: the arm, its bounds and largest displacements, under one friction.
+        objective: the arm, its bounds and largest displacements, under one friction or several.
         settings: numbers of the method.
 
     Raises:
@@ -75,14 +75,23 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
                 f"{limit[j - 1]:.3g} rad and frees it in simulation: expected one or more"
             )
         mine = sorted(kept, key=_place)
+        predicted, deviation = mean_of([kept[row].ratio for row in mine])
         out[j] = Candidates(
             joint=j,
             frequency_hz=np.array([row.frequency_hz for row in mine]),
             amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in mine]),
-            predicted=np.concatenate([kept[row].ratio for row in mine]),
-            displacement=np.concatenate([kept[row].oscillation for row in mine]),
+            predicted=predicted,
+            deviation=deviation,
+            displacement=np.stack([kept[row].oscillation.mean(axis=0) for row in mine]),
         )
     return out
+
+
+def mean_of(ratios: Sequence[Array]) -> tuple[Array, Array]:
+    """Return mean (S, 4) and deviations (K, S, 4) of ratios (K, 4) of S settings."""
+    each = np.stack(ratios, axis=1)
+    mean: Array = each.mean(axis=0)
+    return mean, each - mean
 
 
 def _place(row: AmplitudeRow) -> tuple[float, float]:

@@ -48,7 +48,10 @@ class Predicted:
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON values; floats read back exactly."""
-        names = ("frequency_hz", "amplitude_nm", "predicted", "displacement", "eligible")
+        names = (
+            *("frequency_hz", "amplitude_nm", "predicted", "deviation"),
+            *("displacement", "eligible"),
+        )
         return {
             "joints": {
                 str(j): {name: getattr(c, name).tolist() for name in names}

@@ -24,8 +24,9 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.provenance import sha256
 from tuning.robot.candidates import Candidates
+from tuning.robot.ensemble import plausible
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
-from tuning.robot.prediction import predict
+from tuning.robot.prediction import mean_of, predict
 from tuning.robot.report import State, state_of, write_state
 from tuning.robot.robot_study import (
     Predicted,
@@ -121,7 +122,8 @@ class Session:
     def ask(self, count: int = 1) -> State:
         """Write the settings to measure next: ask.csv, and measure.csv to fill in and enter.
 
-        The first call simulates all candidates (minutes); later calls read them from the study.
+        The first call simulates all candidates (minutes; for an arm that nobody has fitted under
+        several frictions, which takes as many times longer); later calls read them from the study.
 
         Args:
             count: settings per joint that is not finished yet.
@@ -201,7 +203,7 @@ class Session:
         return BreakawayObjective(
             e,
             self.bounds,
-            [e.sticking.parameters],
+            plausible(e.sticking.parameters, s),
             iterations=s.iterations,
             limits=self.limits,
             progress=self._simulated(),
@@ -220,14 +222,17 @@ class Session:
         candidates = dict(predicted.candidates)
         for row in new:
             c, m = candidates[row.joint], found[row]
+            # a setting that leaves the joint stuck in simulation is predicted to have no effect
+            mean, deviation = mean_of([np.nan_to_num(m.ratio, nan=1.0)])
+            shaken = m.oscillation.mean(axis=0)
             candidates[row.joint] = Candidates(
                 joint=row.joint,
                 frequency_hz=np.append(c.frequency_hz, row.frequency_hz),
                 amplitude_nm=np.vstack([c.amplitude_nm, [row.amplitude_nm] * 4]),
-                # a setting that leaves the joint stuck in simulation is predicted to have no effect
-                predicted=np.vstack([c.predicted, np.nan_to_num(m.ratio, nan=1.0)]),
+                predicted=np.vstack([c.predicted, mean]),
+                deviation=np.concatenate([c.deviation, deviation], axis=1),
                 # at least 1e-9 rad (assumed): its logarithm is an input of the posterior
-                displacement=np.vstack([c.displacement, np.maximum(m.oscillation, 1e-9)]),
+                displacement=np.vstack([c.displacement, np.maximum(shaken, 1e-9)]),
                 eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
             )
         out = dataclasses.replace(predicted, candidates=candidates)
@@ -241,6 +246,7 @@ class Session:
         s, e, progress, done = self.settings.robot, self.experiment, self._progress, 0.0
         settings = s.frequencies * (s.amplitudes + 1) + 2
         total = settings * e.expected_seconds(e.jobs(), s.iterations)
+        total *= len(plausible(e.sticking.parameters, s))
 
         def report(seconds: float) -> None:
             nonlocal done

@@ -1,0 +1,93 @@
+"""Frictions of an arm that nobody has fitted, and what readings say about them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.robots import load_arm
+from tests.tuning.robot.made_up import NOTHING, joint, read
+from tuning.robot.ensemble import plausible
+from tuning.robot.posterior import posterior_of, prior_covariance
+from tuning.robot.robot_study import Predicted
+from tuning.settings import tuning_settings
+
+S = tuning_settings().robot
+FLAT = np.full(4, 0.8)
+LOW_FIRST, LOW_LAST = np.array([0.5, 0.7, 0.9, 1.1]), np.array([1.1, 0.9, 0.7, 0.5])
+
+
+def unsure(*each: np.ndarray):
+    """Return settings whose predictions under several frictions are these, alike in all cells."""
+    cells = np.repeat(np.array(each)[:, :, None], 4, axis=2)
+    c = joint(cells.mean(axis=0)[:, 0])
+    return dataclasses.replace(c, deviation=cells - cells.mean(axis=0))
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
+def test_an_arm_that_was_fitted_has_one_friction(robot):
+    nominal = load_friction(robot)
+    assert plausible(nominal, S) == [nominal]
+
+
+def test_unfitted_joints_get_springs_and_the_arm_can_be_simulated():
+    arm, nominal = load_arm("panda"), load_friction("generic", 7)
+    first, *others = found = plausible(nominal, S)
+    assert first is nominal
+    assert len(found) == S.members
+    for p in others:
+        assert p.elastic.all()
+        assert np.array_equal(p.stiction, nominal.stiction), "base torques say how strong it is"
+        build(arm, p)
+    assert len({tuple(p.bristle_stiffness) for p in found}) == S.members
+    again = plausible(nominal, S)
+    assert np.array_equal(again[-1].joint_stiffness, others[-1].joint_stiffness)
+
+
+def test_joints_that_were_fitted_stay_as_they_are():
+    nominal = load_friction("generic", 7)
+    rotor = nominal.rotor_inertia.copy()
+    rotor[2] = 0.2
+    other = plausible(nominal.replace(rotor_inertia=rotor), S)[1]
+    assert other.rotor_inertia[2] == 0.2
+    assert other.bristle_stiffness[2] == nominal.bristle_stiffness[2]
+    assert np.flatnonzero(~other.elastic).tolist() == [2]
+
+
+def test_equal_frictions_are_one_friction():
+    one, same = joint(FLAT), unsure(FLAT, FLAT, FLAT)
+    assert np.array_equal(prior_covariance(same, S), prior_covariance(one, S))
+
+
+def test_what_frictions_disagree_about_is_unsure():
+    """The sample covariance of the members is added: of two, half the squared difference."""
+    c = unsure(LOW_FIRST, LOW_LAST)
+    added = posterior_of(c, NOTHING).sd ** 2 - posterior_of(joint(FLAT), NOTHING).sd ** 2
+    np.testing.assert_allclose(added, (LOW_FIRST - LOW_LAST) ** 2 / 2)
+
+
+def test_a_reading_that_fits_one_friction_moves_all_settings_towards_it():
+    c = unsure(LOW_FIRST, LOW_LAST)
+    truth = np.repeat(LOW_FIRST[:, None], 4, axis=1)
+    known = posterior_of(c, read(truth, [3])).mean
+    alone = posterior_of(dataclasses.replace(c, deviation=np.zeros(0)), read(truth, [3])).mean
+    assert np.argmin(known) == 0
+    assert abs(known[0] - 0.5) < 0.05
+    assert alone[0] > 0.75, "without the ensemble the lowest frequency is not suspected"
+
+
+def test_a_study_keeps_the_frictions_and_one_of_before_has_none():
+    c = unsure(LOW_FIRST, LOW_LAST)
+    predicted = Predicted(candidates={1: c}, base_nm={}, limit=[1.0])
+    stored = predicted.to_json()
+    again = Predicted.of_json(stored).candidates[1]
+    assert np.array_equal(again.deviation, c.deviation)
+    del stored["joints"]["1"]["deviation"]
+    assert not Predicted.of_json(stored).candidates[1].deviation.any()
+    with pytest.raises(StictionError, match=r"deviation has shape \(2, 3, 4\): expected \(2, 4, 4"):
+        dataclasses.replace(c, deviation=np.ones((2, 3, 4)))
