@@ -105,10 +105,11 @@ class Recording:
             make: a function of a module; only its last result is kept.
             arguments: numbers.
         """
-        if make not in self._derived or self._derived[make][0] != arguments:
+        kept = self._derived.get(make)
+        if kept is None or kept[0] != arguments:
             self._derived.pop(make, None)  # two results at once take too much memory
-            self._derived[make] = arguments, make(self, *arguments)
-        return self._derived[make][1]
+            kept = self._derived[make] = arguments, make(self, *arguments)
+        return kept[1]
 
     def bristles(self, distance: Array) -> Array:
         """Return (T, n, k) `bristles` along the reversal path, unfiltered [-].

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes.base import Array, Parameter, Shape, View, variable
@@ -56,11 +57,9 @@ def crossings(data: Data, joint: int, gaps: Array, damping: float, flank: float)
     beyond it. L is the load at the motor's angle, with its gravity slope to first order in δ.
     Derived here.
     """
-    load, (mass, slope) = data.rigid[:, joint], own_terms(data, joint)
-    out = np.empty((len(mass), len(gaps)))
-    for run in data.runs():
-        _fly(load[run], slope[run], mass[run], gaps / 2, damping, flank, data.dt, out[run])
-    return out
+    mass, slope = own_terms(data, joint)
+    loads = data.rigid[:, joint], slope, mass
+    return _fly(*loads, data.recording.segment, gaps / 2, damping, flank, data.dt)
 
 
 @compiled
@@ -68,20 +67,24 @@ def _fly(
     load: Array,
     slope: Array,
     mass: Array,
+    segment: NDArray[np.int64],
     half: Array,
     ratio: float,
     flank: float,
     h: float,
-    out: Array,
-) -> None:
-    """Put `crossings` of one run into ``out`` (T, K), from rest on the flank.
+) -> Array:
+    """Return `crossings` (T, K), in each segment from rest on the flank.
 
     Velocity Verlet in flight, exact for a load that is constant over a sample; implicit Euler on
     the flank, stable for any stiffness.
     """
-    x, u = -np.sign(load[0]) * half - load[0] / flank, np.zeros(len(half))
-    out[0] = x
-    for i in range(1, len(load)):
+    out, x, u = np.empty((len(load), len(half))), np.empty(len(half)), np.empty(len(half))
+    for i in range(len(load)):
+        if i == 0 or segment[i] != segment[i - 1]:
+            for g in range(len(half)):
+                x[g], u[g] = -np.sign(load[i]) * half[g] - load[i] / flank, 0.0
+                out[i, g] = x[g]
+            continue
         k = flank / mass[i]
         damped = 1.0 + h * 2 * ratio * np.sqrt(k) + h * h * k
         for g in range(len(half)):  # inside: the processor takes several gaps at once
@@ -94,21 +97,23 @@ def _fly(
             u[g] = u[g] + 0.5 * h * (before + after) if free else press
             x[g] = fly if free else x[g] + h * press
             out[i, g] = x[g]
+    return out
 
 
 def dragged(data: Data, joint: int, gaps: Array) -> Array:
     """Return (T, K) part of the load, −1 or 0, that K gaps miss after reversals of the motor."""
-    out = np.zeros((len(data.q), len(gaps)))
-    for run in data.runs():
-        _missing(data.reversal_path[run, joint], gaps, out[run])
-    return out
+    return _missing(data.reversal_path[:, joint], data.recording.segment, gaps)
 
 
 @compiled
-def _missing(path: Array, gaps: Array, out: Array) -> None:
-    """Put `dragged` of one run into ``out`` (T, K), which is zero."""
+def _missing(path: Array, segment: NDArray[np.int64], gaps: Array) -> Array:
+    """Return `dragged` (T, K)."""
+    out = np.zeros((len(path), len(gaps)))
     side, turn, turned = 0.0, 0.0, False
     for i in range(1, len(path)):
+        if segment[i] != segment[i - 1]:
+            side, turned = 0.0, False
+            continue
         step = np.sign(path[i] - path[i - 1])
         if step != 0.0 and step != side:
             if side != 0.0:
@@ -118,6 +123,7 @@ def _missing(path: Array, gaps: Array, out: Array) -> None:
             way = abs(path[i] - turn)
             for g in range(len(gaps)):
                 out[i, g] = -1.0 if way < gaps[g] else 0.0
+    return out
 
 
 def lost(data: Data, joint: int, gaps: Array) -> Array:
@@ -127,7 +133,7 @@ def lost(data: Data, joint: int, gaps: Array) -> Array:
     control of systems with actuator and sensor nonlinearities", 1996.
     """
     out = np.zeros((len(data.q), len(gaps)))
-    for run in data.runs():
+    for run in (x for x in data.runs() if x.stop - x.start > 1):
         path = data.reversal_path[run, joint]
         out[run] = play(path, gaps / 2) - path[:, None]
     return out

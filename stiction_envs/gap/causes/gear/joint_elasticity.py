@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes.base import Array, Parameter, Shape
@@ -102,12 +103,9 @@ def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> 
 
 def deflections(data: Data, joint: int, springs: Sequence[Shape]) -> Array:
     """Return (T, k) `deflection` of k springs, each its stiffness and damping ratio."""
-    load, (mass, slope) = data.rigid[:, joint], own_terms(data, joint)
+    loads = data.rigid[:, joint], *own_terms(data, joint)
     stiffness, ratio = np.array(springs).T
-    out = np.empty((len(load), len(stiffness)))
-    for run in data.runs():
-        _swing(load[run], mass[run], slope[run], stiffness, ratio, data.dt, out[run])
-    return out
+    return _swing(*loads, data.recording.segment, stiffness, ratio, data.dt)
 
 
 @compiled
@@ -115,17 +113,20 @@ def _swing(
     load: Array,
     mass: Array,
     slope: Array,
+    segment: NDArray[np.int64],
     stiffness: Array,
     ratio: Array,
     h: float,
-    out: Array,
-) -> None:
-    """Put `deflections` of one run into ``out`` (T, k), from rest."""
+) -> Array:
+    """Return `deflections` (T, k), in each segment from rest."""
     springs = len(stiffness)
-    x, v, a = np.empty(springs), np.zeros(springs), np.zeros(springs)
-    for s in range(springs):
-        x[s] = -load[0] / max(stiffness[s] + slope[0], 0.1 * stiffness[s])
+    out = np.empty((len(load), springs))
+    x, v, a = np.empty(springs), np.empty(springs), np.empty(springs)
     for k in range(len(load)):
+        if k == 0 or segment[k] != segment[k - 1]:
+            for s in range(springs):
+                x[s] = -load[k] / max(stiffness[s] + slope[k], 0.1 * stiffness[s])
+                v[s], a[s] = 0.0, 0.0
         for s in range(springs):  # inside: the processor takes several springs at once
             total = max(stiffness[s] + slope[k], 0.1 * stiffness[s])
             damping = 2 * ratio[s] * np.sqrt(stiffness[s] * mass[k])
@@ -134,3 +135,4 @@ def _swing(
             a[s] = force / (mass[k] + damping * h / 2 + total * h * h / 4)
             x[s], v[s] = ahead + h * h * a[s] / 4, faster + h * a[s] / 2
             out[k, s] = x[s]
+    return out

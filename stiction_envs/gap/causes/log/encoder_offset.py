@@ -77,10 +77,8 @@ class EncoderOffset(Cause):
         recording, there = data.recording, data.q.copy()
         there[:, joint] -= shape[0]
         model = _under(recording.pinocchio, data.gravity_found)
-        here = recording.rigid
-        if data.gravity_found:
-            here = inverse_dynamics(model, data.q, data.dq, data.ddq)
-        more = inverse_dynamics(model, there, data.dq, data.ddq) - here
+        more = inverse_dynamics(model, there, data.dq, data.ddq)
+        more -= recording.derived(_torques, *data.gravity_found)
         return np.asarray(more[..., None] / shape[0])
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
@@ -138,6 +136,14 @@ def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
     out = model.copy()
     out.gravity.linear = np.array(gravity)
     return out
+
+
+def _torques(recording: Recording, *gravity: float) -> Array:
+    """Return (T, n) torque of the arm along a recording [N·m], ``gravity`` as of `_under`."""
+    if not gravity:
+        return recording.rigid
+    model = _under(recording.pinocchio, gravity)
+    return inverse_dynamics(model, recording.q, recording.dq, recording.ddq)
 
 
 def _slopes(recording: Recording, *gravity: float) -> Array:
