@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.signal import welch
 
@@ -186,6 +186,11 @@ class JointPictures:
             "direction": figure.add_subplot(grid[2, 0]),
         }
         top, time = panels["torque"], panels["time"]
+        if not still:
+            panels["spectrum"].set(xscale="log", yscale="log")
+            for axis in (panels["spectrum"].xaxis, panels["spectrum"].yaxis):
+                axis.set_major_formatter(LogFormatter())  # the default's exponents take long
+                axis.set_minor_formatter(LogFormatter())
         top.set_ylabel("torque [N·m]")
         top.set_xlabel("number of the pose" if still else "time, segments one after another [s]")
         time.set_xlabel("number of the pose" if still else "time [s]")
@@ -271,7 +276,7 @@ def _spectrum(axes: Axes, data: Data, before: Array, after: Array, noise: float)
     length = min(run.stop - run.start, 4096)
     for y, colour in ((before, BEFORE), (after, AFTER)):
         f, power = welch(y[run], fs=1 / data.dt, nperseg=length, detrend="linear")
-        axes.loglog(f[1:], np.sqrt(power[1:]), color=colour, lw=1)
+        axes.plot(f[1:], np.sqrt(power[1:]), color=colour, lw=1)
     axes.axvline(data.cutoff, color="0.4", lw=0.9, ls=":")
     axes.set_xlim(f[1], min(4 * data.cutoff, 0.5 / data.dt))
     shown = (f > 0) & (f < 2 * data.cutoff)
