@@ -76,8 +76,6 @@ class Arguments:
     friction_factor: float = 1.0
     waveform: str = DEFAULT_WAVEFORM
     threads: int = 0
-    engine_threads: int = 1
-    """Threads of these episodes' engine; several where no other episodes run beside them."""
     engine: str = DEFAULT_ENGINE
     record: bool = False
     """Whether traces are kept, to be drawn."""
@@ -127,8 +125,12 @@ class Episodes(ABC):
     action_name: str = DITHERED
     """Of the action, one of `ACTIONS`."""
 
-    def __init__(self, num_envs: int, **arguments: Any) -> None:
-        """Make N simulations; see `Arguments`."""
+    def __init__(self, num_envs: int, engine_threads: int = 1, **arguments: Any) -> None:
+        """Make N simulations; see `Arguments`.
+
+        Their engine has several threads where no other episodes run beside them.
+        """
+        self._engine_threads = engine_threads
         a = self.arguments(**arguments)
         if not isinstance(a.max_episode_steps, (int, np.integer)) or a.max_episode_steps < 1:
             raise StictionError(

@@ -75,7 +75,7 @@ class SJEEpisodes(Episodes):
 
     def _make(self, a: Arguments) -> None:
         e, reward = self.experiment, self.reward_settings()
-        self.rig = e.replace(threads=a.engine_threads).rig(self.num_envs, dither_all=True)
+        self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs, dither_all=True)
         self.oscillation = Oscillation(
             self.num_envs,
             self.n,
