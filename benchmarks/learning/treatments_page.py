@@ -145,9 +145,9 @@ def draw(rows: Mapping[Condition, Row], path: Path) -> None:
             x, y = ([f(m) for m in marks] for f in (_rest_mm, lambda m: 100 * left(m)))
             size = [14 + 26 * i for i in range(len(own))]
             axes.scatter(x, y, s=size, color=f"C{j % 10}", marker="os"[j // 10], label=name)
-        axes.set(title=robot, xlabel="vibration at rest [mm]", xscale="log")
+        axes.set(title=robot, xlabel="vibration at rest [mm]")
         axes.axhline(30, color="0.7", linewidth=1, zorder=0)
-        axes.set_ylim(0, 130)
+        axes.set(xlim=(0, None), ylim=(0, 130))
         if k == 0:
             axes.set_ylabel("error left at goals [%]")
     if robots:
