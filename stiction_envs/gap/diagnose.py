@@ -14,11 +14,13 @@ from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, Options
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.report.table_result import TableResult
 from stiction_envs.gap.servo_logs import (
     check_servo_logs,
     read_servo_files,
@@ -27,7 +29,8 @@ from stiction_envs.gap.servo_logs import (
     servo_result,
 )
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.gap.tables.from_files import diagnose_files
+from stiction_envs.gap.tables.diagnosis import diagnose_tables
+from stiction_envs.gap.tables.from_files import read_tables
 from stiction_envs.gap.validation.check import check_logs, check_model
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -178,15 +181,24 @@ def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
 def _diagnose_tables(
     options: Options, arm: Arm, judged: Nominal, settings: GapSettings
 ) -> DiagnosisResult:
-    files = [x for x in options.given if isinstance(x, str | Path)]
-    return diagnose_files(
-        files,
+    identity = options.identify(arm, "motor", settings)
+    if judged.friction is None:
+        raise StictionError(
+            f"nominal {identity['nominal_name']}: joints of an arm without friction do not break "
+            "away: expected shipped or a path to a .toml"
+        )
+    base, cells = read_tables([x for x in options.given if isinstance(x, str | Path)], arm)
+    friction, say = friction_of(arm, judged.friction), options.progress
+    found = diagnose_tables(
+        base,
+        cells,
         arm,
-        judged,
-        progress=options.progress,
+        friction,
+        threads=options.threads,
+        progress=None if say is None else lambda text: say(text, 0.0),
         settings=settings.tables,
-        **options.identify(arm, "motor", settings),
     )
+    return TableResult(diagnosis=found, arm=arm, friction=friction, **identity)
 
 
 def _diagnose_servo_logs(

@@ -6,7 +6,7 @@ logs -> signals -> residual of the nominal model -> significant causes -> parame
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
-from stiction_envs.gap.estimates import Estimate, draw, estimates, sharpen
+from stiction_envs.gap.estimates import draw, estimates, sharpen
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
@@ -41,8 +41,10 @@ from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import signs
 from stiction_envs.gap.verdict import (
+    NamedCause,
     described,
     evidence,
+    percent_gained,
     percent_lost,
     structured,
     verdict_of,
@@ -53,41 +55,6 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class NamedCause:
-    """One significant cause."""
-
-    name: str
-    joints: tuple[int, ...]
-    """The joints (from 1) where it is significant; all joints for causes of the whole arm."""
-    gain_percent: float
-    """Loss of agreement when this cause alone is removed [%]."""
-    parameters: dict[int, dict[str, Estimate]]
-    """By joint (from 1); 0 for the whole arm."""
-    evidence: str
-    confused_with: tuple[str, ...]
-
-    def to_json(self) -> dict[str, Any]:
-        """Return an entry of ``causes``.
-
-        Parameters are those of the arm or of the strongest joint, then those of every joint.
-        """
-        by_joint = {
-            str(j): {k: asdict(e) for k, e in found.items()} for j, found in self.parameters.items()
-        }
-        parameters: dict[str, Any] = dict(next(iter(by_joint.values())))
-        if len(by_joint) > 1:
-            parameters["by_joint"] = by_joint
-        return {
-            "name": self.name,
-            "joints": list(self.joints),
-            "gain_percent": self.gain_percent,
-            "parameters": parameters,
-            "evidence": self.evidence,
-            "confused_with": list(self.confused_with),
-        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -137,7 +104,7 @@ class Diagnosis:
     @property
     def gain_percent(self) -> float:
         """100 (1 − mean over joints of extended over nominal held-out RMS) [%]."""
-        return float(100 * (1 - np.mean(self.extended_rms / self.nominal_rms)))
+        return percent_gained(self.nominal_rms, self.extended_rms)
 
     def torque(self, joint: int) -> Array:
         """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""

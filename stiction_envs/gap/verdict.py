@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.selection.confusion import other_links
 from stiction_envs.gap.selection.gain import is_implausible
+from stiction_envs.reporting.json_text import plain
 
 Array = NDArray[np.float64]
 STRUCTURE_FROM = 2.0
@@ -21,16 +24,49 @@ STRUCTURE = 0.5
 angle, load or time [-]; assumed."""
 
 
-class Named(Protocol):
-    """A cause with a name, and those that look like it."""
+@dataclass(frozen=True, kw_only=True)
+class NamedCause:
+    """One significant cause, of logs or torque tables."""
 
-    @property
-    def name(self) -> str:
-        """Its name."""
+    name: str
+    joints: tuple[int, ...]
+    """The joints (from 1) where it is significant; all joints for causes of the whole arm."""
+    gain_percent: float
+    """Loss of agreement when this cause alone is removed [%]."""
+    parameters: dict[int, dict[str, Estimate]]
+    """By joint (from 1); 0 for the whole arm."""
+    evidence: str
+    confused_with: tuple[str, ...]
+    told_apart_by: dict[str, str] | None = None
+    """The measurement that tells it from each of `confused_with`; None where `what_to_record` of
+    both does."""
 
-    @property
-    def confused_with(self) -> tuple[str, ...]:
-        """Names of others."""
+    def to_json(self) -> dict[str, Any]:
+        """Return an entry of ``causes``.
+
+        Parameters are those of the arm or of the strongest joint, then those of every joint.
+        """
+        by_joint = {
+            str(j): {k: plain(asdict(e)) for k, e in found.items()}
+            for j, found in self.parameters.items()
+        }
+        parameters: dict[str, Any] = dict(next(iter(by_joint.values())))
+        if len(by_joint) > 1:
+            parameters["by_joint"] = by_joint
+        return {
+            "name": self.name,
+            "joints": list(self.joints),
+            "gain_percent": self.gain_percent,
+            "parameters": parameters,
+            "evidence": self.evidence,
+            "confused_with": list(self.confused_with),
+            **({} if self.told_apart_by is None else {"told_apart_by": self.told_apart_by}),
+        }
+
+
+def percent_gained(nominal: Array, extended: Array) -> float:
+    """Return 100 (1 − mean over joints of extended over nominal error) [%]."""
+    return float(100 * (1 - np.mean(extended / nominal)))
 
 
 def percent_lost(without: Array, extended: Array, nominal: Array) -> float:
@@ -73,7 +109,7 @@ def evidence(what: str, joints: tuple[int, ...], without: Array, full: Array) ->
 
 
 def verdict_of(
-    named: Sequence[Named],
+    named: Sequence[NamedCause],
     nominal: Array,
     extended: Array,
     noise: Array,
@@ -135,7 +171,9 @@ def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Arra
     return out
 
 
-def what_to_record(named: Sequence[Named], not_identifiable: dict[str, str]) -> tuple[str, ...]:
+def what_to_record(
+    named: Sequence[NamedCause], not_identifiable: dict[str, str]
+) -> tuple[str, ...]:
     """Return what to record next, most useful first."""
     out = []
     for c in named:

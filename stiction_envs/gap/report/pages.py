@@ -11,18 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import cause_named, parameter_units
-from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
+from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.links import LinkErrors
 from stiction_envs.gap.report.figures import JointPictures, draw_cause
 from stiction_envs.gap.report.result import PLOTS, Picture, where
 from stiction_envs.gap.report.score_figures import draw_check, draw_forward, draw_summary
-from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
+from stiction_envs.gap.tables.causes import cause_named as table_cause
+from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.gap.validation import check as checks
 from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import REPLAY, SECONDS, ForwardValidation
 from stiction_envs.gap.validation.least_squares import LeastSquares
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
+from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
 from stiction_envs.reporting.shared_work import shared
@@ -31,7 +33,7 @@ Array = NDArray[np.float64]
 
 
 def section(
-    cause: NamedCause | FoundTableCause,
+    cause: NamedCause,
     parameters: Mapping[str, Mapping[str, Estimate]],
     units: Mapping[str, str],
     what_would: Mapping[str, str],
@@ -80,27 +82,31 @@ def shown(picture: Picture) -> str:
 
 def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
     """Draw the picture of a report of torque tables; return its template's variables."""
-    nominal, extended, noise = (
-        np.array([x[j] for j in d.joints]) for x in (d.nominal, d.extended, d.noise_floor)
-    )
+    errors = d.nominal, d.extended, d.noise_floor
     pictures = {"summary": ""}
-    if np.isfinite(nominal).any():
+    if np.isfinite(d.nominal).any():
         caption = "Mean error over friction; each frequency and scale predicted from the others."
         label = "held-out error over friction [%]"
         path = plots / "summary.png"
-        drawn = draw_summary(nominal, extended, noise, path, label, caption, d.joints)
+        drawn = draw_summary(*errors, path, label, caption, d.joints)
         pictures["summary"] = shown(drawn)
     return {
         "headline": headline,
         "pictures": pictures,
         "causes": [
-            section(c, {where(c.joints): c.parameters}, c.units, c.confused_with) for c in d.causes
+            section(
+                c,
+                {where(c.joints): x for x in c.parameters.values()},
+                table_cause(c.name).units,
+                c.told_apart_by or {},
+            )
+            for c in d.causes
         ],
         "errors": table_text(
             ["joint", "nominal [%]", "extended [%]", "noise floor [%]"],
             [
                 [f"joint {j}", *(short(x) for x in row)]
-                for j, *row in zip(d.joints, nominal, extended, noise, strict=True)
+                for j, *row in zip(d.joints, *errors, strict=True)
             ],
         ),
     }

@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.diagnosis import Diagnosis, NamedCause
+from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis
+from stiction_envs.gap.tables.found import TableDiagnosis
+from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.gap.viewers.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -68,7 +69,7 @@ class DiagnosisResult(Result):
         return self.diagnosis.verdict
 
     @property
-    def causes(self) -> tuple[NamedCause, ...] | tuple[FoundTableCause, ...]:
+    def causes(self) -> tuple[NamedCause, ...]:
         """Strongest first."""
         return self.diagnosis.causes
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
@@ -45,6 +44,7 @@ from stiction_envs.gap.servo.whole_arm import (
     touching,
 )
 from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 

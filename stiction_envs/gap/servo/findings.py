@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.choose import JointCauses
@@ -16,6 +15,7 @@ from stiction_envs.gap.servo.payload import Tip
 from stiction_envs.gap.servo.settings import ServoPayloadSettings
 from stiction_envs.gap.servo.spread import SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
+from stiction_envs.gap.verdict import NamedCause
 
 Array = NDArray[np.float64]
 EVIDENCE = {

@@ -28,11 +28,12 @@ from stiction_envs.gap.tables.causes import (
 )
 from stiction_envs.gap.tables.causes.base import BASE_AGAIN
 from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
-from stiction_envs.gap.tables.found import FoundTableCause, TableDiagnosis, parameters_of
+from stiction_envs.gap.tables.found import TableDiagnosis, parameters_of
 from stiction_envs.gap.tables.model import Fit, Model
 from stiction_envs.gap.tables.readings import Cell, Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
+from stiction_envs.gap.verdict import NamedCause, percent_gained, percent_lost
 from stiction_envs.measured import BaseTable
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
@@ -123,7 +124,7 @@ def diagnose_tables(
 
 
 def _cannot_tell(robot: str, joints: tuple[int, ...], reason: str) -> TableDiagnosis:
-    nothing = dict.fromkeys(joints, float("nan"))
+    nothing = np.full(len(joints), np.nan)
     return TableDiagnosis(
         robot=robot,
         verdict="cannot tell",
@@ -233,7 +234,6 @@ def _corrupted(model: Model) -> list[int]:
 def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDiagnosis:
     r = model.readings
     before, after = _errors(nominal, []), _errors(model, bad)
-    full = _percent(before, after)
     groups: dict[tuple[str, tuple[int, ...]], list[Hypothesis]] = {}
     for h in model.values:
         groups.setdefault((h.name, h.joints), []).append(h)
@@ -244,27 +244,30 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
         lost = without.held(joints, refitted=True) - model.held(joints, refitted=True)
         values = [model.values[h] for h in some]
         cause = some[0].cause
+        confused = _confused(name, joints, some, lost, without)
         causes.append(
-            FoundTableCause(
+            NamedCause(
                 name=name,
                 joints=joints,
-                parameters=parameters_of(fits, model.data),
-                units=cause.units,
-                gain_percent=full - _percent(before, _errors(without, bad)),
+                parameters={0 if len(joints) > 1 else joints[0]: parameters_of(fits, model.data)},
+                gain_percent=percent_lost(_errors(without, bad), after, before),
                 evidence=cause.evidence(some, values, model.comparison(without)),
-                confused_with=_confused(name, joints, some, lost, without),
+                confused_with=tuple(confused),
+                told_apart_by=confused,
             )
         )
     for i in bad:
         others = [k for k in bad if k != i]
+        confused = {"base_drift": BASE_AGAIN} if r.base[i] else {}
         causes.append(
-            FoundTableCause(
+            NamedCause(
                 name=CorruptedCell.name,
                 joints=(int(r.joint[i]),),
-                parameters={},
-                gain_percent=full - _percent(before, _errors(model, others)),
+                parameters={int(r.joint[i]): {}},
+                gain_percent=percent_lost(_errors(model, others), after, before),
                 evidence=CorruptedCell().describe(i, model.comparison(model)),
-                confused_with={"base_drift": BASE_AGAIN} if r.base[i] else {},
+                confused_with=tuple(confused),
+                told_apart_by=confused,
             )
         )
     verdict, reason = _verdict(model, bad, bool(causes))
@@ -275,23 +278,19 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
         joints=tuple(r.joints),
         nominal=before,
         extended=after,
-        noise_floor={j: float(100 * model.noise[r.of_joints([j])].min()) for j in r.joints},
-        gain_percent=full,
+        noise_floor=np.array([100 * model.noise[r.of_joints([j])].min() for j in r.joints]),
+        gain_percent=percent_gained(before, after),
         reason=reason,
     )
 
 
-def _errors(model: Model, bad: list[int]) -> dict[int, float]:
-    """Return the mean held-out |error| per joint over its friction [%], without bad readings."""
+def _errors(model: Model, bad: list[int]) -> Array:
+    """Return the mean held-out |error| of each joint over its friction [%], no bad readings."""
     error = np.abs(model.left_out_residual())
     good = np.ones(len(error), dtype=bool)
     good[bad] = False
     r = model.readings
-    return {j: float(100 * error[(r.joint == j) & good].mean()) for j in r.joints}
-
-
-def _percent(before: Mapping[int, float], after: Mapping[int, float]) -> float:
-    return float(100 * (1 - np.mean([after[j] / before[j] for j in before])))
+    return np.array([100 * error[(r.joint == j) & good].mean() for j in r.joints])
 
 
 def _confused(

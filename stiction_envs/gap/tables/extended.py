@@ -9,13 +9,13 @@ import numpy as np
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.tables.causes import cause_named
-from stiction_envs.gap.tables.found import FoundTableCause
+from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.reporting.markdown import joints
 from stiction_envs.robots import Arm
 
 
 def extended_friction(
-    arm: Arm, friction: FrictionParameters, causes: Sequence[FoundTableCause]
+    arm: Arm, friction: FrictionParameters, causes: Sequence[NamedCause]
 ) -> tuple[FrictionParameters, dict[str, str], tuple[str, ...]]:
     """Put causes into friction.
 
@@ -31,7 +31,8 @@ def extended_friction(
     changed: dict[str, str] = {}
     missing = []
     for found in causes:
-        values = {k: float(np.mean(p.value)) for k, p in found.parameters.items()}
+        (own,) = found.parameters.values()
+        values = {k: float(np.mean(p.value)) for k, p in own.items()}
         cause = cause_named(found.name)
         if why := cause.outside_model(values):
             missing.append(f"{cause.name} of {joints(found.joints)}: {why}")

@@ -3,65 +3,37 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.tables.model import Fit
 from stiction_envs.gap.tables.readings import TableData
+from stiction_envs.gap.verdict import NamedCause
+
+Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
-class FoundTableCause:
-    """One thing that the simulation gets wrong."""
-
-    name: str
-    joints: tuple[int, ...]
-    parameters: dict[str, Estimate]
-    gain_percent: float
-    """Share of the held-out error, mean over joints, that returns without this cause [%]."""
-    evidence: str
-    """One sentence that can be checked in the table."""
-    confused_with: dict[str, str]
-    """Causes that these tables cannot distinguish from it, and the measurement that would."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Units of the parameters."""
-
-    def to_json(self) -> dict[str, Any]:
-        """Return an entry of `diagnosis.json`."""
-        return {
-            "name": self.name,
-            "joints": list(self.joints),
-            "gain_percent": self.gain_percent,
-            "parameters": {
-                k: {"value": p.value, "ci95": list(p.ci95), "on_bound": p.on_bound}
-                for k, p in self.parameters.items()
-            },
-            "evidence": self.evidence,
-            "confused_with": list(self.confused_with),
-            "told_apart_by": dict(self.confused_with),
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class TableDiagnosis:
     """What the tables show about the simulation."""
 
     robot: str
     verdict: str
     """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
-    causes: tuple[FoundTableCause, ...] = ()
+    causes: tuple[NamedCause, ...] = ()
     """Strongest first."""
     joints: tuple[int, ...]
     """The joints with dithered torques in the tables."""
-    nominal: dict[int, float]
-    """Mean |error| of the nominal simulation per joint, over the joint's friction [%]."""
-    extended: dict[int, float]
+    nominal: Array
+    """Mean |error| of the nominal simulation in each, over the joint's friction [%]."""
+    extended: Array
     """The same with the causes, each block predicted from the others [%]."""
-    noise_floor: dict[int, float]
+    noise_floor: Array
     """Standard deviation of a reading, over the joint's friction [%]; NaN if unknown."""
     gain_percent: float = 0.0
     """100 (1 − mean over joints of extended over nominal) [%]."""
@@ -71,8 +43,9 @@ class TableDiagnosis:
     def to_json(self) -> dict[str, Any]:
         """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
 
-        def by_joint(values: Mapping[int, float]) -> dict[str, float | None]:
-            return {str(j): v if math.isfinite(v) else None for j, v in values.items()}
+        def by_joint(values: Array) -> dict[str, float | None]:
+            each = zip(self.joints, values.tolist(), strict=True)
+            return {str(j): x if math.isfinite(x) else None for j, x in each}
 
         return {
             "robot": self.robot,

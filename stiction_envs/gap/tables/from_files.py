@@ -1,23 +1,16 @@
-"""Torque tables as files: base and dithered torques of one robot, and their diagnosis."""
+"""Torque tables as files: base and dithered torques of one robot."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
-from stiction_envs.friction.sticking import friction_of
-from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.report.table_result import TableResult
-from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.readings import Cell
-from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
-from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.measured.tables import our_name
 from stiction_envs.robots import Arm
 
@@ -105,60 +98,4 @@ def _cell(path: str, row: SJERow, base: dict[Configuration, float]) -> Cell:
             amplitude_set="scale",
             outlier=False,
         )
-    )
-
-
-def diagnose_files(
-    paths: Sequence[str | Path],
-    arm: Arm,
-    nominal: Nominal,
-    *,
-    nominal_name: str,
-    sources: LogSources,
-    provenance: dict[str, Any],
-    threads: int = 0,
-    progress: Callable[[str, float], None] | None = None,
-    settings: TableSettings | None = None,
-) -> TableResult:
-    """Say what a simulation gets wrong about torque tables.
-
-    Args:
-        paths: the tables.
-        arm: the arm.
-        nominal: its friction.
-        nominal_name: its name in the report.
-        sources: the files of the tables.
-        provenance: provenance of the run.
-        threads: number of threads, 0 for all processors.
-        progress: called with a stage and 0.
-        settings: constants of the method; None for those of ``settings.toml``.
-
-    Raises:
-        StictionError: tables that cannot be read or are of another arm, or a nominal arm without
-            friction, whose joints do not break away.
-    """
-    if nominal.friction is None:
-        raise StictionError(
-            f"nominal {nominal_name}: joints of an arm without friction do not break away: "
-            "expected shipped or a path to a .toml"
-        )
-    base, cells = read_tables(paths, arm)
-    friction = friction_of(arm, nominal.friction)
-    say = progress or (lambda *_: None)
-    found = diagnose_tables(
-        base,
-        cells,
-        arm,
-        friction,
-        threads=threads,
-        progress=lambda text: say(text, 0.0),
-        settings=settings,
-    )
-    return TableResult(
-        diagnosis=found,
-        arm=arm,
-        friction=friction,
-        nominal_name=nominal_name,
-        sources=sources,
-        provenance=provenance,
     )

@@ -12,7 +12,7 @@ from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.estimates import Estimate
 from stiction_envs.gap.tables.extended import extended_friction
-from stiction_envs.gap.tables.found import FoundTableCause
+from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal
 
@@ -20,17 +20,19 @@ ARM = load_arm("panda")
 JOINT = 5
 
 
-def cause(name: str, joint: int = JOINT, **values: float) -> FoundTableCause:
-    return FoundTableCause(
+def cause(name: str, joint: int = JOINT, **values: float) -> NamedCause:
+    return NamedCause(
         name=name,
         joints=(joint,),
         parameters={
-            k.replace("__", " "): Estimate(value=v, ci95=(v, v), on_bound=False)
-            for k, v in values.items()
+            joint: {
+                k.replace("__", " "): Estimate(value=v, ci95=(v, v), on_bound=False)
+                for k, v in values.items()
+            }
         },
         gain_percent=10.0,
         evidence="made up",
-        confused_with={},
+        confused_with=(),
     )
 
 

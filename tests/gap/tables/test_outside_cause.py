@@ -39,11 +39,11 @@ def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tm
     both = [c for c in every if c.name in ("rotor_inertia", "heavier_gear")]
     first = diagnose_tables(base, cells, arm, whole=whole, causes=both).causes[0]
     other = ({"rotor_inertia", "heavier_gear"} - {first.name}).pop()
-    assert first.confused_with == {other: "the gear on a balance"}
+    assert first.told_apart_by == {other: "the gear on a balance"}
     d = diagnose_tables(base, cells, arm, whole=whole, causes=[outside])
     (found,) = d.causes
     assert (found.name, found.joints) == ("heavier_gear", (7,))
-    assert found.parameters["factor"].value == pytest.approx(2.0, abs=0.1)
+    assert found.parameters[7]["factor"].value == pytest.approx(2.0, abs=0.1)
     assert "times the rotor inertia" in found.evidence
     result = TableResult(
         diagnosis=d,
@@ -53,7 +53,7 @@ def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tm
         sources=LogSources({}, {}, {}),
         provenance={"git_commit": "", "versions": {}, "inputs": {}},
     )
-    rotor = found.parameters["gear_kgm2"].value
+    rotor = found.parameters[7]["gear_kgm2"].value
     assert result.extension.friction.rotor_inertia[6] == pytest.approx(rotor)
     result.write(tmp_path)
     report = (tmp_path / "report.md").read_text("utf-8")
