@@ -221,6 +221,32 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     assert -0.01 >= delta.min() > -0.01 - yields
 
 
+def test_gaps_and_springs_begin_anew_in_each_segment(data: Data) -> None:
+    """A log that is cut in two, and a pose: what came before changes no bit of what follows."""
+    cut, rows = len(data.t) // 3, len(data.t)
+    segment = np.where(np.arange(rows) < cut, 0, np.where(np.arange(rows) < rows - 1, 1, 2))
+    gaps = np.array([0.01, 0.05])
+
+    def each(data: Data) -> list[np.ndarray]:
+        return [
+            crossings(data, 2, gaps, 0.3, 1e4),
+            dragged(data, 2, gaps),
+            lost(data, 2, gaps),
+            deflection(data, 2, 5e3)[:, None],
+        ]
+
+    def part(some: slice) -> Data:
+        r = data.recording
+        names = ("t", "q", "dq", "ddq", "tau", "reversal_path", "segment", "block", "log")
+        own = {k: getattr(r, k)[some].copy() for k in names}
+        return replace(data, recording=replace(r, **own), rigid=data.rigid[some].copy())
+
+    together = each(replace(data, recording=replace(data.recording, segment=segment)))
+    for some in (slice(0, cut), slice(cut, rows - 1), slice(rows - 1, rows)):
+        for whole, alone in zip(together, each(part(some)), strict=True):
+            assert np.array_equal(whole[some], alone)
+
+
 @pytest.mark.parametrize("step", [1e-3, 2e-3, 5e-3])
 def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
     """Limit case: a load L = s t, hard flanks: δ = gap/2 − s t³/6M at any step, to 1 %."""
@@ -230,7 +256,8 @@ def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
         dt=step,
         rigid=-rise * t[:, None],
         recording=SimpleNamespace(
-            derived=lambda make: np.full((len(t), 1, 1), mass * (make is masses))
+            segment=np.zeros(len(t), dtype=np.int64),
+            derived=lambda make: np.full((len(t), 1, 1), mass * (make is masses)),
         ),
         runs=lambda: [slice(0, len(t))],
     )
@@ -244,7 +271,9 @@ def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
 def test_a_link_that_friction_holds_stays_behind_or_carries_nothing() -> None:
     """By half the gap; and until the motor has crossed the gap after a reversal."""
     q = np.concatenate([np.linspace(0, 0.1, 101), np.linspace(0.1, 0, 101)[1:]])[:, None]
-    one = SimpleNamespace(reversal_path=q, q=q, runs=lambda: [slice(0, len(q))])
+    together = SimpleNamespace(segment=np.zeros(len(q), dtype=np.int64))
+    runs = [slice(0, len(q))]
+    one = SimpleNamespace(reversal_path=q, q=q, recording=together, runs=lambda: runs)
     behind = lost(one, 0, np.array([0.02, 0.5]))[:, 0]
     forth, back = np.arange(201) < 101, np.arange(201) >= 120
     assert np.allclose(behind[forth][11:], -0.01)
