@@ -24,7 +24,7 @@ from benchmarks.harness import Benchmark, Row, machine
 from benchmarks.reference_loop import seconds as reference_loop
 from stiction_envs.gap.stages import WEIGHTS
 from stiction_envs.hidden.hidden_logs import make_case
-from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.markdown import listed, table_text
 
 STUDY = Benchmark(__file__, __doc__)
 TIMED = """
@@ -44,7 +44,7 @@ for stage, seconds in spent.items():
 sys.exit(code)
 """
 MEMORY = 1024
-"""Limit [MiB]; assumed, as are the targets below."""
+"""Limit [MiB]; aims of the project, as are the targets below."""
 
 
 def simulated(folder: Path) -> Path:
@@ -67,9 +67,9 @@ def cases(folder: Path) -> dict[str, tuple[str, float, list[object]]]:
     sweeps = [MEASURED / x for x in SWEEPS.values()]
     iiwa = [*sweeps, "--poses", MEASURED / POSES, "--robot", "iiwa14", *link]
     return {
-        "minute": ("60 s of a simulated Panda, 7 joints, 1 kHz", 15.0, minute),
-        "panda": ("the Panda's exciting trajectory", 20.0, panda),
-        "iiwa14": ("all logs of the iiwa 14: six sweeps and 996 poses", 60.0, iiwa),
+        "minute": ("60 s of a simulated Panda, 7 joints, 1 kHz", 10.0, minute),
+        "panda": ("the Panda's exciting trajectory", 12.0, panda),
+        "iiwa14": ("all logs of the iiwa 14: six sweeps and 996 poses", 35.0, iiwa),
     }
 
 
@@ -124,6 +124,8 @@ def page(found: dict[str, tuple[str, float, Row]]) -> dict[str, Any]:
     return {
         "minute": found["minute"][2],
         "times": table_text(header, rows),
+        "limit": MEMORY,
+        "too_large": listed(what for what, _, m in found.values() if m["peak"] > MEMORY),
         "stages": table_text(["", *(what for what, *_ in found.values())], parts),
         "machine": machine(float(np.mean([m["loop"] for m in runs]))),
     }

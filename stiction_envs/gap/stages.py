@@ -6,16 +6,16 @@ from collections.abc import Callable, Collection
 from itertools import accumulate
 
 WEIGHTS = {
-    "reading": 7,
+    "reading": 6,
     "inverse dynamics": 1,
-    "columns of all causes": 22,
-    "choosing causes": 6,
-    "refitting": 43,
+    "columns of all causes": 10,
+    "choosing causes": 25,
+    "refitting": 34,
     "evidence": 7,
     "check": 10,
     "extended model": 1,
-    "forward validation": 1,
-    "report": 12,
+    "forward validation": 2,
+    "report": 13,
 }
 """Share of each stage [%], in order: mean of the real logs of a Panda and of an iiwa 14 in
 benchmarks/speed/diagnose_speed.md. ``check``, if there are logs to check with, is assumed."""
