@@ -38,7 +38,7 @@ ROOMS: dict[str, tuple[int, tuple[str, ...], tuple[str, ...]]] = {
         100,
         ("stiction_envs/friction/*.py",),
         (
-            *("tests/friction", "tests/test_plant.py", "tests/test_plant_determinism.py"),
+            *("tests/friction", "tests/plant"),
             *("tests/cli/test_export.py", "tests/experiments/test_conformance.py"),
             "tests/experiments/sje",
         ),

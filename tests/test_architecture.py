@@ -23,7 +23,6 @@ FLOW = (
     ("stiction_envs.friction",),
     ("stiction_envs.engines",),
     ("stiction_envs.plant",),
-    ("stiction_envs.any_model",),
     ("stiction_envs.control",),
     ("stiction_envs.experiments",),
     ("stiction_envs.gap",),

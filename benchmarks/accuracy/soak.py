@@ -31,7 +31,7 @@ from stiction_envs.reporting.markdown import short, table_text
 
 Array = NDArray[np.float64]
 PLACES = (
-    *("benchmarks/accuracy/soak.py", "benchmarks/accuracy/soak_draws.py", "stiction_envs/plant.py"),
+    *("benchmarks/accuracy/soak.py", "benchmarks/accuracy/soak_draws.py", "stiction_envs/plant"),
     *("stiction_envs/friction", "stiction_envs/robots", "stiction_envs/dither"),
     "stiction_envs/experiments",
 )

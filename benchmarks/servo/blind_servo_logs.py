@@ -29,7 +29,7 @@ from stiction_envs.robots import load_arm
 MADE_BY = (
     *LOGS,
     "stiction_envs/hidden",
-    "stiction_envs/plant.py",
+    "stiction_envs/plant",
     "benchmarks/servo/blind_servo_logs.py",
 )
 """Code that decides a case."""

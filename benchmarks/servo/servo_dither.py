@@ -35,7 +35,7 @@ from stiction_envs.robots import load_arm
 Array = NDArray[np.float64]
 MADE_BY = (
     *("stiction_envs/compiled.py", "stiction_envs/control", "stiction_envs/experiments"),
-    *("stiction_envs/friction", "stiction_envs/plant.py", "stiction_envs/robots"),
+    *("stiction_envs/friction", "stiction_envs/plant", "stiction_envs/robots"),
     *("stiction_envs/gap", "benchmarks/servo/servo_dither.py"),
     *("benchmarks/servo/servo_friction.py", f"benchmarks/servo/{MODEL}"),
 )

@@ -36,7 +36,7 @@ from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 MADE_BY = (
-    *(*LOGS, "stiction_envs/control", "stiction_envs/plant.py"),
+    *(*LOGS, "stiction_envs/control", "stiction_envs/plant"),
     *("benchmarks/servo/servo_peers.py", "benchmarks/servo/blind_servo_logs.py"),
 )
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)

@@ -9,15 +9,12 @@ from typing import Any, NamedTuple
 import mujoco
 from mujoco.batch import Batch
 
-from stiction_envs.engines.loop_batch import LoopBatch
 from stiction_envs.errors import missing_extra, unknown
 
 DEFAULT_ENGINE = "mujoco"
 
 
 def _mujoco(model: mujoco.MjModel, nsim: int, threads: int, closed_loop: bool) -> Batch:
-    if closed_loop and threads == 1:
-        return LoopBatch(model, nsim)
     return Batch(model, nsim, threads, persistent=closed_loop)
 
 

@@ -31,7 +31,7 @@ SHIPPED = Path(__file__).parent
 """Folder of the results that come with the package."""
 MADE_BY = (
     "compiled.py",
-    "plant.py",
+    "plant",
     "control",
     "dither",
     "engines",

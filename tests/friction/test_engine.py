@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.any_model import rollout
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import Plant
+from stiction_envs.plant.any_model import rollout
 from tests.friction.gyro import ARM, J_A, J_B, MASS, law_of, pendulum, sticking
 from tests.hidden.one_joint import simulate_joint
 

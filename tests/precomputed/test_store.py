@@ -100,7 +100,7 @@ def test_other_code_and_another_engine_make_it_anew(folder, monkeypatch):
 
 
 def test_any_change_of_the_code_is_another_code(tmp_path, monkeypatch):
-    code = {"plant.py": "a = 1\n", "robots/arm.py": "b = 1\n", "robots/arm.toml": "c = 1\n"}
+    code = {"compiled.py": "a = 1\n", "robots/arm.py": "b = 1\n", "robots/arm.toml": "c = 1\n"}
     for name in store.MADE_BY:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text("") if "." in name else (tmp_path / name).mkdir()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from stiction_envs.any_model import rollout
 from stiction_envs.experiments.engines.base import CHUNK, Array, Drive, Engine
+from stiction_envs.plant.any_model import rollout
 
 
 class MuJoCo(Engine):

@@ -12,9 +12,9 @@ from stiction_envs.control.compensation import compensate
 from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
 from stiction_envs.control.sensing_kernels import send
 from stiction_envs.dither.kernels import sine
-from stiction_envs.engines.loop_batch import advance
 from stiction_envs.friction.model import link_angles
 from stiction_envs.plant import CONTROL_DT
+from stiction_envs.plant.loop_batch import advance
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

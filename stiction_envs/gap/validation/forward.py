@@ -24,13 +24,13 @@ from mujoco.batch import Batch
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from stiction_envs.any_model import steer
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.plant.any_model import steer
 
 Array = NDArray[np.float64]
 EVERY = 3

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from stiction_envs.engines.loop_batch import LoopBatch, advance
 from stiction_envs.errors import ExperimentError
 from stiction_envs.friction.model import COULOMB
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.plant import Plant
+from stiction_envs.plant.loop_batch import LoopBatch, advance
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
 N = 3

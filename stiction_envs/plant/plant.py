@@ -1,4 +1,4 @@
-"""N arms in lockstep: the only place of the project that steps physics.
+"""N sticking arms in lockstep.
 
 One `Plant` runs N simulations of one sticking model on `mujoco.batch.Batch`. Each simulation has
 its own joints' friction, pose, torque and servo. Results are the same bits for any number of
@@ -23,7 +23,6 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.engines.choose import DEFAULT_ENGINE, make_batch
-from stiction_envs.engines.loop_batch import LoopBatch
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import (
@@ -36,6 +35,7 @@ from stiction_envs.friction.model import (
     StickingModel,
 )
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.plant.loop_batch import LoopBatch
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -73,9 +73,13 @@ class Plant:
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch = make_batch(
-            engine, sticking.model, nsim, threads=threads, closed_loop=closed_loop
-        )
+        self._batch: Any
+        if closed_loop and threads == 1 and engine == DEFAULT_ENGINE:
+            self._batch = LoopBatch(sticking.model, nsim)
+        else:
+            self._batch = make_batch(
+                engine, sticking.model, nsim, threads=threads, closed_loop=closed_loop
+            )
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
         self._damping = self._batch.expand("dof_damping")
@@ -338,7 +342,7 @@ class Plant:
     def compiled_loop(self) -> tuple[Array, tuple[Any, ...], int] | None:
         """What a compiled feedback law steps all simulations with, None where it cannot.
 
-        Its torques (N, n) [N·m], then the arguments of `engines.loop_batch.advance` for a control
+        Its torques (N, n) [N·m], then the arguments of `loop_batch.advance` for a control
         step of 1 ms. Kinematics of the engine are those of the present state.
         """
         if self._asymmetric or not isinstance(self._batch, LoopBatch):

@@ -9,7 +9,7 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from stiction_envs.plant import raise_if_stopped
+from stiction_envs.plant.plant import raise_if_stopped
 
 Array = NDArray[np.float64]
 
