@@ -7,6 +7,7 @@ import sys
 
 import pytest
 
+from stiction_envs.experiments.actions import ACTIONS
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
@@ -241,3 +242,8 @@ def test_the_gated_table_is_among_the_inputs():
     """Its content is part of the provenance; an arm without one has no file."""
     assert evaluate.policy_files("panda", ["none", "gated"])["gated"].name == "panda_gated.csv"
     assert evaluate.policy_files("iiwa7", ["none", "gated"]) == {}
+
+
+def test_the_options_name_every_action_space():
+    """They are written out: `--help` loads no environment."""
+    assert tuple(ACTIONS) == evaluate.ACTIONS
