@@ -27,7 +27,7 @@ from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibr
 from stiction_envs.gap.selection.chooser import Chooser
 from stiction_envs.gap.selection.confusion import confused_with
 from stiction_envs.gap.selection.gain import gain, pruned
-from stiction_envs.gap.selection.refit import given_arm_causes, refine_delay, same_arm_causes
+from stiction_envs.gap.selection.refit import refine_delay, refit
 from stiction_envs.gap.selection.whole_models import (
     likelier,
     prefer_arm_causes,
@@ -213,18 +213,12 @@ def diagnose_logs(
 
     terms = with_or_without_random(library, partial(choose, stage="choosing causes"), sharpen)
     say("refitting", 0.0)
-    if (given := given_arm_causes(library, terms)) is not None:
-        known, tried = (library.inflation, library.scale), library.candidates
-        library = RegressorLibrary(*given, instead_of=library).given(*known)
-        refitted = choose(library)
-        if same_arm_causes(terms, refitted):
-            terms = refitted
-        else:
-            library = RegressorLibrary(data, causes, instead_of=library).given(*known)
-            library.refine(tried)  # with the nonlinear parameters that were tried since
+    library, terms = refit(library, terms, choose)
     if library.scale > 0:
         # the noise, and the size of the links' errors, are known only now; a search is greedy
         terms = likelier(library, choose(library, terms), choose(library))
+        if library.data.carried is None:  # wrong bodies were given, or what feels them is new
+            library, terms = refit(library, terms, choose)
     say("refitting", 0.6)
     terms = refine_delay(library, sharpen(library, terms))
     terms = prefer_arm_causes(library, terms)

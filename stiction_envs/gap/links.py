@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+from stiction_envs.robots import Arm
 from stiction_envs.robots.consistent import nearest_bodies
+from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
 Array = NDArray[np.float64]
@@ -102,10 +104,7 @@ def link_errors(
     links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
     unseen = _prior(library) - library.scale**2 * basis @ basis.T
-    effect = np.concatenate(
-        [library.causes[t.cause].on_links(data, t.joint, t.shape, library.size(t)) for t in terms],
-        axis=1,
-    )
+    effect = _effect(library, terms)
     shown = effect @ library.grams.covariance(library.model_columns(terms)) @ effect.T
     return LinkErrors(
         scale=library.scale,
@@ -121,15 +120,35 @@ def nearest_links(library: RegressorLibrary, c: Array) -> Array:
     Of all bodies that exist, these change the torques along the logs least from what was fitted, in
     units of the noise, and stray least from the prior.
     """
+    basis = library.data.recording.derived(link_basis)
+    return _nearest(library, c[..., : basis.shape[1]] @ basis.T)
+
+
+def with_found_links(library: RegressorLibrary, terms: Sequence[Candidate], c: Array) -> Arm:
+    """Return the nominal arm with the links of a model's bodies and small errors.
+
+    They are bodies that exist, the nearest as in `nearest_links`.
+    """
+    return with_inertias(library.data.arm, _nearest(library, _effect(library, terms) @ c))
+
+
+def _nearest(library: RegressorLibrary, more: Array) -> Array:
+    """Return (..., n, 10) links that exist, nearest to those that are ``more`` (..., 10 n) off."""
     data = library.data
-    links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
+    links = inertial_parameters(data.pinocchio)
     weight = library.grams.counts / library.inflation / np.square(data.noise)
     torques = np.tensordot(weight, data.recording.derived(link_squares), axes=1)
     hessian = torques + np.linalg.pinv(_prior(library), hermitian=True)
-    more = c[..., : basis.shape[1]] @ basis.T
     wanted = links + more.reshape(*more.shape[:-1], *links.shape)
     each = [nearest_bodies(x, hessian, links) for x in wanted.reshape(-1, *links.shape)]
     return np.reshape(each, wanted.shape)
+
+
+def _effect(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:
+    """Return (10 n, P) change of the links' parameters per unit of a model's coefficients."""
+    data, causes = library.data, library.causes
+    each = [causes[t.cause].on_links(data, t.joint, t.shape, library.size(t)) for t in terms]
+    return np.concatenate(each, axis=1)
 
 
 def _prior(library: RegressorLibrary) -> Array:

@@ -107,7 +107,8 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
         arm = changed_arm(data.arm, mine)
         changed = data if arm is data.arm else data.on(arm)
         torque = changed.recording.rigid - data.recording.rigid
-        loaded = data.carrying(torque)
+        small = any(cause.random for _, cause in causes)
+        loaded = data.carrying(torque, arm=arm if small else None)
         added = sound = torque
         for p, cause in causes:
             if not isinstance(cause, ActuatorDelay) and not cause.changes_arm:

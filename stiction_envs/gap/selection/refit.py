@@ -6,7 +6,7 @@ too, and not only to first order.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.links import with_found_links
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
@@ -23,13 +24,42 @@ DELAY_ROUNDS = 3
 """Number of times that a delay is fitted again to the model that contains it [-]; assumed."""
 
 
+def refit(
+    library: RegressorLibrary,
+    terms: list[Candidate],
+    choose: Callable[[RegressorLibrary], list[Candidate]],
+) -> tuple[RegressorLibrary, list[Candidate]]:
+    """Return library and terms given the causes of the whole arm, those before where they differ.
+
+    Args:
+        library: of the logs; it cannot be used afterwards.
+        terms: that were chosen.
+        choose: returns the significant terms.
+    """
+    if (given := given_arm_causes(library, terms)) is None:
+        return library, terms
+    before, known, tried = library.data, (library.inflation, library.scale), library.candidates
+    causes = list(library.causes.values())
+    library = RegressorLibrary(*given, instead_of=library).given(*known)
+    refitted = choose(library)
+    if same_arm_causes(terms, refitted):
+        return library, refitted
+    library = RegressorLibrary(before, causes, instead_of=library).given(*known)
+    library.refine(tried)  # with the nonlinear parameters that were tried since
+    return library, terms
+
+
 def given_arm_causes(
     library: RegressorLibrary, terms: Sequence[Candidate]
 ) -> tuple[Data, list[Cause]] | None:
-    """Return data and causes given the causes of the whole arm; None without such causes."""
+    """Return data and causes given the causes of the whole arm; None without such causes.
+
+    Small errors of links count where a cause that was named depends on the load.
+    """
     data, causes = library.data, library.causes
     carried = [t for t in terms if causes[t.cause].changes_arm]
-    carried = [] if all(t.small for t in carried) else carried
+    if not any(causes[t.cause].depends_on_load for t in terms if not t.small):
+        carried = []
     delay = _delay(library, terms)
     if not carried and delay is None:
         return None
@@ -45,7 +75,11 @@ def given_arm_causes(
             # while the delay was unknown, it made reversals look longer
             data = _presliding_given_delay(data, shift, late.shape, lengths[0])
     if carried:
-        data = data.carrying(_torque(library, terms, carried), _gravity(library, carried, terms))
+        torque, gravity = _torque(library, terms, carried), _gravity(library, carried, terms)
+        arm = None
+        if any(t.small for t in carried):
+            arm = with_found_links(library, terms, library.grams.fit(library.model_columns(terms)))
+        data = data.carrying(torque, gravity, arm)
     return data, list(causes.values())
 
 

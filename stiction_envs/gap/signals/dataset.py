@@ -39,6 +39,8 @@ class Data:
     """Whether the nominal model contains causes of an earlier diagnosis."""
     gravity_found: tuple[float, ...] = ()
     """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
+    found: Recording | None = None
+    """The motion of the arm with all links as they were found; None for the nominal arm."""
     friction: FrictionState
     noise: Array
     """(n,) noise floor of the residual torque [N·m]."""
@@ -54,6 +56,11 @@ class Data:
     def arm(self) -> Arm:
         """The nominal rigid arm."""
         return self.recording.arm
+
+    @property
+    def links(self) -> Recording:
+        """The motion of the links that the gears drive, as far as they are known."""
+        return self.recording if self.found is None else self.found
 
     @property
     def settings(self) -> GapSettings:
@@ -138,13 +145,18 @@ class Data:
         """(T, n) measured less nominal torque [N·m]."""
         return self.tau - self.nominal
 
-    def carrying(self, torque: Array, gravity: tuple[float, ...] = ()) -> Data:
+    def carrying(
+        self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None
+    ) -> Data:
         """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
 
-        ``gravity`` is that of bodies from now on, x, y, z [m/s²]; () for the arm's gravity.
+        ``gravity`` is that of bodies from now on, x, y, z [m/s²]; () for the arm's gravity. ``arm``
+        has the links as they were found; None for the nominal ones.
         """
         carried = torque if self.carried is None else self.carried + torque
-        return replace(self, rigid=self.rigid + torque, carried=carried, gravity_found=gravity)
+        found = None if arm is None else self.on(arm).recording
+        rigid = self.rigid + torque
+        return replace(self, rigid=rigid, carried=carried, gravity_found=gravity, found=found)
 
     def on(self, arm: Arm) -> Data:
         """Return data of an arm with other bodies or gravity: the same motion and torque."""
@@ -165,7 +177,8 @@ class Data:
             rotor=self.friction.rotor + rotor,
         )
         nominal = self.nominal + torque
-        return replace(self, nominal=nominal, carried=None, diagnosed=True, friction=state)
+        known = replace(self, nominal=nominal, carried=None, found=None)
+        return replace(known, diagnosed=True, friction=state)
 
     # ---- dry friction ------------------------------------------------------------------------
 

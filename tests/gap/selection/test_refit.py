@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap import diagnosis
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.body.bodies import sphere, with_payload
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.selection import refit
 from stiction_envs.robots import Arm
 from tests.gap.small_logs import dry, hidden
 
@@ -31,9 +31,9 @@ def test_what_is_not_found_again_leaves_the_model_as_it_was(
     usual = loaded(two)
     assert {"payload", "stribeck_friction"} <= {c.name for c in usual.causes}
     assert usual.data.carried is not None
-    monkeypatch.setattr(diagnosis, "same_arm_causes", lambda *_: False)
+    monkeypatch.setattr(refit, "same_arm_causes", lambda *_: False)
     back = loaded(two)
-    monkeypatch.setattr(diagnosis, "given_arm_causes", lambda *_: None)
+    monkeypatch.setattr(refit, "given_arm_causes", lambda *_: None)
     never = loaded(two)
     assert back.to_json() == never.to_json()
     assert (back.coefficients == never.coefficients).all()

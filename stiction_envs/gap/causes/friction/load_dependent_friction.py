@@ -12,6 +12,9 @@ from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.motion import constant, lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
 
+MOST_RATIO = 1.0
+"""Largest k over the level [1/(N·m)], for little friction without load; assumed."""
+
 
 class LoadDependentFriction(Cause):
     """Friction of gear and bearing under load."""
@@ -19,6 +22,7 @@ class LoadDependentFriction(Cause):
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
     approximate: ClassVar[bool] = True
+    refinable: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "the same slow motion in poses of small and of large gravity torque"
     )
@@ -31,9 +35,25 @@ class LoadDependentFriction(Cause):
         note="friction grows with load",
     )
 
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return no bend yet, and the mean load, at which presliding distances were measured.
+
+        Those of a nominal model's friction are of the level without load.
+        """
+        mean = 0.0 if data.has_friction else float(np.abs(data.rigid[:, joint]).mean())
+        return [(0.0, mean)]
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
-        return data.smooth(data.growth(joint, np.abs(data.rigid[:, joint])))[:, None]
+        ratio, mean = shape or (0.0, 0.0)
+        more = data.growth(joint, np.abs(data.rigid[:, joint]) - mean, ratio)
+        return data.smooth(mean * data.dry_friction_ratio(joint) + more)[:, None]
+
+    def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
+        """Return k over the level at the mean load [1/(N·m)], which bends the bristles."""
+        mean, k = (shape or (0.0, 0.0))[1], float(coefficients[0])
+        there = level + k * mean
+        return (min(k / there, MOST_RATIO), mean) if there > 0 else shape
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Let friction grow in the tables; MJCF holds the level at the mean load."""

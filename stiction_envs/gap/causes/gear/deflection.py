@@ -57,18 +57,18 @@ class DeflectedLink(Cause):
 
 
 def masses(recording: Recording) -> Array:
-    """Return (T, n, n) M(q) of the nominal arm along a recording [kg·m²]."""
+    """Return (T, n, n) M(q) of an arm along a recording [kg·m²]."""
     return mass_matrices(recording.pinocchio, recording.q)
 
 
 def slopes(recording: Recording) -> Array:
-    """Return (T, n, n) ∂g/∂q of the nominal arm along a recording [N·m/rad]."""
+    """Return (T, n, n) ∂g/∂q of an arm along a recording [N·m/rad]."""
     return gravity_slopes(recording.pinocchio, recording.q)
 
 
 def own_terms(data: Data, joint: int) -> tuple[Array, Array]:
     """Return (T,) inertia [kg·m²] and slope of gravity [N·m/rad] of a joint on itself."""
-    mass, slope = (data.recording.derived(x) for x in (masses, slopes))
+    mass, slope = (data.links.derived(x) for x in (masses, slopes))
     return mass[:, joint, joint], slope[:, joint, joint]
 
 
@@ -78,7 +78,7 @@ def torque_of(data: Data, joint: int, deflection: Array) -> Array:
     First order in δ; Coriolis terms of δ̇ are left out.
     """
     bend = along_runs(data, along_runs(data, deflection))
-    mass, slope = (data.recording.derived(x)[:, :, joint] for x in (masses, slopes))
+    mass, slope = (data.links.derived(x)[:, :, joint] for x in (masses, slopes))
     return np.asarray(mass * bend[:, None] + slope * deflection[:, None])
 
 

@@ -50,7 +50,7 @@ class EncoderOffset(Cause):
     parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
-        lambda data, joint, shape: data.recording.derived(_slopes)[:, joint, joint],
+        lambda data, joint, shape: data.links.derived(_slopes)[:, joint, joint],
         note="a slope: the offset",
     )
 
@@ -59,7 +59,7 @@ class EncoderOffset(Cause):
 
         A link's centre that is free in three directions fits the curvature better than a tangent.
         """
-        slope = data.recording.derived(_slopes, *data.gravity_found)[:, :, joint]
+        slope = data.links.derived(_slopes, *data.gravity_found)[:, :, joint]
         rows = data.block >= 0
         torque = (data.residual[rows] - data.residual[rows].mean(axis=0)) / data.noise
         slope = (slope[rows] - slope[rows].mean(axis=0)) / data.noise
@@ -73,8 +73,8 @@ class EncoderOffset(Cause):
     def spread(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per radian on all joints."""
         if not shape[0]:
-            return data.recording.derived(_slopes, *data.gravity_found)[:, :, joint, None]
-        recording, there = data.recording, data.q.copy()
+            return data.links.derived(_slopes, *data.gravity_found)[:, :, joint, None]
+        recording, there = data.links, data.q.copy()
         there[:, joint] -= shape[0]
         model = _under(recording.pinocchio, data.gravity_found)
         more = inverse_dynamics(model, there, data.dq, data.ddq)
@@ -123,7 +123,7 @@ class EncoderOffset(Cause):
         """Return whether no torque shows the joint's zero, as that of a vertical first joint."""
         if missing := holds_one_pose(data):
             return missing
-        slope = data.recording.derived(_slopes, *data.gravity_found)[:, :, joint]
+        slope = data.links.derived(_slopes, *data.gravity_found)[:, :, joint]
         if not changes(data, USUAL * slope).any():
             return f"the zero of joint {joint + 1} hardly changes any torque along this motion"
         return ""
