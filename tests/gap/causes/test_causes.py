@@ -252,13 +252,15 @@ def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
     """Limit case: a load L = s t, hard flanks: δ = gap/2 − s t³/6M at any step, to 1 %."""
     gap, mass, rise, flank = 0.02, 1.2, 20.0, 1e6
     t = np.arange(-0.3, 0.3, step)
+    motion = SimpleNamespace(
+        segment=np.zeros(len(t), dtype=np.int64),
+        derived=lambda make: np.full((len(t), 1, 1), mass * (make is masses)),
+    )
     one = SimpleNamespace(
         dt=step,
         rigid=-rise * t[:, None],
-        recording=SimpleNamespace(
-            segment=np.zeros(len(t), dtype=np.int64),
-            derived=lambda make: np.full((len(t), 1, 1), mass * (make is masses)),
-        ),
+        recording=motion,
+        links=motion,
         runs=lambda: [slice(0, len(t))],
     )
     delta = crossings(one, 0, np.array([gap]), 1.0, flank)[:, 0]
