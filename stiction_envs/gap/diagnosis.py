@@ -217,8 +217,6 @@ def diagnose_logs(
     if library.scale > 0:
         # the noise, and the size of the links' errors, are known only now; a search is greedy
         terms = likelier(library, choose(library, terms), choose(library))
-        if library.data.carried is None:  # wrong bodies were given, or what feels them is new
-            library, terms = refit(library, terms, choose)
     say("refitting", 0.6)
     terms = refine_delay(library, sharpen(library, terms))
     terms = prefer_arm_causes(library, terms)
