@@ -11,11 +11,10 @@ from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import TORQUE
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.units import RADIANS, UNITS, read_calibration, to_radians
+from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
 
 def read_raw(
@@ -52,9 +51,9 @@ def read_raw(
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
     if not kind.has_units and names.units not in (None, RADIANS):
-        ranges = None if names.calibration is None else read_calibration(names.calibration)
-        for text in to_radians(where, raw.data, [names.units] * n_joints, (), ranges):
-            raw.notes.append(Correction(kind="source", rows=0, text=f"joints {text}"))
+        units = [names.units] * n_joints
+        for text in to_radians(where, raw.data, units, (), names.calibration):
+            raw.note(f"joints {text}")
     return raw
 
 

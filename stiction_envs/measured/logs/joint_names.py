@@ -66,6 +66,19 @@ def find_joints(
     raise StictionError(f"{where}: its joints are {what}: expected {wanted}; name the joints")
 
 
+def joints_in_order(
+    where: str, names: Sequence[str], n_joints: int, naming: Naming
+) -> tuple[str, ...]:
+    """Return joints 1 to n of a log whose joints have a fixed order; see `find_joints`.
+
+    They are taken in that order where there are n of them and nobody names them.
+    """
+    named = naming.joints or (naming.robot and set(naming.robot) <= set(names))
+    if not named and len(names) == n_joints:
+        return tuple(names)
+    return find_joints(where, names, n_joints, naming)
+
+
 def _given(
     where: str, names: Sequence[str], n_joints: int | None, joints: tuple[str, ...]
 ) -> tuple[str, ...]:

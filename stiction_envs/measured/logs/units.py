@@ -129,7 +129,7 @@ def to_radians(
     data: Mapping[str, Array],
     units: Sequence[str],
     names: Sequence[str],
-    calibration: Mapping[str, MotorRange] | None,
+    calibration: str | os.PathLike[str] | None,
 ) -> list[str]:
     """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place.
 
@@ -138,20 +138,22 @@ def to_radians(
         data: its channels.
         units: of `UNITS`, one for each joint.
         names: of its joints or motors; () where they have none, then joint j is motor j.
-        calibration: ranges of its motors; None where they are not known.
+        calibration: lerobot's file with the ranges of its motors; None where they are not known.
 
     Returns:
         How each joint in another unit than radians was read, a sentence each.
 
     Raises:
-        StictionError: percent of a range that neither calibration nor steps show.
+        StictionError: percent of a range that neither calibration nor steps show, or a calibration
+            that cannot be read.
     """
+    ranges = None if calibration is None else read_calibration(calibration)
     said: dict[str, list[str]] = {}
     for j, unit in enumerate(units):
         name = names[j] if names else f"{j + 1}"
         if unit == RADIANS:
             continue
-        scale, zero, text = _scale(where, unit, data["q"][:, j], name, j, calibration)
+        scale, zero, text = _scale(where, unit, data["q"][:, j], name, j, ranges)
         said.setdefault(text, []).append(name)
         for channel in ("q", "q_cmd"):
             if channel in data:

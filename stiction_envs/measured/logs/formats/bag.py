@@ -19,7 +19,6 @@ import numpy as np
 
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.logs.columns import TORQUE
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.messages import BY_TYPE, Kind, Sample, side_of
@@ -208,7 +207,12 @@ def _read(where: str, reader: AnyReader, topic: str, kind: Kind, wanted: Wanted)
     )
     if wanted.time and numbers:
         _set_time(log, stamps, times)
-    log.notes.append(_note(topic, kind, joints, others, log.side))
+    text = f"{topic}: tau is {kind.tau}" + (", measured behind the gear" if log.side else "")
+    if joints:
+        text += f"; joints 1 to {len(joints)} are {', '.join(joints)}"
+    if others:
+        text += f"; {others} messages of other joints left out"
+    log.note(text, others)
     return log
 
 
@@ -255,14 +259,3 @@ def _set_time(log: RawLog, stamps: array[int], times: array[int]) -> None:
     first = stamps[0]
     log.t = np.array([x - first for x in stamps], np.float64) / _NS
     log.origin = first / _NS
-
-
-def _note(
-    topic: str, kind: Kind, joints: tuple[str, ...], others: int, side: str | None
-) -> Correction:
-    text = f"{topic}: tau is {kind.tau}" + (", measured behind the gear" if side else "")
-    if joints:
-        text += f"; joints 1 to {len(joints)} are {', '.join(joints)}"
-    if others:
-        text += f"; {others} messages of other joints left out"
-    return Correction(kind="source", rows=others, text=text)

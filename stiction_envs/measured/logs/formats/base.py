@@ -74,6 +74,15 @@ class RawLog:
     warnings: list[str] = field(default_factory=list)
     """Warnings for a person."""
 
+    def note(self, text: str, rows: int = 0) -> None:
+        """Add a note on how it was read, which may concern some rows."""
+        self.notes.append(Correction(kind="source", rows=rows, text=text))
+
+    def note_renamed(self, columns: Columns) -> None:
+        """Add a note for each channel that has another's name in the file."""
+        for name in columns.renamed:
+            self.note(f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
+
 
 class LogFormat(ABC):
     """One kind of file."""
@@ -142,14 +151,6 @@ class ColumnFile(LogFormat):
         return drives_in(list(_flat(self.columns(where))))
 
 
-def renamed_notes(columns: Columns) -> list[Correction]:
-    """Return a note for each channel that has another's name in the file."""
-    return [
-        Correction(kind="source", rows=0, text=f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
-        for name in columns.renamed
-    ]
-
-
 def check_size(where: str, rows: int, per_row: int) -> None:
     """Raise if a log has more numbers than are read."""
     if rows * per_row > MOST_VALUES:
@@ -192,7 +193,7 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -
     if columns.run is not None and length:
         label = flat[names[columns.run]]
         run[1:] = np.cumsum(label[1:] != label[:-1])
-    return RawLog(
+    log = RawLog(
         source=where,
         t=np.array(flat["t"], np.float64) if time else np.arange(float(length)),
         data={
@@ -202,5 +203,6 @@ def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -
         run=run,
         place=lambda i: f"{where}, row {i + 1}",
         ignored=columns.ignored,
-        notes=renamed_notes(columns),
     )
+    log.note_renamed(columns)
+    return log

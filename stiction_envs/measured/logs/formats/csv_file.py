@@ -12,7 +12,6 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
 from stiction_envs.measured.logs.columns import drives_in, joints_of, sort_columns
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     MOST_LINE_BYTES,
@@ -20,7 +19,6 @@ from stiction_envs.measured.logs.formats.base import (
     RawLog,
     Wanted,
     check_size,
-    renamed_notes,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, About, Header
@@ -122,7 +120,7 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
         keep = measured_rows(data)
         t, run, lines = t[keep], run[keep], lines[keep]
         data = {k: np.ascontiguousarray(x[keep]) for k, x in data.items()}
-    return RawLog(
+    log = RawLog(
         source=where,
         t=t,
         data=data,
@@ -130,11 +128,11 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
         place=lambda i: f"{where}, line {lines[i]}",
         ignored=columns.ignored if kind is OUR_COLUMNS else (),
         side=kind.side,
-        notes=[
-            *([Correction(kind="source", rows=0, text=kind.note)] if kind.note else []),
-            *renamed_notes(columns),
-        ],
     )
+    if kind.note:
+        log.note(kind.note)
+    log.note_renamed(columns)
+    return log
 
 
 def _check_unnamed(where: str, naming: Naming) -> None:

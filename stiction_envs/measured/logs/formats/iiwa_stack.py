@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size
 
 if TYPE_CHECKING:
@@ -133,7 +132,7 @@ def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: W
         origin=first / _NS,
     )
     text = f"iiwa_stack: {', '.join(used.values())}; tau is measured behind the gear"
-    log.notes.append(Correction(kind="source", rows=0, text=text))
+    log.note(text)
     return log
 
 

@@ -26,14 +26,12 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, missing_extra
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
-from stiction_envs.measured.logs.joint_names import Naming, find_joints
+from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import (
     DEGREES,
     PERCENT,
     is_gripper,
-    read_calibration,
     recognised,
     to_radians,
 )
@@ -84,7 +82,7 @@ class LeRobotDataset(LogFormat):
         ):
             if wanted.drive == drive and not names:
                 raise StictionError(f"{where}: no {channel}: expected it for drive {drive}")
-        joints = _joints(where, features.motors, wanted.n_joints, wanted.naming)
+        joints = joints_in_order(where, features.motors, wanted.n_joints, wanted.naming)
         table = _table(where, features)
         episode, frame = table["episode_index"].astype(int), table["frame_index"].astype(int)
         data = {
@@ -108,8 +106,7 @@ class LeRobotDataset(LogFormat):
             place=lambda i: f"{where}, episode {episode[i]}, frame {frame[i]}",
         )
         clock = f"times are frames at {features.fps:g} Hz, not measured" if nominal else "timestamp"
-        text = f"lerobot's dataset: joints 1 to {len(joints)} are {', '.join(joints)}; {clock}"
-        log.notes.append(Correction(kind="source", rows=0, text=text))
+        log.note(f"lerobot's dataset: joints 1 to {len(joints)} are {', '.join(joints)}; {clock}")
         if len(t):
             _convert(where, log, features.robot, joints, wanted.naming)
         return log
@@ -172,14 +169,6 @@ def _by_channel(path: Path, names: Sequence[str]) -> dict[str, dict[str, int]]:
         if found.setdefault(_CHANNELS[end], {}).setdefault(motor, i) != i:
             raise StictionError(f"{path}: {name[:40]!r} is there twice: expected one")
     return found
-
-
-def _joints(where: str, motors: Sequence[str], n: int, naming: Naming) -> tuple[str, ...]:
-    """Return the motors of joints 1 to n; all in their order, which is fixed, if there are n."""
-    named = naming.joints or (naming.robot and set(naming.robot) <= set(motors))
-    if not named and len(motors) == n:
-        return tuple(motors)
-    return find_joints(where, motors, n, naming)
 
 
 def _table(where: str, features: _Features) -> dict[str, Array]:
@@ -248,7 +237,5 @@ def _convert(where: str, log: RawLog, robot: str, joints: tuple[str, ...], namin
         )
     hand = unit == DEGREES and not any(x in robot.lower() for x in ALWAYS_DEGREES)
     units = [PERCENT if hand and is_gripper(x) else unit for x in joints]
-    calibration = None if naming.calibration is None else read_calibration(naming.calibration)
-    said = to_radians(where, log.data, units, joints, calibration)
-    text = f"angles are in {unit} ({why})" + "".join(f"; {x}" for x in said)
-    log.notes.append(Correction(kind="source", rows=0, text=text))
+    said = to_radians(where, log.data, units, joints, naming.calibration)
+    log.note(f"angles are in {unit} ({why})" + "".join(f"; {x}" for x in said))

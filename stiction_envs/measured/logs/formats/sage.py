@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import is_unsigned
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     LogFormat,
@@ -29,12 +28,11 @@ from stiction_envs.measured.logs.formats.base import (
     Wanted,
     check_size,
 )
-from stiction_envs.measured.logs.joint_names import Naming, find_joints
+from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import (
     PERCENT,
     RADIANS,
     is_gripper,
-    read_calibration,
     to_radians,
 )
 
@@ -57,7 +55,7 @@ class SageFolder(LogFormat):
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
-        return len(naming.joints) or _first(where)["positions"].shape[1]
+        return len(naming.joints) or _table(Path(where, STATES), most=1)["positions"].shape[1]
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """See `LogFormat.drives`."""
@@ -70,7 +68,7 @@ class SageFolder(LogFormat):
         states = _table(Path(where, STATES))
         n = states["positions"].shape[1]
         names = _names(where, n)
-        joints = _joints(where, names, wanted)
+        joints = joints_in_order(where, names, wanted.n_joints, wanted.naming)
         order = [names.index(x) for x in joints]
         t, keep = states["timestamp"], np.ones(len(states["timestamp"]), bool)
         data = {"q": states["positions"]}
@@ -102,7 +100,7 @@ class SageFolder(LogFormat):
         )
         text = f"SAGE: joints 1 to {len(joints)} are {', '.join(joints)}"
         text += "; torques have no sign: sizes of currents" * unsigned
-        log.notes.append(Correction(kind="source", rows=0, text=text))
+        log.note(text)
         if len(rows):
             _convert(where, log, joints, wanted.naming)
         return log
@@ -110,7 +108,6 @@ class SageFolder(LogFormat):
 
 def _convert(where: str, log: RawLog, joints: tuple[str, ...], naming: Naming) -> None:
     """Bring angles to rad: as asked, else they are, but for grippers between 0 and 1."""
-    calibration = None if naming.calibration is None else read_calibration(naming.calibration)
     units = [naming.units or RADIANS] * len(joints)
     if naming.units is None:
         q = log.data["q"]
@@ -121,8 +118,8 @@ def _convert(where: str, log: RawLog, joints: tuple[str, ...], naming: Naming) -
                 and 0 <= q[:, j].min() <= q[:, j].max() <= 1
             ):
                 units[j] = PERCENT
-    said = to_radians(where, log.data, units, joints, calibration)
-    log.notes += [Correction(kind="source", rows=0, text=x) for x in said]
+    for text in to_radians(where, log.data, units, joints, naming.calibration):
+        log.note(text)
 
 
 def _names(where: str, n: int) -> list[str]:
@@ -138,18 +135,6 @@ def _names(where: str, n: int) -> list[str]:
     if len(names) != n or len(set(names)) != n:
         raise StictionError(f"{path}: {len(names)} names: expected those of {n} joints, one a line")
     return names
-
-
-def _joints(where: str, names: list[str], wanted: Wanted) -> tuple[str, ...]:
-    naming = wanted.naming
-    named = naming.joints or (naming.robot and set(naming.robot) <= set(names))
-    if not named and len(names) == wanted.n_joints:
-        return tuple(names)
-    return find_joints(where, names, wanted.n_joints, naming)
-
-
-def _first(where: str) -> dict[str, Array]:
-    return _table(Path(where, STATES), most=1)
 
 
 def _table(path: Path, most: int | None = None) -> dict[str, Array]:
