@@ -25,7 +25,6 @@ import copy
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -159,39 +158,30 @@ def conformance(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
 class _Found:
     """Results per joint: (n,) arrays, breakaway torques (rates, n)."""
 
-    deflection: Array
-    still: Array
-    creep: Array
-    go: Array
-    breakaway: Array
-    refused: str = ""
+    def __init__(self, rates: int, n: int) -> None:
+        """Begin with NaN, which stays where an engine refuses the model."""
+        self.deflection, self.still, self.creep, self.go = np.full((4, n), np.nan)
+        self.breakaway = np.full((rates, n), np.nan)
+        self.refused = ""
 
 
 def _tested(bench: _Bench, rates: Sequence[float], say: Callable[[int, int], None]) -> _Found:
-    """Return what the joints did; NaN where the engine refuses the model."""
-    breakaway = np.full((len(rates), bench.n), np.nan)
-    nothing = np.full(bench.n, np.nan)
+    """Return what the joints did."""
+    found = _Found(len(rates), bench.n)
     try:
-        deflection, still, creep = bench.hold()
+        found.deflection, found.still, found.creep = bench.hold()
     except Refused as error:
-        return _Found(
-            deflection=nothing,
-            still=nothing,
-            creep=nothing,
-            go=nothing,
-            breakaway=breakaway,
-            refused=str(error),
-        )
+        found.refused = str(error)
+        return found
     say(1, len(rates) + 2)
-    go = bench.go()
+    found.go = bench.go()
     for k, rate in enumerate(rates):
         say(k + 2, len(rates) + 2)
-        breakaway[k] = bench.breakaway(rate)
-    return _Found(deflection=deflection, still=still, creep=creep, go=go, breakaway=breakaway)
+        found.breakaway[k] = bench.breakaway(rate)
+    return found
 
 
 class _Bench:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.base import joint_number
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
 
@@ -150,8 +151,7 @@ def configurations(n: int, joints: list[int] | None = None) -> list[Configuratio
         StictionError: a joint outside 1..n.
     """
     for joint in joints or []:
-        if not 1 <= joint <= n:
-            raise unknown("joint", joint, range(1, n + 1))
+        joint_number(joint, n)
     chosen = sorted(set(joints)) if joints else list(range(1, n + 1))
     return [Configuration(j, load, d) for j in chosen for load in LOADS for d in DIRECTIONS]
 

@@ -188,16 +188,7 @@ class BreakawayTorques(Result):
             plot_sje(group, folder / name, robot=self.robot, protocol=self.protocol)
             if progress is not None:
                 progress("plots", k + 1, len(groups))
-        write_report(
-            folder,
-            self.rows,
-            robot=self.robot,
-            protocol=self.protocol,
-            pictures=list(groups),
-            stuck=self.describe_stuck(),
-            note=self.note,
-            servo_stiffness=self.servo_stiffness,
-        )
+        write_report(folder, self, list(groups))
 
     def __repr__(self) -> str:
         dithered = sum(not is_base(m) for m in self.measurements)
@@ -251,21 +242,12 @@ TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 PICTURE = "torques.png"
 
 
-def write_report(
-    folder: Path,
-    rows: Sequence[SJERow],
-    *,
-    robot: str,
-    protocol: Protocol,
-    pictures: Sequence[str],
-    stuck: str = "",
-    note: str = "",
-    servo_stiffness: NDArray[np.float64] | None = None,
-) -> None:
+def write_report(folder: Path, result: BreakawayTorques, pictures: Sequence[str]) -> None:
     """Write both pages and the picture of all torques; ``pictures`` are those of the iterations."""
     from stiction_envs.experiments.sje.plots import plot_torques
     from stiction_envs.reporting.templates import write_md_and_html
 
+    rows, robot, servos = result.rows, result.robot, result.servo_stiffness
     plot_torques(rows, folder / PICTURE, robot=robot)
     by_joint: dict[int, list[float]] = {}
     for row in rows:
@@ -277,7 +259,7 @@ def write_report(
         folder,
         TEMPLATE,
         f"Breakaway torques of {arm_title(robot)}",
-        note=note,
+        note=result.note,
         robot=arm_title(robot),
         dithered=bool(reductions),
         mean=float(np.mean(list(reductions.values()))) if reductions else 0.0,
@@ -291,11 +273,11 @@ def write_report(
         lowest=abs(by_torque[0].tau_nm),
         highest=abs(by_torque[-1].tau_nm),
         iterations=max(row.iterations for row in rows),
-        protocol=protocol,
-        table=_table(rows, servo_stiffness),
-        servos=servo_stiffness is not None,
+        protocol=result.protocol,
+        table=_table(rows, servos),
+        servos=servos is not None,
         pictures=list(pictures),
-        stuck=stuck,
+        stuck=result.describe_stuck(),
     )
 
 

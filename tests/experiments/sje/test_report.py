@@ -1,6 +1,7 @@
 """A Single Joint Experiment's report, of made torques."""
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -28,9 +29,11 @@ def row(joint, tau, *, amplitude=0.0, reduction=0.0, iterations=4):
 def report(tmp_path):
     def write(rows, stuck=""):
         protocol = load_protocol("panda")
-        write_report(
-            tmp_path, rows, robot="panda", protocol=protocol, pictures=["torques.png"], stuck=stuck
+        result = SimpleNamespace(
+            **{"rows": rows, "robot": "panda", "protocol": protocol, "note": ""},
+            **{"servo_stiffness": None, "describe_stuck": lambda: stuck},
         )
+        write_report(tmp_path, result, ["torques.png"])
         return (tmp_path / "report.md").read_text("utf-8"), (tmp_path / "report.html").read_text()
 
     return write
