@@ -26,11 +26,11 @@ from stiction_envs.dither import tables
 from stiction_envs.engines import warp_batch
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.envs.registration import EXPERIMENTS, register_all
+from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
-from stiction_envs.measured.thesis_tables import thesis_table
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.robots import load_arm
@@ -109,15 +109,9 @@ def sums_in_float32(yes: bool) -> Iterator[None]:
 
 def table_rows(robot: str) -> list[AmplitudeRow]:
     """Return the dither of every joint: of Table 4.9 for the Panda, else the shipped table."""
-    if robot != "panda":
-        return read_amplitudes(tables.HERE / f"{robot}.csv", n_joints=7)
-    found = {
-        row["joint"]: AmplitudeRow(
-            joint=row["joint"], frequency_hz=row["frequency_Hz"], amplitude_nm=row["tau_final_Nm"]
-        )
-        for row in thesis_table("4.9")
-    }
-    return list(found.values())
+    if robot == "panda":
+        return list(thesis_final_dither())
+    return read_amplitudes(tables.HERE / f"{robot}.csv", n_joints=7)
 
 
 def torques(robot: str, *, dithered: bool, float32: bool = False) -> Row:

@@ -18,11 +18,11 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 from benchmarks.harness import Benchmark
-from benchmarks.thesis.items import plain_axes
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
+from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.reporting.markdown import percent, signed, table_text
 from stiction_envs.reporting.png import save_full
 

@@ -9,12 +9,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from benchmarks.learning.search_rows import JOINTS, KEPT, table_of
+from benchmarks.learning.search_rows import JOINTS, KEPT, known_tables, table_of
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import read_compensation
-from stiction_envs.dither.tables import HERE as TABLES
 from stiction_envs.envs.agents import ConstantTable, GatedTable, NoDither, RandomDither, TorqueRule
-from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
+from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import override
 from stiction_envs.precomputed.store import digest
@@ -193,12 +192,7 @@ def trainings(plan: Plan, best: str | None) -> list[Training]:
 
 def tables(robot: str, experiment: str) -> dict[str, Table]:
     """Return the constant tables of an arm by name."""
-    thesis = {"Table 4.9": thesis_final_dither()} if robot == "panda" else {}
-    return {
-        **thesis,
-        "make tune": table_of(TABLES / f"{robot}.csv"),
-        SEARCHED: table_of(KEPT / f"{robot}_{experiment}.csv"),
-    }
+    return known_tables(robot) | {SEARCHED: table_of(KEPT / f"{robot}_{experiment}.csv")}
 
 
 def unlearned(robot: str, experiment: str) -> list[Contestant]:

@@ -48,15 +48,15 @@ def _drawn_means(scores: Array, rng: np.random.Generator, draws: int = DRAWS) ->
     return np.asarray(stats.trim_mean(drawn, 0.25, axis=1))
 
 
-def mean_with_interval(scores: Array, *, seed: int = 0, draws: int = DRAWS) -> Estimate:
+def mean_with_interval(scores: Array, *, draws: int = DRAWS) -> Estimate:
     """Return the interquartile mean with its stratified bootstrap interval (percentiles)."""
-    drawn = _drawn_means(scores, np.random.default_rng(seed), draws)
+    drawn = _drawn_means(scores, np.random.default_rng(0), draws)
     return _estimate(interquartile_mean(scores), drawn)
 
 
-def ratio_with_interval(ours: Array, theirs: Array, *, seed: int = 0) -> Estimate:
+def ratio_with_interval(ours: Array, theirs: Array) -> Estimate:
     """Return our interquartile mean over theirs, with its interval."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     means = [_drawn_means(x, rng) for x in (ours, theirs)]
     return _estimate(interquartile_mean(ours) / interquartile_mean(theirs), means[0] / means[1])
 
@@ -75,9 +75,9 @@ def probability_of_improvement(ours: Array, theirs: Array) -> Array:
     return np.asarray(((a < b) + 0.5 * (a == b)).mean(axis=(-3, -2, -1)))
 
 
-def improvement_with_interval(ours: Array, theirs: Array, *, seed: int = 0) -> Estimate:
+def improvement_with_interval(ours: Array, theirs: Array) -> Estimate:
     """Return the probability of improvement with its stratified bootstrap interval."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     drawn = probability_of_improvement(resampled(ours, rng), resampled(theirs, rng))
     return _estimate(float(probability_of_improvement(ours, theirs)), drawn)
 

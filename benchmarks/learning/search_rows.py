@@ -75,25 +75,23 @@ def table_of(path: Path) -> Table:
     return tuple(read_amplitudes(path, n_joints=JOINTS))
 
 
+def known_tables(robot: str) -> dict[str, Table]:
+    """Return the tables of an arm that no search has found, by name."""
+    thesis = {"Table 4.9": thesis_final_dither()} if robot == "panda" else {}
+    return {**thesis, "make tune": table_of(TABLES / f"{robot}.csv")}
+
+
 def joint_tables(robot: str) -> dict[str, Table]:
     """Return tables for the SJE, by name."""
-    thesis = {"Table 4.9": thesis_final_dither()} if robot == "panda" else {}
-    made = table_of(TABLES / f"{robot}.csv")
-    return {
-        "nothing": tuple(replace(row, frequency_hz=0.0, amplitude_nm=0.0) for row in made),
-        **thesis,
-        "make tune": made,
-        "search": table_of(KEPT / f"{robot}_sje.csv"),
-    }
+    known, found = known_tables(robot), table_of(KEPT / f"{robot}_sje.csv")
+    nothing = [replace(r, frequency_hz=0.0, amplitude_nm=0.0) for r in known["make tune"]]
+    return {"nothing": tuple(nothing), **known, "search": found}
 
 
 def treatments(robot: str) -> dict[str, Treatment]:
     """Return what is done on paths, by name, as the controller believes the friction to be."""
-    out = {
-        "nothing": Treatment(),
-        "make tune": Treatment(dither=table_of(TABLES / f"{robot}.csv")),
-        "search, constant": Treatment(dither=table_of(KEPT / f"{robot}_gte.csv")),
-    }
+    tables = known_tables(robot) | {"search, constant": table_of(KEPT / f"{robot}_gte.csv")}
+    out = {"nothing": Treatment(), **{k: Treatment(dither=x) for k, x in tables.items()}}
     if robot != "panda":
         return out
 
@@ -103,8 +101,6 @@ def treatments(robot: str) -> dict[str, Treatment]:
     experiment = GeneratedTrajectoryExperiment(robot, seed=SEED)
     longer = table_of(KEPT / "panda_gte_gated_1600.csv")
     return {
-        "nothing": out.pop("nothing"),
-        "Table 4.9": Treatment(dither=thesis_final_dither()),
         **out,
         "search, gated": Treatment(dither=table_of(KEPT / "panda_gte_gated.csv")),
         "common gate, 1600 evaluations": Treatment(dither=longer),

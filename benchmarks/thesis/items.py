@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.measured.csv_text import write_lines
@@ -115,9 +114,3 @@ def write_figure(item: Item, folder: Path, figure: Figure, numbers: Numbers) -> 
     path.parent.mkdir(exist_ok=True)
     save_small(figure, path)
     return Written(numbers, f"![{item.name}: {item.title}]({item.file})")
-
-
-def plain_axes(axes: Axes) -> None:
-    """Give axes a faint grid and no frame at the top and at the right."""
-    axes.grid(alpha=0.25, lw=0.6)
-    axes.spines[["top", "right"]].set_visible(False)

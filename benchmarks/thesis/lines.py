@@ -21,7 +21,6 @@ from benchmarks.thesis.items import (
     Needs,
     Numbers,
     Written,
-    plain_axes,
     write_figure,
     write_table,
 )
@@ -36,6 +35,7 @@ from benchmarks.thesis.lsm import (
     friction,
 )
 from benchmarks.thesis.torques import base_jobs
+from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.measured import thesis_robots, thesis_table
 from stiction_envs.reporting.markdown import number, short, signed, span, table_text

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from benchmarks.thesis.items import plain_axes
 from benchmarks.thesis.nested_models.phase import PhaseStudy
 from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, TARGETS, ModelScores
 from benchmarks.thesis.nested_models.theory import JointTheory
@@ -120,7 +119,7 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
                 axes.plot([x for x, _ in at], values, color=colours[key], **style)
             _cells(axes, scores, points)
             axes.axhline(0, color="0.3", lw=0.8, zorder=1)
-            plain_axes(axes)
+            plots.plain_axes(axes)
         column[0].set_xscale("log")
         column[0].set_xticks(TICKS, [f"{f:g}" for f in TICKS])
         column[0].minorticks_off()
@@ -237,6 +236,6 @@ def iiwa(study: PhaseStudy, path: Path) -> None:
     right.legend(frameon=False, fontsize=8.5)
     for axes in (left, right):
         axes.axhline(0, color="0.3", lw=0.8, zorder=2)
-        plain_axes(axes)
+        plots.plain_axes(axes)
     figure.suptitle("LBR iiwa 7 R800: dither at half the controller's rate", fontsize=12)
     save_full(figure, path)
