@@ -8,7 +8,8 @@ import numpy as np
 
 from stiction_envs.control.trajectory import Path
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.protocol import Case, Run, load_gte_protocol
+from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run, load_gte_protocol
+from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured import AmplitudeRow
 
@@ -67,3 +68,24 @@ def bench(robot: str = "panda", kind: str = "rigid", **options: object):
 
 def one(b: GeneratedTrajectoryExperiment, case: Case, iterations: int = 1) -> Run:
     return b.run([case], iterations=iterations)[0]
+
+
+def following(b: GeneratedTrajectoryExperiment, case: Case, arms: int = 1) -> GTERig:
+    """Arms that are about to follow the path of a case, with its dither."""
+    rig, ids = b.rig(arms, 2), np.arange(arms)
+    stiffness = np.tile(case.stiffness, (arms, 1))
+    rig.begin(ids, [b.path(case.trajectory)] * arms, stiffness, [(i,) for i in ids])
+    rig.set_dither(ids, **{k: np.stack([v] * arms) for k, v in b.dither_of(case).items()})
+    return rig
+
+
+def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
+    """The iterations ``rows`` of both are the same bits, as far as the shorter record goes."""
+    k = min(len(a.time), len(b.time))
+    assert k > 100
+    for name in ("reference", "actual", "mean_square", "dither_power"):
+        np.testing.assert_array_equal(getattr(a, name)[rows, :k], getattr(b, name)[rows, :k])
+    for name in ("accepted", "reached", "torque_rate"):
+        np.testing.assert_array_equal(getattr(a, name)[rows], getattr(b, name)[rows])
+    for name in FLAGS:
+        np.testing.assert_array_equal(a.flags[name][rows], b.flags[name][rows])

@@ -13,8 +13,7 @@ from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rows import CASES, case_name
 from stiction_envs.friction.parameters import stack_friction
-from tests.experiments.gte.short_paths import DITHER, SOFT, STIFF, bench, friction, one
-from tests.experiments.gte.test_experiment import assert_same
+from tests.experiments.gte.short_paths import DITHER, SOFT, STIFF, assert_same, bench, friction, one
 
 PLAIN = Case(trajectory="corner", stiffness=STIFF)
 SHAKEN = dataclasses.replace(PLAIN, dither=DITHER)

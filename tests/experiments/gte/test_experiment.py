@@ -9,37 +9,31 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.control.compensation import compensate
-from stiction_envs.control.kernels import pass_torque
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
-    FLAGS,
     PHASES,
     Case,
     Run,
     load_gte_protocol,
 )
-from stiction_envs.experiments.gte.rig import GTERig, Sampling
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
-from tests.experiments.gte.short_paths import DITHER, PATHS, SOFT, STIFF, STILL, bench, one, through
+from tests.experiments.gte.short_paths import (
+    DITHER,
+    PATHS,
+    SOFT,
+    STIFF,
+    STILL,
+    assert_same,
+    bench,
+    following,
+    one,
+    through,
+)
 from tests.robots.arms import chain
-
-
-def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
-    """The iterations ``rows`` of both are the same bits, as far as the shorter record goes."""
-    k = min(len(a.time), len(b.time))
-    assert k > 100
-    for name in ("reference", "actual", "mean_square", "dither_power"):
-        np.testing.assert_array_equal(getattr(a, name)[rows, :k], getattr(b, name)[rows, :k])
-    for name in ("accepted", "reached", "torque_rate"):
-        np.testing.assert_array_equal(getattr(a, name)[rows], getattr(b, name)[rows])
-    for name in FLAGS:
-        np.testing.assert_array_equal(a.flags[name][rows], b.flags[name][rows])
-
 
 # ---- without friction ------------------------------------------------------------------------
 
@@ -53,9 +47,8 @@ def test_tracking_error_without_friction_is_the_impedance_laws(design):
     """
     settings = ImpedanceSettings(damping_design=design)
     b = bench(kind="none", settings=settings, scatter=False)
-    run = one(b, Case(trajectory="there", stiffness=SOFT))
-    rig = b.rig(1, 1)
-    rig.begin(np.array([0]), [PATHS["there"]], np.array([SOFT]), [(0,)])
+    case = Case(trajectory="there", stiffness=SOFT)
+    run, rig = one(b, case), following(b, case)
     inertia, damping = rig.controller.inertia[0], rig.controller.damping[0]
     stiffness = rig.controller.stiffness[0]
     segment = Segment(1, b.motion)
@@ -242,11 +235,7 @@ def test_phases():
     b = bench()
     for phases in PHASES:
         case = Case(trajectory="there", stiffness=STIFF, dither=DITHER, phases=phases)
-        rig = b.rig(2, 1)
-        ids = np.arange(2)
-        rig.begin(ids, [PATHS["there"]] * 2, np.array([STIFF] * 2), [(0,), (1,)])
-        rig.set_dither(ids, **{k: np.stack([v] * 2) for k, v in b.dither_of(case).items()})
-        phase = rig.dither.phase
+        phase = following(b, case, 2).dither.phase
         if phases == "random":
             assert len(np.unique(phase)) == 14
         else:
@@ -255,153 +244,6 @@ def test_phases():
 
 
 # ---- other robots, bad input --------------------------------------------------------------------
-
-
-def test_iiwa_holds_its_command_for_5_ms():
-    """200 Hz: dither and torque change every fifth control step, and the arm follows."""
-    b = bench("iiwa7")
-    rig = b.rig(1, 1)
-    ids = np.array([0])
-    rig.begin(ids, [PATHS["there"]], np.array([STIFF]), [(0,)])
-    rows = [AmplitudeRow(j, 15.0, 1.0) for j in range(1, 8)]
-    case = Case(trajectory="there", stiffness=STIFF, dither=tuple(rows))
-    rig.set_dither(ids, **{k: v[None] for k, v in b.dither_of(case).items()})
-    seen: list[np.ndarray] = []
-    rig.advance(200, lambda: seen.append(rig.dither_torque.copy()))
-    changed = [k for k in range(1, 200) if not np.array_equal(seen[k], seen[k - 1])]
-    assert changed == list(range(5, 200, 5))
-    error = one(b, case).error[0, -1]
-    assert np.linalg.norm(error[:3]) < 0.03
-
-
-def one_by_one(rig: GTERig, due: bool, row: int) -> None:
-    """`GTERig._control_step` by the public calls of its parts."""
-    tip, model = rig.end_effector, rig._model
-    tip.read()
-    if due:
-        q, dq = rig.plant.position, rig.plant.velocity
-        rig.dither_torque[:] = rig.dither.torque(rig.step * 1e-3, dq)
-        rig.controller.torque(
-            tip.position,
-            tip.quaternion,
-            tip.jacobian,
-            q,
-            dq,
-            dither=rig.dither_torque + compensation_of(rig, dq),
-        )
-    pass_torque(rig.controller.command, *rig._path.arguments, rig.applied)
-    rig._torque[:] = rig.applied + model.missing
-
-
-def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
-    """Compensation of this cycle (N, n), by itself."""
-    tip, (x, _) = rig.end_effector, rig.controller.reference
-    compensate(
-        *(tip.position, tip.quaternion, tip.jacobian, dq, x),
-        *rig.controller.arguments[4:6],
-        *rig.compensator.arguments,
-    )
-    return rig.compensator.torque
-
-
-HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
-MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
-FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
-
-
-@pytest.mark.parametrize(
-    ("robot", "options", "dither"),
-    [
-        ("panda", {}, {}),
-        ("iiwa7", {}, {}),
-        ("panda", {"settings": MIXED, "controller_model": HEAVY}, {}),
-        ("panda", {"settings": FILTERED}, {}),
-        ("panda", {}, {"gate_velocity": 0.02}),
-        ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
-        ("panda", {"settings": MIXED}, {"compensated": True}),
-        ("iiwa7", {}, {"compensated": True}),
-    ],
-)
-def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, dither):
-    """As its parts one by one: held commands, nullspace, wrong model, any dither."""
-    ids, seen = np.arange(3), []
-    dither = dict(dither)
-    compensated = dither.pop("compensated", False)
-    for other_way in (False, True):
-        if other_way:
-            monkeypatch.setattr(GTERig, "_control_step", one_by_one)
-        b = bench(robot, **options)
-        rig = b.rig(3, 2)
-        stiffness = np.array([(200, 20, 0), (400, 40, 5), (200, 20, 10)], dtype=float)
-        rig.begin(
-            ids, [b.path(p) for p in ("there", "corner", "stay")], stiffness, [(k,) for k in ids]
-        )
-        amplitude = np.ones((3, 7))
-        amplitude[0, 2], amplitude[2] = 0.0, 0.0
-        rig.set_dither(ids, amplitude=amplitude, frequency=30.0, **dither)
-        if compensated:
-            kinds = [None, *(b.compensation(k) for k in ("feedforward", "push"))]
-            rig.compensator.set_rows(ids, kinds)
-        rig.controller.set_stiffness([1], translational=500.0)
-        rows = []
-        rig.advance(
-            437,
-            lambda rig=rig, rows=rows: rows.append(
-                [*rig.applied.copy(), *rig.dither_torque.copy(), *rig.end_effector.position.copy()]
-            ),
-        )
-        seen.append([np.concatenate(row) for row in rows])
-    np.testing.assert_array_equal(*seen)
-    assert rig.dither_torque.any()
-
-
-@pytest.mark.parametrize(
-    ("robot", "options"),
-    [
-        ("panda", {}),
-        ("iiwa7", {}),
-        ("panda", {"settings": MIXED, "controller_model": HEAVY, "timestep": 5e-4}),
-        ("iiwa14", {"compensated": True}),
-    ],
-)
-def test_compiled_steps_are_the_same_bits(robot, options):
-    """Many control steps in one call of compiled code, as step by step through Python."""
-    ids, seen, options = np.arange(3), [], dict(options)
-    compensated = options.pop("compensated", False)
-    for watch in (None, lambda: None):
-        b = bench(robot, threads=1, **options)
-        rig = b.rig(3, 2)
-        paths = [b.path(p) for p in ("there", "corner", "stay")]
-        rig.begin(ids, paths, np.tile((200.0, 20.0, 5.0), (3, 1)), [(k,) for k in ids])
-        rig.set_dither(ids, amplitude=np.array([[1.0], [0.0], [0.5]]), frequency=30.0)
-        if compensated:
-            rig.compensator.set_rows(ids, [None, *[b.compensation("push")] * 2])
-        assert rig.plant.compiled_loop is not None
-        noted = []
-        for steps in (237, 100, 3):
-            poses = np.empty((steps, 3, 3)), np.empty((steps, 3, 4))
-            took: list[int] = []
-            rig.advance(steps, watch, Sampling(*poses, 10, took.append))
-            assert took == list(range(0, steps, 10))
-            noted += [*poses, rig.plant.state[0].copy(), rig.plant.state[1].copy()]
-            noted += [rig.applied.copy(), rig.dither_torque.copy(), rig.sequencer.reached_at.copy()]
-            noted += [rig.plant.bristle, rig.plant.joint_torque, rig.step.copy()]
-        seen.append(noted)
-    for compiled, stepped in zip(*seen, strict=True):
-        np.testing.assert_array_equal(compiled, stepped)
-    assert np.abs(seen[0][3]).max() > 1e-3, "arms move"
-
-
-def test_slow_controller_takes_what_fell_due_between_its_cycles():
-    """125 Hz: cycles every 8 ms, references every 10 ms; none may be missed."""
-    b = bench(scatter=False)
-    interface = b.interface.of(load_arm("panda"), controller_rate_hz=125)
-    settings = ImpedanceSettings(rate_hz=125.0)
-    slow = bench(scatter=False, interface=interface, settings=settings)
-    case = Case(trajectory="there", stiffness=STIFF)
-    a, c = one(b, case), one(slow, case)
-    k = min(len(a.time), len(c.time))
-    assert np.abs(a.reference[0, :k, 0] - c.reference[0, :k, 0]).max() < 3e-3
 
 
 @pytest.mark.parametrize("robot", BUILTIN)

@@ -12,10 +12,16 @@ from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import undithered
 from stiction_envs.experiments.gte.protocol import Case
-from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.plant import CONTROL_DT
-from tests.experiments.gte.short_paths import DITHER, PATHS, SOFT, STIFF, bench, one
-from tests.experiments.gte.test_experiment import assert_same
+from tests.experiments.gte.short_paths import (
+    DITHER,
+    SOFT,
+    STIFF,
+    assert_same,
+    bench,
+    following,
+    one,
+)
 
 BAD = Sensing(
     angle_noise=2e-5,
@@ -30,16 +36,8 @@ BAD = Sensing(
     missed_cycles=0.02,
     spread=0.2,
 )
-THERE = Case(trajectory="there", stiffness=SOFT, dither=DITHER, gate_velocity=0.3)
-
-
-def following(b, rows=1, case=THERE) -> GTERig:
-    """Arms that are about to follow a path."""
-    rig = b.rig(rows, 2)
-    ids = np.arange(rows)
-    keys = [(i,) for i in ids]
-    rig.begin(ids, [PATHS[case.trajectory]] * rows, np.tile(case.stiffness, (rows, 1)), keys)
-    return rig
+STILL = Case(trajectory="there", stiffness=SOFT)
+THERE = dataclasses.replace(STILL, dither=DITHER, gate_velocity=0.3)
 
 
 @pytest.mark.parametrize("robot", ["panda", "iiwa14"])
@@ -80,7 +78,7 @@ def test_without_scatter_all_iterations_read_alike():
 def test_the_controller_has_the_angles_that_were_read():
     """Pose, Jacobian, speed and mass are those of the measured angles; samples are true."""
     delay = 0.004
-    rig = following(bench(sensing=Sensing(measurement_delay=delay), scatter=False))
+    rig = following(bench(sensing=Sensing(measurement_delay=delay), scatter=False), STILL)
     states = []
 
     def watch():
@@ -102,7 +100,7 @@ def test_the_controller_has_the_angles_that_were_read():
 def test_commands_act_later():
     late = 3
     free = {"scatter": False, "sensing": Sensing(command_delay=late * CONTROL_DT)}
-    rig = following(bench(**free))
+    rig = following(bench(**free), STILL)
     sent, acting = [], []
 
     def watch():
@@ -118,7 +116,7 @@ def test_commands_act_later():
 @pytest.mark.parametrize("robot", ["iiwa14", "panda"])
 def test_joint_torques_are_those_that_move_the_links(robot):
     """Law checked: M q̈ + C q̇ of the links, rotors left out, less what `offset` balances."""
-    rig = following(bench(robot, scatter=False, friction=None))
+    rig = following(bench(robot, scatter=False, friction=None), STILL)
     plant, sticking = rig.plant, rig.plant.sticking
     spec = sticking.arm.spec()
     spec.option.gravity[:] = 0.0

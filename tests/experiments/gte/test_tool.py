@@ -14,7 +14,7 @@ from stiction_envs.experiments.gte.protocol import Case, pose_error
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
-from tests.experiments.gte.short_paths import PATHS, SOFT, STIFF, bench, one
+from tests.experiments.gte.short_paths import SOFT, STIFF, bench, following, one
 
 
 def start_pose(**options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -100,8 +100,7 @@ def test_a_push_at_the_flange_turns_an_arm_controlled_at_its_tool():
 def test_start_is_where_arms_begin():
     q = np.array([0.1, -0.6, 0.0, -2.2, 0.0, 1.6, 0.8])
     b = bench(kind="none", scatter=False, start=q)
-    rig = b.rig(1, 1)
-    rig.begin(np.array([0]), [PATHS["there"]], np.array([SOFT]), [(0,)])
+    rig = following(b, Case(trajectory="there", stiffness=SOFT))
     np.testing.assert_allclose(rig.plant.position[0], q, atol=1e-2)
     assert np.abs(start_pose(start=q)[0] - start_pose()[0]).max() > 0.02
 
@@ -119,9 +118,7 @@ def test_dither_of_joint_7_alone_is_seen():
     assert np.linalg.norm(d.vibration_at_rest[0, :3]) < 0.5 * d.shaking_at_rest[0]
     assert d.vibration_at_rest[0, 5] > 10 * d.vibration_at_rest[0, 3:5].max()
 
-    rig, ids, angle = b.rig(1, 1), np.array([0]), []
-    rig.begin(ids, [PATHS["stay"]], np.array([SOFT]), [(0,)])
-    rig.set_dither(ids, **{k: v[None] for k, v in b.dither_of(case).items()})
+    rig, angle = following(b, case), []
     rig.advance(4000, lambda: angle.append(rig.plant.position[0, 6]))
     band = butterworth_highpass(b.protocol.vibration_low, 1000.0)
     shaken = np.array([angle]) - angle[0]
