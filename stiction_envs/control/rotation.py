@@ -95,17 +95,6 @@ def angle_one(a: Array, b: Array) -> float:
     return 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), abs(w))
 
 
-def from_rotation_vector(vector: ArrayLike) -> Array:
-    """Exponential map: quaternions (..., 4) of angle · axis (..., 3) [rad]; w ≥ 0 up to π."""
-    v = np.asarray(vector, dtype=float)
-    half = 0.5 * np.sqrt(np.einsum("...i,...i->...", v, v))
-    out = np.empty((*v.shape[:-1], 4))
-    out[..., 0] = np.cos(half)
-    # np.sinc(x) = sin(πx)/(πx) is 1 at 0
-    np.multiply(v, 0.5 * np.sinc(half / np.pi)[..., None], out=out[..., 1:])
-    return out
-
-
 def to_matrix(q: Array) -> Array:
     """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
@@ -117,30 +106,12 @@ def to_matrix(q: Array) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def slerp(a: Array, b: Array, fraction: ArrayLike) -> Array:
-    """Quaternions (..., 4) on the shorter arc from a to b (..., 4), at ``fraction`` (...) of it.
-
-    Exactly a at 0 and exactly b, or −b where that is nearer to a, at 1.
-    """
-    s = np.asarray(fraction, dtype=float)
-    shape = np.broadcast_shapes(a.shape[:-1], b.shape[:-1], s.shape)
-    begin, end = (np.broadcast_to(x, (*shape, 4)).reshape(-1, 4) for x in (a, b))
-    out: Array = _slerp(begin, end, np.broadcast_to(s, shape).ravel())
-    return out.reshape(*shape, 4)
-
-
-@compiled
-def _slerp(a: Array, b: Array, fraction: Array) -> Array:
-    """`slerp` of rows (M, 4) at fractions (M,)."""
-    out = np.empty((len(fraction), 4))
-    for i in range(len(fraction)):
-        slerp_one(a[i], b[i], fraction[i], out[i])
-    return out
-
-
 @compiled
 def slerp_one(p: Array, q: Array, s: float, out: Array) -> None:
-    """`slerp` from p to q (4,) for other compiled functions; ``out`` (4,) is written."""
+    """Write the quaternion (4,) at a share ``s`` of the shorter arc from p to q (4,).
+
+    Exactly p at 0 and exactly q, or −q where that is nearer to p, at 1. For compiled functions.
+    """
     side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
     difference, total = 0.0, 0.0
     for k in range(4):

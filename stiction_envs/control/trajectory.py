@@ -38,7 +38,7 @@ POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
 _UNIT = 1e-3  # largest departure of a quaternion's length from 1 in a file [-] (assumed)
-_DEFAULT = GTE_DEFAULTS["motion"]
+_DEFAULT, _SIZES = GTE_DEFAULTS["motion"], GTE_DEFAULTS["path"]
 _Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
 
@@ -340,37 +340,23 @@ class Path:
         return p[:, None] + self.position, multiply(turn, start)
 
 
-def triangle(side: float | None = None, slope: float | None = None) -> Path:
+def triangle() -> Path:
     """Return an equilateral triangle in space: forward and right, left, back to the start.
 
-    Args:
-        side: [m]; None takes that of ``gte.toml``, which is assumed.
-        slope: of its plane downwards from the base's x [rad]; None likewise.
+    Its side, and the slope of its plane downwards from the base's x, are in ``gte.toml``.
     """
-    side = _size("triangle_side", side)
-    slope = GTE_DEFAULTS["path"]["triangle_slope"] if slope is None else slope
+    side, slope = _SIZES["triangle_side"], _SIZES["triangle_slope"]
     forward = side * np.sqrt(0.75)
     x, z = forward * np.cos(slope), -forward * np.sin(slope)
     return _constant("triangle", [[x, -0.5 * side, z], [x, 0.5 * side, z], [0.0, 0.0, 0.0]])
 
 
-def pentagon(side: float | None = None) -> Path:
-    """Return a regular pentagon in the plane of the base's x and y, back to the start.
-
-    Args:
-        side: [m]; None takes that of ``gte.toml``, which is assumed.
-    """
-    radius = _size("pentagon_side", side) / (2.0 * np.sin(np.pi / 5.0))
+def pentagon() -> Path:
+    """Return a regular pentagon in the plane of the base's x and y, back to the start."""
+    radius = _SIZES["pentagon_side"] / (2.0 * np.sin(np.pi / 5.0))
     angle = np.pi + 2.0 * np.pi * np.arange(1, 5) / 5.0  # the start is the corner nearest the base
     x, y = radius * (1.0 + np.cos(angle)), radius * np.sin(angle)
     return _constant("pentagon", [*np.stack([x, y, np.zeros(4)], axis=1), np.zeros(3)])
-
-
-def _size(name: str, value: float | None) -> float:
-    value = GTE_DEFAULTS["path"][name] if value is None else value
-    if not 0 < value < np.inf:
-        raise StictionError(f"path {name.replace('_', ' ')} is {value} m: expected > 0")
-    return value
 
 
 def _constant(name: str, position: Sequence[ArrayLike] | Array) -> Path:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
@@ -14,6 +15,11 @@ from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSetting
 from stiction_envs.robots import load_arm
 
 ROTOR = 0.1  # rotor inertia of every joint [kg·m²]
+
+
+def from_rotation_vector(vector: ArrayLike) -> np.ndarray:
+    """Quaternions (..., 4) of angle · axis (..., 3) [rad]."""
+    return Rotation.from_rotvec(vector).as_quat(scalar_first=True)
 
 
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -111,7 +117,7 @@ def batch(n: int = 64, **settings: object) -> tuple[CartesianImpedance, Look]:
     q_d = look.q + 0.3 * np.random.default_rng(2).normal(size=(n, 7))
     control.reset(None, look.position, look.quaternion, q_d)
     control.update_model(None, look.jacobian, look.mass)
-    turn = rotation.from_rotation_vector(0.2 * rng.normal(size=(n, 3)))
+    turn = from_rotation_vector(0.2 * rng.normal(size=(n, 3)))
     control.set_reference(
         look.position + 0.05 * rng.normal(size=(n, 3)), rotation.multiply(turn, look.quaternion)
     )

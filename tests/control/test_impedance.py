@@ -9,7 +9,7 @@ import scipy.linalg
 
 from stiction_envs.control import rotation
 from stiction_envs.robots import load_arm
-from tests.control.rig import Rig, batch, poses
+from tests.control.rig import Rig, batch, from_rotation_vector, poses
 
 # ---- the law itself ------------------------------------------------------------------------
 
@@ -54,7 +54,7 @@ def modal_overshoot(ratio: float, mode: int) -> float:
     shift = 0.01 * v[:, mode] / np.abs(v[:, mode]).max()
     rig.control.set_reference(
         pose.position - shift[:3],
-        rotation.multiply(rotation.from_rotation_vector(-shift[3:]), pose.quaternion),
+        rotation.multiply(from_rotation_vector(-shift[3:]), pose.quaternion),
     )
     size = []
     for _ in range(1500):
@@ -126,7 +126,7 @@ def test_energy_never_grows_without_reference_motion(design):
     """Passivity: d/dt(½ q̇ᵀM q̇ + ½ eᵀK e) = −(J q̇)ᵀ D J q̇ ≤ 0, through large fast motions."""
     rig = Rig(dt=2e-4, damping_design=design, damping_ratio=0.3)
     pose = rig.look()
-    turn = rotation.from_rotation_vector([0.4, -0.5, 0.3])
+    turn = from_rotation_vector([0.4, -0.5, 0.3])
     rig.control.set_reference(
         pose.position + np.array([0.1, 0.15, -0.1]), rotation.multiply(turn, pose[1])
     )

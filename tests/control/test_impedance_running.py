@@ -9,7 +9,7 @@ from stiction_envs.control import rotation
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
-from tests.control.rig import Look, Rig, angle_between, batch, poses
+from tests.control.rig import Look, Rig, angle_between, batch, from_rotation_vector, poses
 
 # ---- filters and changes while running -------------------------------------------------------
 
@@ -19,7 +19,7 @@ def test_the_filter_reaches_its_fraction_after_one_second(p):
     """x ← x + s(target − x), s = 1/(κf + 1), κ = −1/ln(1 − p): p after one second."""
     rig = Rig(pose_filter=p)
     pose, control = rig.look(), rig.control
-    turn = rotation.from_rotation_vector([0.0, 0.0, 1.0])
+    turn = from_rotation_vector([0.0, 0.0, 1.0])
     control.set_reference(pose.position + 1.0, rotation.multiply(turn, pose.quaternion))
     still = np.zeros((1, 7))
     for _ in range(1000):

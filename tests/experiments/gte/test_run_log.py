@@ -10,6 +10,7 @@ import pytest
 from stiction_envs.control import rotation
 from stiction_envs.experiments.gte.protocol import FLAGS, Run, load_gte_protocol
 from stiction_envs.experiments.gte.sampling import RunLog
+from tests.control.rig import from_rotation_vector
 from tests.experiments.gte.made_up import RATE, made_up
 
 START = np.array([0.0, 1.0, 0.0, 0.0])
@@ -99,7 +100,7 @@ def test_turning_vibrates_by_the_lever(axis, path):
     def move(stub, t):
         vector = np.zeros(3)
         vector[axis] = path * t + 2e-3 * np.sin(2 * np.pi * frequency * t)
-        turn = rotation.from_rotation_vector(vector)
+        turn = from_rotation_vector(vector)
         sign = -1.0 if 1.1 < t < 1.3 else 1.0  # the same orientation
         stub.end_effector.quaternion[0] = sign * rotation.multiply(turn, START)
 
