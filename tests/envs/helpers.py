@@ -115,6 +115,38 @@ def episode(env: gym.Env, action: Any, **reset: Any) -> list[tuple]:
     return steps
 
 
+def tiled(
+    monkeypatch: pytest.MonkeyPatch, kind: Kind, per_tile: int, count: int, **more: Any
+) -> Any:
+    """Return environments whose tiles have at most ``per_tile`` arms, on one thread by default."""
+    with monkeypatch.context() as m:
+        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
+        return kind.make_vec(count, **{"threads": 1, "fixed_options": kind.options, **more})
+
+
+def batch_and_singles(kind: Kind, steps: int, **arguments: Any) -> Any:
+    """Step three arms together and two of them alone; return the batch.
+
+    What each of the two sees and is rewarded with is the same bits; the two differ.
+    """
+    many = kind.make_batch(3, autoreset_mode="Disabled", **arguments)
+    seen, _ = many.reset(seed=5, options=kind.options)
+    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
+    for _ in range(steps):
+        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
+        for row, o, r in zip(rows, observation, reward, strict=True):
+            row += [o.copy(), r]
+    for i in (0, 2):
+        env = kind.make(threads=1, **arguments)
+        out = [env.reset(seed=5 + i, options=kind.options)[0]]
+        for _ in range(steps):
+            observation, r, *_ = env.step(action)
+            out += [observation, r]
+        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
+    assert not np.array_equal(rows[0][-2], rows[2][-2])
+    return many
+
+
 def same(a: Any, b: Any) -> bool:
     """Whether two results are the same bits, nested dicts and NaN included."""
     if isinstance(a, dict):

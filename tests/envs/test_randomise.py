@@ -10,7 +10,7 @@ from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.randomise import FIELDS, draw, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, QUICK, TRIANGLE, episode, mild, quiet, same
+from tests.envs.helpers import GTE, QUICK, TRIANGLE, batch_and_singles, episode, mild, quiet, same
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
 
@@ -26,21 +26,7 @@ def test_no_spread_is_the_nominal_arm_bit_for_bit(kind):
 
 
 def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    many = kind.make_batch(3, autoreset_mode="Disabled", randomise=SPREADS)
-    seen, _ = many.reset(seed=5, options=kind.options)
-    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
-    for _ in range(4):
-        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
-        for row, o, r in zip(rows, observation, reward, strict=True):
-            row += [o.copy(), r]
-    for i in (0, 2):
-        env = kind.make(threads=1, randomise=SPREADS)
-        out = [env.reset(seed=5 + i, options=kind.options)[0]]
-        for _ in range(4):
-            observation, r, *_ = env.step(action)
-            out += [observation, r]
-        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
-    assert not np.array_equal(rows[0][-2], rows[2][-2])
+    batch_and_singles(kind, 4, randomise=SPREADS)
 
 
 def test_an_episode_before_leaves_nothing_behind(kind):
@@ -67,19 +53,24 @@ def test_breakaway_torque_scales_with_the_friction_and_its_unit_does_not():
     assert np.max(np.abs(np.array(ratio) - factor)) < 0.1
 
 
-def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
-    """Only the unit of its reward is another's."""
-    arguments = GTE.arguments
-    env = GTEEnv(randomise={"friction": 0.5, "load": 0.5}, **arguments)
-    final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
-    names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
-    own = env.core._nominal.replace(**{k: plant._p[k][0] for k in names})
-    twin = GTEEnv(friction=own, **arguments)
-    other = episode(twin, quiet(twin), seed=2, options=TRIANGLE)[-1][4]
+def undithered(**arguments) -> tuple[GTEEnv, dict]:
+    """Return an environment, and the last info of its episode without dither."""
+    env = GTEEnv(**GTE.arguments, **arguments)
+    return env, episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
+
+
+def check_same_arm(final: dict, other: dict) -> None:
     for name in ("error", "error_left", "shaking", "duration"):
         assert np.array_equal(final[name], other[name]), name
-    nominal = GTEEnv(**arguments)
-    usual = episode(nominal, quiet(nominal), seed=2, options=TRIANGLE)[-1][4]
+
+
+def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
+    """Only the unit of its reward is another's."""
+    env, final = undithered(randomise={"friction": 0.5, "load": 0.5})
+    names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
+    own = env.core._nominal.replace(**{k: plant._p[k][0] for k in names})
+    (_, other), (_, usual) = undithered(friction=own), undithered()
+    check_same_arm(final, other)
     assert np.array_equal(final["undithered_error"], usual["undithered_error"])
     assert not np.array_equal(final["error"], usual["error"])
     assert not np.array_equal(final["undithered_error"], other["undithered_error"])
@@ -136,19 +127,15 @@ def test_wrong_spreads(kind, randomise, words):
 
 def test_a_friction_that_nobody_knows_of():
     """Bounds, units of observation and reward are the nominal arm's; what it does is not."""
-    arguments = GTE.arguments
-    env, p = GTEEnv(friction_factor=1.3, **arguments), load_friction("panda")
-    final = episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
+    p = load_friction("panda")
     own = p.replace(stiction=1.3 * p.stiction, load_coefficient=1.3 * p.load_coefficient)
-    twin, nominal = GTEEnv(friction=own, **arguments), GTEEnv(**arguments)
-    other = episode(twin, quiet(twin), seed=2, options=TRIANGLE)[-1][4]
-    usual = episode(nominal, quiet(nominal), seed=2, options=TRIANGLE)[-1][4]
-    for name in ("error", "error_left", "shaking", "duration"):
-        assert np.array_equal(final[name], other[name]), name
+    env, final = undithered(friction_factor=1.3)
+    (twin, other), (nominal, usual) = undithered(friction=own), undithered()
+    check_same_arm(final, other)
     assert env.action_space == nominal.action_space != twin.action_space
     assert np.array_equal(env.core.stiction, nominal.core.stiction)
     assert np.array_equal(final["undithered_error_left"], usual["undithered_error_left"])
-    with_spread = GTEEnv(friction_factor=1.3, randomise={"friction": 0.1}, **arguments)
+    with_spread = GTEEnv(friction_factor=1.3, randomise={"friction": 0.1}, **GTE.arguments)
     with_spread.reset(seed=2)
     ratio = with_spread.core.rig.plant._p["stiction"][0] / p.stiction
     assert 1.17 <= ratio.min() < ratio.max() <= 1.43

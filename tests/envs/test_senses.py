@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import episode, mild, same
+from tests.envs.helpers import batch_and_singles, episode, mild, same
 
 OFF = Sensing(angle_noise=1e-3, speed_noise=0.01, measurement_delay=0.002, missed_cycles=0.1)
 
@@ -36,21 +36,8 @@ def test_the_observation_is_what_was_read(kind):
 
 
 def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    given = {"sensing": OFF, "randomise": {"senses": 0.5, "friction": 0.2}}
-    many = kind.make_batch(3, autoreset_mode="Disabled", **given)
-    seen, _ = many.reset(seed=5, options=kind.options)
-    rows, action = [[o.copy()] for o in seen], mild(many.unwrapped.core, 6)
-    for _ in range(3):
-        observation, reward, *_ = many.step(np.tile(action, (3, 1)))
-        for row, o, r in zip(rows, observation, reward, strict=True):
-            row += [o.copy(), r]
-    for i in (0, 2):
-        env = kind.make(threads=1, **given)
-        out = [env.reset(seed=5 + i, options=kind.options)[0]]
-        for _ in range(3):
-            observation, r, *_ = env.step(action)
-            out += [observation, r]
-        assert all(np.array_equal(a, b) for a, b in zip(out, rows[i], strict=True))
+    spreads = {"senses": 0.5, "friction": 0.2}
+    many = batch_and_singles(kind, 3, sensing=OFF, randomise=spreads)
     scale = many.unwrapped.core.rig.senses._scale
     assert len(set(scale.tolist())) == 3
     assert 0.5 <= scale.min() < scale.max() <= 1.5

@@ -12,7 +12,7 @@ import pytest
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.episodes import Outcome
-from tests.envs.helpers import GTE, Kind, same
+from tests.envs.helpers import GTE, same, tiled
 
 
 class Core:
@@ -93,33 +93,8 @@ def test_an_interrupt_waits_for_every_tile(threads):
     assert [c.count for c in found.cores] == [1, 1, 1]
 
 
-def small(monkeypatch, kind: Kind, count: int, threads: int, per_tile: int):
-    """Return environments whose tiles have at most ``per_tile`` arms."""
-    with monkeypatch.context() as m:
-        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
-        return kind.make_vec(count, threads=threads, fixed_options=kind.options)
-
-
-def test_more_threads_than_cores_change_no_bit(kind, monkeypatch):
-    """Seven arms in one tile, in 4 and 3 on two threads, in seven on sixteen; resets included."""
-    envs = [small(monkeypatch, kind, 7, t, k) for t, k in ((1, 7), (2, 4), (16, 1))]
-    sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
-    assert sizes == [[7], [4, 3], [1] * 7]
-    space, rng, ended = envs[0].single_action_space, np.random.default_rng(3), 0
-    first = envs[0].reset(seed=5)
-    assert all(same(list(e.reset(seed=5)), list(first)) for e in envs[1:])
-    share = np.linspace(0.0, 0.4, 7)[:, None]
-    for _ in range(40):
-        drawn = rng.uniform(size=(7, *space.shape))
-        action = (space.low + share * drawn * (space.high - space.low)).astype(np.float32)
-        expected = envs[0].step(action)
-        assert all(same(list(e.step(action)), list(expected)) for e in envs[1:])
-        ended += int((expected[2] | expected[3]).sum())
-    assert ended > 0
-
-
 def test_an_arm_that_the_engine_stops_harms_no_other_tile(monkeypatch):
-    env, other = (small(monkeypatch, GTE, 4, 2, 2) for _ in range(2))
+    env, other = (tiled(monkeypatch, GTE, 2, 4, threads=2) for _ in range(2))
     action = np.tile(env.single_action_space.low, (4, 1))
     for e in (env, other):
         e.reset(seed=1)

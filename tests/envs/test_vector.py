@@ -11,7 +11,7 @@ from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
 from stiction_envs.precomputed import store
-from tests.envs.helpers import QUICK, SJE, TRIANGLE, Kind, same
+from tests.envs.helpers import QUICK, SJE, TRIANGLE, same, tiled
 
 N = 5
 FIXED = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
@@ -166,20 +166,13 @@ def test_gymnasium_vector_wrappers_work(kind):
 # ---- tiles ---------------------------------------------------------------------------------------
 
 
-def tiled(monkeypatch, kind: Kind, per_tile: int, mode: str = "NextStep", **more) -> VectorEnv:
-    """Return N environments on one thread, ``per_tile`` at most in a tile."""
-    with monkeypatch.context() as m:
-        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
-        options = {"fixed_options": kind.options, "autoreset_mode": mode, **more}
-        return kind.make_vec(N, threads=1, **options)
-
-
 @pytest.mark.parametrize("mode", [pytest.param("NextStep", marks=pytest.mark.slow), "SameStep"])
 def test_tiles_change_no_bit(kind, mode, monkeypatch):
-    """Through resets of single tiles and of all, in tiles of 5, of 2, 2 and 1, and of 1."""
-    envs = [tiled(monkeypatch, kind, k, mode) for k in (N, 2, 1)]
+    """Through resets of single tiles and of all, on one thread, two, and more than cores."""
+    parts = {(N, 1): [5], (2, 1): [2, 2, 1], (3, 2): [3, 2], (1, 16): [1] * 5}
+    envs = [tiled(monkeypatch, kind, k, N, threads=t, autoreset_mode=mode) for k, t in parts]
     sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
-    assert sizes == [[5], [2, 2, 1], [1] * 5]
+    assert sizes == list(parts.values())
     whole, *others = envs
     first = whole.reset(seed=3)
     assert all(same(list(e.reset(seed=3)), list(first)) for e in others)
@@ -192,7 +185,7 @@ def test_tiles_change_no_bit(kind, mode, monkeypatch):
 
 
 def test_a_reset_mask_finds_its_tiles(kind, monkeypatch):
-    envs = [tiled(monkeypatch, kind, k, "Disabled") for k in (N, 2)]
+    envs = [tiled(monkeypatch, kind, k, N, autoreset_mode="Disabled") for k in (N, 2)]
     mask = np.array([False, False, False, True, True])
     for env in envs:
         env.reset(seed=3)
@@ -202,7 +195,7 @@ def test_a_reset_mask_finds_its_tiles(kind, monkeypatch):
 
 
 def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
-    env, other = (tiled(monkeypatch, kind, 2) for _ in range(2))
+    env, other = (tiled(monkeypatch, kind, 2, N) for _ in range(2))
     good = actions(env, 2)
     bad = good[0].copy()
     bad[-1, 0] = np.nan
@@ -217,7 +210,7 @@ def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
 
 
 def test_a_frame_is_of_its_own_environment(monkeypatch):
-    envs = [tiled(monkeypatch, SJE, k, render_mode="rgb_array") for k in (N, 2)]
+    envs = [tiled(monkeypatch, SJE, k, N, render_mode="rgb_array") for k in (N, 2)]
     frames = []
     for env in envs:
         env.reset(seed=1, options=[{**QUICK, "joint": 1 + i, "load": "load"} for i in range(N)])
