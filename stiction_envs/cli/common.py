@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
-
-
 IDEAL = "ideal"
 """Senses where none are given."""
 IN_FOLDER = Path("in --out")
@@ -314,16 +312,8 @@ def add_video_option(parser: Parser, what: str) -> None:
 NOT_RECORDED = {
     *("command", "run", "show", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
-    *(
-        "out",
-        "force",
-        "json",
-        "threads",
-        "slots",
-        "video",
-        "rrd",
-        "mcap",
-    ),  # no result depends on them
+    # no result depends on them
+    *("out", "force", "json", "threads", "slots", "video", "rrd", "mcap"),
 }
 
 
@@ -406,11 +396,8 @@ def write_video(
         return {}, None
     from stiction_envs.envs.render.film import write_film
 
-    def show(done: int, total: int) -> None:
-        progress.set("video", done, total, "frames")
-
     try:
-        write_film(make_film(), path, progress=show)
+        write_film(make_film(), path, progress=lambda k, n: progress.set("video", k, n, "frames"))
     except (StictionError, OSError) as error:
         return {"video": None}, f"no video: {one_line(error)}; all else is written"
     return {"video": str(path)}, None
