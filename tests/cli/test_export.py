@@ -19,8 +19,9 @@ from stiction_envs.experiments.conformance import conformance
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.model import COULOMB, STICTION, build
 from stiction_envs.friction.parameters import (
+    QUANTITIES,
+    FrictionParameters,
     dump_friction,
-    friction_text,
     load_friction,
 )
 from stiction_envs.friction.plain_mjcf import differences
@@ -30,6 +31,12 @@ from stiction_envs.robots.model_files import in_folder
 from tests.experiments.test_conformance import lugre, stock
 from tests.gap.small_logs import RATE, motion, write_csv
 from tests.robots.arms import MJCF, TETRA
+
+
+def write_friction(path: Path, p: FrictionParameters) -> None:
+    sources = dict.fromkeys(QUANTITIES, "a test")
+    text = dump_friction(p, sources=sources, meta={}, provenance={})
+    path.write_text(text, encoding="utf-8")
 
 
 def loaded(model: mujoco.MjModel, joint: str, factor: float, seconds: float) -> float:
@@ -107,13 +114,8 @@ def test_own_arm_with_defaults_frames_and_meshes(cli, inputs):
 @pytest.mark.parametrize("name", ["model.toml", "friction.toml"])
 def test_friction_from_a_folder(cli, inputs, name):
     p = load_friction("panda")
-    text = dump_friction(
-        p.replace(stiction=2 * p.stiction, load_coefficient=0 * p.load_coefficient),
-        sources={k: "test" for k in friction_text("panda") if k not in ("meta", "provenance")},
-        meta={},
-        provenance={},
-    )
-    (inputs / name).write_text(text, encoding="utf-8")
+    stickier = p.replace(stiction=2 * p.stiction, load_coefficient=0 * p.load_coefficient)
+    write_friction(inputs / name, stickier)
     ran = cli("export", "panda", "--from", inputs, "--out", "a", "--json")
     assert ran.code == 0
     said = [j["stiction_nm"] for j in json.loads(ran.out)["joints"]]
@@ -178,13 +180,7 @@ def test_kinds_and_engines(cli, two, work, options, kind, has):
 
 def test_a_kind_and_a_file_may_both_be_named(cli, two, inputs, work):
     p = load_friction("generic", 2)
-    text = dump_friction(
-        p.replace(stiction=np.array([[0.7, 0.7], [0.6, 0.6]])),
-        sources={k: "test" for k in friction_text("panda") if k not in ("meta", "provenance")},
-        meta={},
-        provenance={},
-    )
-    (inputs / "own.toml").write_text(text, encoding="utf-8")
+    write_friction(inputs / "own.toml", p.replace(stiction=np.array([[0.7, 0.7], [0.6, 0.6]])))
     named = ["--friction", inputs / "own.toml", "--friction", "frictionloss"]
     assert cli("export", two, *named, "--out", "a").code == 0
     model = mujoco.MjModel.from_xml_path("a/model.xml")

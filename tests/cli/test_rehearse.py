@@ -60,9 +60,8 @@ def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     assert "hid" not in again.err
 
 
-def test_goes_on_after_an_interruption(cli, work, call, monkeypatch):
-    """Ctrl-C in the second job: the first is kept, and the files are those of one run."""
-    assert cli(*call, "--out", "whole").code == 0
+def interrupt_second(monkeypatch) -> list[str]:
+    """Press Ctrl-C in the second job; return the list of jobs as they begin."""
     measure, begun = runs.measure, []
 
     def interrupted(job, *rest):
@@ -72,6 +71,13 @@ def test_goes_on_after_an_interruption(cli, work, call, monkeypatch):
         return measure(job, *rest)
 
     monkeypatch.setattr(runs, "measure", interrupted)
+    return begun
+
+
+def test_goes_on_after_an_interruption(cli, work, call, monkeypatch):
+    """The first job is kept, and the files are those of one run."""
+    assert cli(*call, "--out", "whole").code == 0
+    begun = interrupt_second(monkeypatch)
     assert cli(*call, "--out", "a").code != 0
     assert len((work / "a/rehearsal_runs.jsonl").read_text().splitlines()) == 1
     assert not (work / "a/rehearsal.csv").exists()
@@ -122,15 +128,7 @@ def servo_call(two, inputs):
 @pytest.mark.slow
 def test_a_servo_log_is_rehearsed_and_goes_on(cli, work, servo_call, monkeypatch):
     call = (*servo_call, "--rehearse-causes", "coulomb_friction")
-    measure, begun = runs.measure, []
-
-    def interrupted(job, *rest):
-        begun.append(job.key)
-        if len(begun) == 2:
-            raise KeyboardInterrupt
-        return measure(job, *rest)
-
-    monkeypatch.setattr(runs, "measure", interrupted)
+    begun = interrupt_second(monkeypatch)
     assert cli(*call).code != 0
     ran = cli(*call)
     assert ran.code == 0, ran.err
