@@ -11,7 +11,14 @@ import numpy as np
 
 JOINTS = 7
 ROWS = 200
-HEADER = "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(1, JOINTS + 1))
+
+
+def header_of(*channels: str, joints: int = JOINTS) -> str:
+    """Header of a log with these channels of each joint."""
+    return ",".join(["t", *(f"{c}{j}" for c in channels for j in range(1, joints + 1))])
+
+
+HEADER = header_of("q", "dq", "tau")
 
 
 def good_values(rows: int = ROWS, joints: int = JOINTS, rate: float = 100.0) -> np.ndarray:
@@ -32,11 +39,6 @@ def text_of(values: np.ndarray, header: str = HEADER) -> str:
     out = io.StringIO()
     np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
     return out.getvalue()
-
-
-def header_of(joints: int) -> str:
-    """Header of a log of another robot."""
-    return "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(1, joints + 1))
 
 
 def changed(change: Callable[[np.ndarray], None]) -> str:
@@ -107,7 +109,7 @@ GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))
 ALL = slice(None)
 Q, DQ, TAU = slice(1, 8), slice(8, 15), slice(15, 22)
 FROM_ZERO = "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(7))
-SIX, EIGHT = (text_of(good_values(joints=n), header_of(n)) for n in (6, 8))
+SIX, EIGHT = (text_of(good_values(joints=n), header_of("q", "dq", "tau", joints=n)) for n in (6, 8))
 CONSTANT = changed(lambda values: values.__setitem__((ALL, slice(1, None)), values[0, 1:]))
 BACKWARDS = changed(lambda values: values.__setitem__((ALL, 0), values[::-1, 0].copy()))
 ONES = np.ones((200, 6))

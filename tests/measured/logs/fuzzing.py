@@ -53,14 +53,15 @@ def reads_or_complains(read: Callable[[], RobotLog]) -> None:
     assert "\n" not in message
 
 
-def refuses(read: Callable[[], RobotLog], says: str) -> None:
-    """Assert that a log is refused in one line with the pattern ``says`` and what is expected."""
+def refuses(read: Callable[[], object], says: str) -> str:
+    """Return the one line that refuses a file, with the pattern ``says`` and what is expected."""
     with pytest.raises(StictionError) as error:
         read()
     message = str(error.value)
     assert re.search(says, message), message
     assert "expected" in message
     assert "\n" not in message
+    return message
 
 
 def damaged(

@@ -19,6 +19,7 @@ from stiction_envs.measured.logs.joint_names import Naming, find_joints
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import good_values
+from tests.measured.logs.fuzzing import put, refuses
 from tests.measured.logs.ros_bags import (
     FINGERS,
     KINDS,
@@ -300,11 +301,11 @@ def empty_metadata(folder: Path) -> Path:
 
 BAD = {
     "garbage": (
-        lambda f: _put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
+        lambda f: put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
         "damaged or no ROS bag",
     ),
-    "empty": (lambda f: _put(f / "log.bag", b""), "damaged or no ROS bag"),
-    "no database": (lambda f: _put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
+    "empty": (lambda f: put(f / "log.bag", b""), "damaged or no ROS bag"),
+    "no database": (lambda f: put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
     "cut bag": (lambda f: shortened(f, "bag"), "damaged or no ROS bag.*rosbag reindex"),
     "cut mcap": (lambda f: shortened(f, "mcap"), "damaged or no ROS bag.*mcap recover"),
     "cut db3": (lambda f: shortened(f, "db3"), "damaged or no ROS bag"),
@@ -347,20 +348,11 @@ BAD = {
 }
 
 
-def _put(path: Path, data: bytes) -> Path:
-    path.write_bytes(data)
-    return path
-
-
 @pytest.mark.parametrize("name", BAD)
 def test_bad_bag_is_one_clear_line(tmp_path: Path, name: str) -> None:
     make, says = BAD[name]
     path = make(tmp_path)
-    with pytest.raises(StictionError, match=says) as error:
-        read(path)
-    message = str(error.value)
-    assert "\n" not in message
-    assert "expected" in message
+    message = refuses(lambda: read(path), says)
     assert str(path) in message
     assert len(message.replace(str(tmp_path), "")) < 400
 

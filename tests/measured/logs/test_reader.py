@@ -19,7 +19,7 @@ from stiction_envs.measured.logs.formats import base, csv_file
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import BAD_FILES, GOOD, HEADER, SIX, good_values, text_of
-from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains
+from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains, refuses
 
 LIMITS = load_arm("panda").limits
 
@@ -34,13 +34,9 @@ def read(path: Path, n: int = 7) -> JointLog:
 def says(paths: list[Path]) -> str:
     """The one line about logs that cannot be read."""
     start = time.perf_counter()
-    with pytest.raises(StictionError) as error:
-        read_logs(paths, 7, limits=LIMITS)
+    message = refuses(lambda: read_logs(paths, 7, limits=LIMITS), "")
     assert time.perf_counter() - start < 10
-    message = str(error.value)
-    assert "\n" not in message
     assert len(message.replace(str(paths[0].parent), "")) < 300
-    assert "expected" in message
     assert any(str(path) in message for path in paths)
     return message
 

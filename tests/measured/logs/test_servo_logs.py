@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import gzip
-import io
-import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,17 +19,14 @@ from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
 from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.sources import log_sources
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD
-from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains
+from tests.measured.logs.bad_logs import GOOD, header_of
+from tests.measured.logs.bad_logs import text_of as csv_text
+from tests.measured.logs.fuzzing import CELLS, damaged_csv, fuzz, put, reads_or_complains, refuses
 from tests.measured.logs.test_robot_logs import real
 
 N = 7
 LIMITS = load_arm("panda").limits
 STEP = 2 * np.pi / 4096
-
-
-def header_of(*channels: str, n: int = N) -> list[str]:
-    return ["t", *(f"{c}{j}" for c in channels for j in range(1, n + 1))]
 
 
 HEADER = header_of("q_cmd", "q")
@@ -49,11 +44,8 @@ def servo_values(rows: int = 250, rate: float = 50.0) -> np.ndarray:
     return np.column_stack([t, command, q])
 
 
-def text_of(values: np.ndarray, names: list[str] | None = None) -> str:
-    out = io.StringIO()
-    header = ",".join(names or HEADER)
-    np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
-    return out.getvalue()
+def text_of(values: np.ndarray, header: str = HEADER) -> str:
+    return csv_text(values, header)
 
 
 def read(path: Path) -> ServoLog:
@@ -96,7 +88,9 @@ def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
     v = np.loadtxt(text.splitlines()[1:], delimiter=",")
     log = read(put(tmp_path / "log.csv", text))
     np.savez(tmp_path / "matrices.npz", t=v[:, 0], q_cmd=v[:, 1:8], q=v[:, 8:])
-    parquet.write_table(pa.table(dict(zip(HEADER, v.T, strict=True))), tmp_path / "log.parquet")
+    parquet.write_table(
+        pa.table(dict(zip(HEADER.split(","), v.T, strict=True))), tmp_path / "log.parquet"
+    )
     put(tmp_path / "log.csv.gz", gzip.compress(text.encode()))
     for name in ("matrices.npz", "log.parquet", "log.csv.gz"):
         assert same(read(tmp_path / name), log), name
@@ -108,8 +102,8 @@ def test_channels_that_may_be_there(tmp_path: Path) -> None:
     rest = np.arange(v.shape[0] * N * 3, dtype=float).reshape(-1, 3 * N) / 1e4
     dq = np.gradient(v[:, 8:], v[:, 0], axis=0)
     values = np.column_stack([v, dq, rest])
-    names = header_of("q_cmd", "q", "dq", "tau", "current_abs", "temperature")
-    log = read(put(tmp_path / "log.csv", text_of(values, names)))
+    header = header_of("q_cmd", "q", "dq", "tau", "current_abs", "temperature")
+    log = read(put(tmp_path / "log.csv", text_of(values, header)))
     assert log.dq is not None
     assert log.dq == pytest.approx(dq, abs=1e-6)
     assert log.tau == pytest.approx(rest[:, :N])
@@ -121,8 +115,8 @@ def test_currents_have_no_sign_and_no_limit(tmp_path: Path) -> None:
     """They stay at 0 for long: of a torque that would be called saturated."""
     v = servo_values()
     current = np.maximum(np.sin(3 * v[:, :1] + np.arange(N)), 0)
-    names = header_of("q_cmd", "q", "current_torque_abs")
-    log = read(put(tmp_path / "log.csv", text_of(np.column_stack([v, current]), names)))
+    header = header_of("q_cmd", "q", "current_torque_abs")
+    log = read(put(tmp_path / "log.csv", text_of(np.column_stack([v, current]), header)))
     assert log.warnings == ()
     (note,) = log.corrections
     assert (note.kind, note.text) == (
@@ -130,8 +124,8 @@ def test_currents_have_no_sign_and_no_limit(tmp_path: Path) -> None:
         "current_torque_abs1..n are taken as current_abs1..n",
     )
     assert log.current == pytest.approx(current, abs=1e-8)
-    names = header_of("q_cmd", "q", "current_abs")
-    log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -current]), names)))
+    header = header_of("q_cmd", "q", "current_abs")
+    log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -current]), header)))
     assert log.current == pytest.approx(current, abs=1e-8)
     assert log.warnings == ("current_abs1 is negative in places: its size is used",)
 
@@ -217,7 +211,7 @@ BAD = {
     "no command": (text_of(servo_values()[:, [0, *range(8, 15)]], header_of("q")), "q_cmd1"),
     "no angles": (text_of(servo_values()[:, :8], header_of("q_cmd")), "missing columns 'q1'"),
     "six joints": (
-        text_of(servo_values()[:, :13], header_of("q_cmd", "q", n=6)),
+        text_of(servo_values()[:, :13], header_of("q_cmd", "q", joints=6)),
         "columns for 6 joints, but the robot has 7",
     ),
     "joint missing": (text_of(servo_values()).replace("q_cmd4", "goal4"), "column 'q_cmd4'"),
@@ -240,13 +234,8 @@ BAD = {
 def test_a_bad_servo_log_is_one_clear_line(tmp_path: Path, bad: str) -> None:
     text, says = BAD[bad]
     path = put(tmp_path / "log.csv", text)
-    with pytest.raises(StictionError) as error:
-        read(path)
-    message = str(error.value)
-    assert re.search(says, message), message
+    message = refuses(lambda: read(path), says)
     assert message.startswith(str(path))
-    assert "\n" not in message
-    assert "expected" in message
     assert len(message.replace(str(tmp_path), "")) < 300
 
 
@@ -334,8 +323,8 @@ def test_fuzz_numbers(
     v = size * rng.normal(size=(rows, 8)).cumsum(axis=0)
     v[rng.random(rows) < holes / 20] = np.nan
     v[rng.random(v.shape) < holes / 20] = np.nan
-    names = header_of("q_cmd", "q", "tau", "current_abs", n=2)
-    check_read(put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), names)))
+    header = header_of("q_cmd", "q", "tau", "current_abs", joints=2)
+    check_read(put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), header)))
 
 
 @fuzz(60)
