@@ -62,14 +62,38 @@ def with_or_without_random(
     library.given(library.least_inflation, 1.0)
     dense = choose(library)
     library.given(np.minimum(of_sparse, library.noise_under(dense)), 1.0)
-    (one, small), (other, scale) = library.likeliest(sparse), library.likeliest(dense)
-    # small errors of links explain it as well, unless what only the sparse model names stands out
-    have = {(t.cause, t.joint) for t in dense}
-    bodies = [library.causes[t.cause] for t in sparse if (t.cause, t.joint) not in have]
-    least = max((x.least_evidence for x in bodies if x.body), default=0.0) if scale else 0.0
-    terms, size = (dense, scale) if other > one - least else (sparse, small)
+    each = [_with_likely_bodies(library, x) for x in (sparse, dense)]
+    terms = max(each, key=lambda x: _score(library, x))
+    _, size = library.likeliest(terms)
     library.given(library.inflation if size else usual, size)
     return library.beside(terms)
+
+
+def _with_likely_bodies(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
+    """Return a model with the bodies that stand out of small errors of all links.
+
+    Of two bodies, one may be wrong and the other may stand in for the rest of the links; and what
+    small errors of any size explain may be a body beside smaller ones.
+    """
+    bodies = [t for t in library.candidates if library.causes[t.cause].body]
+    while True:
+        have = {(t.cause, t.joint) for t in terms}
+        fewer = [[t for t in terms if t != x] for x in bodies if x in terms]
+        more = [[*terms, x] for x in bodies if (x.cause, x.joint) not in have]
+        likely = max((terms, *fewer, *more), key=lambda x: _score(library, x))
+        if likely is terms:
+            return terms
+        terms = likely
+
+
+def _score(library: RegressorLibrary, terms: Sequence[Candidate]) -> float:
+    """Return the log evidence of a model less what each of its bodies must add to it [nats].
+
+    That is what every cause must, as one of many candidates, and no less than `least_evidence`.
+    """
+    least = float(np.log(max(len(library.candidates), 1)))
+    bodies = [x for x in (library.causes[t.cause] for t in terms) if x.body]
+    return library.likeliest(terms)[0] - sum(max(x.least_evidence, least) for x in bodies)
 
 
 def likelier(library: RegressorLibrary, *models: list[Candidate]) -> list[Candidate]:
