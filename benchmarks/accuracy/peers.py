@@ -26,6 +26,7 @@ from benchmarks.reference_loop import seconds as reference_loop
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.markdown import joints, table_text
 from stiction_envs.robots import Arm, load_arm
@@ -88,11 +89,15 @@ def panda() -> Parts:
 
 def iiwa14() -> Parts:
     """Sweeps of one joint at a time; every third speed is held out, poses are the check."""
-    logs, poses = iiwa_logs()
+    arm, (sweeps, poses) = load_arm("iiwa14"), iiwa_logs()
+    # together: some of them alone do not tell the torques' sign
+    (*logs, poses), _ = correct_torques(
+        [*sweeps, poses], arm, lambda x: prepare(x, most_samples=40_000)
+    )
     fit = [cut(log, s) for log in logs for k, s in enumerate(log.segments) if k % 3 != 1]
     held = [cut(log, s) for log in logs for k, s in enumerate(log.segments) if k % 3 == 1]
     what = ("sweeps of joints 1, 2, 3, 5, 6 and 7, two of three speeds", "the other speeds")
-    return Parts(load_arm("iiwa14"), fit, held, [poses], (*what, "996 poses at rest"))
+    return Parts(arm, fit, held, [poses], (*what, "996 poses at rest"))
 
 
 CASES: dict[str, Callable[[], Parts]] = {"panda": panda, "iiwa14": iiwa14}

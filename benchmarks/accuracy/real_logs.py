@@ -19,8 +19,6 @@ from benchmarks.accuracy.real_logs_page import SWEEP_JOINTS, draw, page
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
-from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
 
@@ -47,17 +45,15 @@ def panda() -> Row:
 
 
 def iiwa_logs() -> tuple[list[JointLog], JointLog]:
-    """The sweeps and the poses, corrected together: some of them alone do not tell the sign."""
+    """The sweeps and the poses."""
     arm = load_arm("iiwa14")
     paths = [MEASURED / x for x in SWEEPS.values()]
-    logs = read_logs(paths, arm.n, limits=arm.limits)
-    logs.append(read_poses(MEASURED / POSES, arm.n, limits=arm.limits))
-    corrected, _ = correct_torques(logs, arm, lambda x: prepare(x, most_samples=40_000))
-    return corrected[:-1], corrected[-1]
+    sweeps = read_logs(paths, arm.n, limits=arm.limits)
+    return sweeps, read_poses(MEASURED / POSES, arm.n, limits=arm.limits)
 
 
 def iiwa_sweep(joint: int) -> Row:
-    """A sweep beside what the poses say of gravity: one joint's motion cannot say it."""
+    """A sweep beside what the poses say of gravity and of the torques' sign."""
     logs, poses = iiwa_logs()
     gravity = model_of(diagnose_logs([poses], "iiwa14", torque="link"))
     mine = logs[list(SWEEPS).index(joint)]

@@ -139,7 +139,8 @@ def correct_sign(
     """
     sure = [s for s in signs(signals, arm, settings) if s.vote]
     kinds = [kind for kind in (CHANGING, HELD, FRICTION) if any(s.shown_by == kind for s in sure)]
-    if known and CHANGING not in kinds:
+    done = any(x.kind == "sign" for log in logs for x in log.corrections)
+    if known and not done and CHANGING not in kinds:
         usual = "torques have the opposite sign of the usual one, as those of the nominal model's "
         text = f"{usual}logs: all inverted, so that tau drives the joint"
         return inverted(logs, signals, text) if known < 0 else (list(logs), signals)

@@ -144,6 +144,14 @@ def test_only_a_changing_load_contradicts_the_sign_that_is_known(good: JointLog,
     assert kinds(log) == []
 
 
+def test_torques_are_inverted_only_once() -> None:
+    still = wrist_only(-1)
+    (once,), signals = correct_sign([still], prepare([still]), ARM, known=-1)
+    (twice,), _ = correct_sign([once], signals, ARM, known=-1)
+    assert kinds(once) == kinds(twice) == ["sign"]
+    assert np.array_equal(twice.tau, once.tau)
+
+
 def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
     wrong = with_torque(good, -good.tau, "turned.csv")
     with pytest.raises(StictionError, match=r"turned\.csv: tau\d has the opposite sign") as error:
