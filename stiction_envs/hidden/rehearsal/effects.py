@@ -14,7 +14,7 @@ a controller would answer: the motor moves as logged, the link does not.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -51,15 +51,15 @@ TURN = 0.1
 frequency is below 0.1 %."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class ReplayedEffect:
     """How a cause is hidden along a given motion."""
 
     torque: Law
-    parameter: str
-    """What its size is, as in ``diagnosis.json`` where the size is one of its parameters."""
-    unit: str
-    start: float
+    _: KW_ONLY
+    parameter: str = ""
+    """What its size is, where that is not the cause's first parameter."""
+    start: float = 0.01
     """A small size, from which the first one is found."""
     largest: float = np.inf
     """Size beyond which nobody would have to ask; assumed."""
@@ -77,21 +77,6 @@ class ReplayedEffect:
         return (*friction, *((self.comes_with,) if self.comes_with else ()))
 
 
-REPLAYED: dict[str, ReplayedEffect] = {}
-"""By name of the cause."""
-
-
-def replayed(name: str, parameter: str, unit: str, **traits: Any) -> Callable[[Law], Law]:
-    """Enter a law into `REPLAYED`; its traits are fields of `ReplayedEffect`."""
-
-    def enter(law: Law) -> Law:
-        made: dict[str, Any] = {"torque": law, "parameter": parameter, "unit": unit, **traits}
-        REPLAYED[name] = ReplayedEffect(**made)
-        return law
-
-    return enter
-
-
 def effect_of(name: str) -> ReplayedEffect:
     """Return how to hide a cause; a linear one of another package by its own first column."""
     if name in REPLAYED:
@@ -102,8 +87,7 @@ def effect_of(name: str) -> ReplayedEffect:
         columns = [cause.columns(replay.data, j, ())[:, 0] for j in range(replay.data.n)]
         return size * np.stack(columns, axis=1)
 
-    first = cause.parameters[0]
-    return ReplayedEffect(torque=torque, parameter=first.name, unit=first.unit, start=0.01)
+    return ReplayedEffect(torque)
 
 
 # ---- friction ------------------------------------------------------------------------------------
@@ -149,30 +133,14 @@ def dry_friction(replay: Replay, level: Array) -> Array:
     return level * along(replay, plain_law(replay, replay.friction)) / replay.friction
 
 
-def replayed_friction(
-    name: str, parameter: str, unit: str, *, start: float = 0.01, **traits: Any
-) -> Callable[[Callable[[Replay, Array], LuGre]], Law]:
-    """Enter a law of dry friction into `REPLAYED`: hidden is what it adds to the arm's own."""
+def refined(law: Callable[[Replay, Array], LuGre], **traits: Any) -> ReplayedEffect:
+    """Return an effect that refines dry friction: hidden is what its law adds to the arm's own."""
 
-    def enter(law: Callable[[Replay, Array], LuGre]) -> Law:
-        @replayed(name, parameter, unit, start=start, on_friction=True, **traits)
-        def more(replay: Replay, size: Array) -> Array:
-            own = plain_law(replay, replay.friction)
-            return along(replay, law(replay, size)) - along(replay, own)
+    def more(replay: Replay, size: Array) -> Array:
+        own = plain_law(replay, replay.friction)
+        return along(replay, law(replay, size)) - along(replay, own)
 
-        return more
-
-    return enter
-
-
-@replayed("coulomb_friction", "coulomb_nm", "N·m", start=0.01)
-def _coulomb(replay: Replay, size: Array) -> Array:
-    return dry_friction(replay, size)
-
-
-@replayed("viscous_friction", "viscous_nms", "N·m·s/rad", start=0.01)
-def _viscous(replay: Replay, size: Array) -> Array:
-    return size * replay.data.dq
+    return ReplayedEffect(more, on_friction=True, **traits)
 
 
 def _share(replay: Replay, size: Array) -> Array:
@@ -180,19 +148,15 @@ def _share(replay: Replay, size: Array) -> Array:
     return size * replay.friction
 
 
-@replayed_friction("stribeck_friction", "stiction_nm", "N·m", largest=3.0, shown=_share)
 def _stribeck(replay: Replay, size: Array) -> LuGre:
-    level = replay.friction
-    return plain_law(replay, level, stiction=level * (1 + size))
+    return plain_law(replay, replay.friction, stiction=replay.friction * (1 + size))
 
 
-@replayed_friction("direction_asymmetry", "asymmetry_nm", "N·m", largest=0.9, shown=_share)
 def _asymmetry(replay: Replay, size: Array) -> LuGre:
     level = replay.friction * (1 + size)
     return plain_law(replay, level, asymmetry=(1 - size) / (1 + size))
 
 
-@replayed_friction("load_dependent_friction", "load_coefficient", "1", largest=1.0)
 def _load(replay: Replay, size: Array) -> LuGre:
     load = np.abs(replay.data.rigid)
     return plain_law(replay, replay.friction, load_coefficient=size, load=load)
@@ -203,27 +167,11 @@ def _longer(replay: Replay, size: Array) -> Array:
     return replay.data.friction.presliding_distance + size
 
 
-@replayed_friction(
-    *("presliding_hysteresis", "bristle_stiffness", "N·m/rad"),
-    start=1e-3,
-    largest=0.1,
-    shown=lambda replay, size: replay.friction / _longer(replay, size),
-)
-def _presliding(replay: Replay, size: Array) -> LuGre:
-    return plain_law(replay, replay.friction, _longer(replay, size))
-
-
-@replayed("position_dependent_friction", "ripple_nm", "N·m", start=0.01)
-def _ripple(replay: Replay, size: Array) -> Array:
-    return size * np.sin(PERIODS * replay.data.q + 0.7)
-
-
 def _over_the_log(replay: Replay, size: Array) -> Array:
     """Return the rate of a drift that changes dry friction by a part of it over the log."""
     return size * replay.friction / max(float(replay.data.recording.since_session.max()), 1e-9)
 
 
-@replayed_friction("warm_up_drift", "drift_nm_per_s", "N·m/s", largest=1.0, shown=_over_the_log)
 def _drift(replay: Replay, size: Array) -> LuGre:
     since = replay.data.recording.since_session[:, None]
     return plain_law(replay, replay.friction + _over_the_log(replay, size) * since)
@@ -238,7 +186,6 @@ def _with_model(replay: Replay, model: pin.Model) -> Array:
     return inverse_dynamics(model, data.q, data.dq, data.ddq) - data.recording.rigid
 
 
-@replayed("payload", "mass_kg", "kg", start=0.01, largest=20.0)
 def _payload(replay: Replay, size: Array) -> Array:
     model, mass = replay.data.pinocchio.copy(), float(size[0])
     flange = model.frames[model.getFrameId(replay.data.arm.end_effector)]
@@ -252,7 +199,6 @@ def _of_link(replay: Replay, size: Array) -> Array:
     return size * np.array([x.mass for x in list(replay.data.pinocchio.inertias)[1:]])
 
 
-@replayed("link_parameters", "mass_kg", "kg", start=0.01, largest=0.5, shown=_of_link)
 def _link(replay: Replay, size: Array) -> Array:
     model = replay.data.pinocchio.copy()
     for j, share in enumerate(size):
@@ -263,17 +209,11 @@ def _link(replay: Replay, size: Array) -> Array:
     return _with_model(replay, model)
 
 
-@replayed("base_tilt", "tilt_rad", "rad", start=1e-3, largest=0.3)
 def _tilt(replay: Replay, size: Array) -> Array:
     model, lean = replay.data.pinocchio.copy(), float(size[0])
     down = pin.AngleAxis(lean, np.array([1.0, -1.0, 0.0]) / np.sqrt(2)).matrix()
     model.gravity.linear = down @ model.gravity.linear
     return _with_model(replay, model)
-
-
-@replayed("link_inertia", "armature_kgm2", "kg·m²", start=1e-3)
-def _armature(replay: Replay, size: Array) -> Array:
-    return size * replay.data.ddq
 
 
 # ---- gears ---------------------------------------------------------------------------------------
@@ -350,41 +290,9 @@ def _geared(replay: Replay, size: Array, gap: float, stiffness: float, damping: 
     return inverse_dynamics(data.pinocchio, q, dq, ddq) - data.recording.rigid
 
 
-# its flanks yield
-@replayed(*("backlash", "gap_rad", "rad"), start=1e-3, largest=0.05, comes_with="joint_elasticity")
-def _backlash(replay: Replay, size: Array) -> Array:
-    return _geared(replay, size, float(size.max()), FLANK, FLANK_DAMPING)
-
-
-@replayed(
-    *("joint_elasticity", "stiffness_nm_per_rad", "N·m/rad"),
-    start=1e-4,
-    largest=1 / 300,
-    shown=lambda replay, size: 1 / np.maximum(size, 1e-9),
-)
-def _elasticity(replay: Replay, size: Array) -> Array:
-    return _geared(replay, size, 0.0, 1 / float(size.max()), SPRING_DAMPING)
-
-
 # ---- the log, and what is outside ----------------------------------------------------------------
 
 
-@replayed("torque_offset", "offset_nm", "N·m", start=0.01)
-def _offset(replay: Replay, size: Array) -> Array:
-    return np.broadcast_to(size, replay.data.q.shape)
-
-
-@replayed(
-    *("torque_scale", "scale", "1"),
-    start=0.01,
-    largest=0.8,
-    shown=lambda replay, size: 1 + size,
-)
-def _scale(replay: Replay, size: Array) -> Array:
-    return size * replay.data.nominal
-
-
-@replayed("actuator_delay", "delay_s", "s", start=1e-3, largest=0.1)
 def _delay(replay: Replay, size: Array) -> Array:
     data, out = replay.data, np.zeros_like(replay.data.q)
     for run in data.runs():
@@ -394,23 +302,65 @@ def _delay(replay: Replay, size: Array) -> Array:
     return out
 
 
-@replayed("external_spring", "stiffness_nm_per_rad", "N·m/rad", start=0.01)
-def _spring(replay: Replay, size: Array) -> Array:
-    return size * (replay.data.q - np.median(replay.data.q, axis=0))
-
-
-@replayed("position_dependent_torque", "height_nm", "N·m", start=0.01)
 def _hump(replay: Replay, size: Array) -> Array:
     q = replay.data.q
     return size * np.exp(-0.5 * np.square((q - np.median(q, axis=0)) / HUMP))
 
 
-@replayed("encoder_offset", "offset_rad", "rad", start=1e-3, largest=0.2)
 def _encoder(replay: Replay, size: Array) -> Array:
     data = replay.data
     return inverse_dynamics(data.pinocchio, data.q - size, data.dq, data.ddq) - data.recording.rigid
 
 
-@replayed("gravity_compensation_missing", "share", "1", start=0.01, largest=1.0)
-def _uncompensated(replay: Replay, size: Array) -> Array:
-    return -size * gravity_torque(replay.data.pinocchio, replay.data.q)
+REPLAYED = {
+    "coulomb_friction": ReplayedEffect(dry_friction),
+    "viscous_friction": ReplayedEffect(lambda replay, size: size * replay.data.dq),
+    "stribeck_friction": refined(_stribeck, largest=3.0, shown=_share),
+    "direction_asymmetry": refined(_asymmetry, largest=0.9, shown=_share),
+    "load_dependent_friction": refined(_load, largest=1.0),
+    "presliding_hysteresis": refined(
+        lambda replay, size: plain_law(replay, replay.friction, _longer(replay, size)),
+        start=1e-3,
+        largest=0.1,
+        shown=lambda replay, size: replay.friction / _longer(replay, size),
+    ),
+    "position_dependent_friction": ReplayedEffect(
+        lambda replay, size: size * np.sin(PERIODS * replay.data.q + 0.7)
+    ),
+    "warm_up_drift": refined(_drift, largest=1.0, shown=_over_the_log),
+    "payload": ReplayedEffect(_payload, largest=20.0),
+    "link_parameters": ReplayedEffect(_link, largest=0.5, shown=_of_link),
+    "base_tilt": ReplayedEffect(_tilt, start=1e-3, largest=0.3),
+    "link_inertia": ReplayedEffect(lambda replay, size: size * replay.data.ddq, start=1e-3),
+    "backlash": ReplayedEffect(
+        lambda replay, size: _geared(replay, size, float(size.max()), FLANK, FLANK_DAMPING),
+        start=1e-3,
+        largest=0.05,
+        comes_with="joint_elasticity",  # its flanks yield
+    ),
+    "joint_elasticity": ReplayedEffect(
+        lambda replay, size: _geared(replay, size, 0.0, 1 / float(size.max()), SPRING_DAMPING),
+        start=1e-4,
+        largest=1 / 300,
+        shown=lambda replay, size: 1 / np.maximum(size, 1e-9),
+    ),
+    "torque_offset": ReplayedEffect(
+        lambda replay, size: np.broadcast_to(size, replay.data.q.shape)
+    ),
+    "torque_scale": ReplayedEffect(
+        lambda replay, size: size * replay.data.nominal,
+        largest=0.8,
+        shown=lambda replay, size: 1 + size,
+    ),
+    "actuator_delay": ReplayedEffect(_delay, start=1e-3, largest=0.1),
+    "external_spring": ReplayedEffect(
+        lambda replay, size: size * (replay.data.q - np.median(replay.data.q, axis=0))
+    ),
+    "position_dependent_torque": ReplayedEffect(_hump, parameter="height_nm"),
+    "encoder_offset": ReplayedEffect(_encoder, start=1e-3, largest=0.2),
+    "gravity_compensation_missing": ReplayedEffect(
+        lambda replay, size: -size * gravity_torque(replay.data.pinocchio, replay.data.q),
+        largest=1.0,
+    ),
+}
+"""By name of the cause."""

@@ -24,17 +24,16 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import Cause, cause_named, registered
 from stiction_envs.gap.diagnose import diagnose
-from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Hideable, Job
 from stiction_envs.hidden.rehearsal.replay import replay_of
-from stiction_envs.hidden.rehearsal.result import Rehearsal, not_shown, row_of
+from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.runs import Subject, keep, measured, read_runs
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS
@@ -46,7 +45,7 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log
-from stiction_envs.method_settings import Changes, override
+from stiction_envs.method_settings import override
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -93,7 +92,7 @@ class Plan:
             say(f"hid {job.key} in the log", len(runs) / len(self.jobs))
         judged = [j for j in self.jobs if j.cause != NOTHING]
         rows = [row_of(job, row, runs[job.key]) for job in judged for row in job.rows]
-        rows += [not_shown(*reason) for reason in self.reasons]
+        rows += [row_of(Job(what=what, joints=()), row, [], why) for what, row, why in self.reasons]
         order = {name: k for k, name in enumerate(self.order)}
         return Rehearsal(
             robot=self.robot,
@@ -120,7 +119,7 @@ def rehearse(
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: ``torque``, ``nominal``, ``causes`` and others of `plan`.
+        options: ``causes``, names of those to hide, and options of `diagnose`; see `plan`.
 
     Raises:
         StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
@@ -133,92 +132,50 @@ def plan(
     data: Log | Sequence[Log],
     robot: str | Path | Arm,
     *,
-    torque: str | None = None,
-    joints: Sequence[str] = (),
-    topic: str | None = None,
-    units: str | None = None,
-    calibration: str | Path | None = None,
-    nominal: str | Path | FrictionParameters | Nominal | None = None,
-    drive: str | None = None,
-    servo_stiffness: Sequence[float] | None = None,
-    servo_damping: Sequence[float] | None = None,
-    same_servo: bool = False,
-    payload: Sequence[float] | None = None,
-    tilt: Sequence[float] | None = None,
-    chain: Sequence[str] | None = None,
-    cutoff_hz: float | None = None,
     causes: Sequence[str] | None = None,
-    seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
-    settings: GapSettings | Changes | None = None,
+    **options: Any,
 ) -> Plan:
     """Diagnose logs as they are, and plan what to hide in them.
 
     Args:
-        data: a joint log or servo log, or several; all but ``causes`` are as of `diagnose`.
+        data: a joint log or servo log, or several.
         robot: name, model file or arm.
-        torque: side of the gear on which torque was measured.
-        joints: names of joints 1 to n in ROS bags.
-        topic: of ROS bags.
-        units: of angles.
-        calibration: lerobot's file of ranges.
-        nominal: the simulation to judge.
-        drive: what drives the joints.
-        servo_stiffness: of position servos.
-        servo_damping: of position servos.
-        same_servo: all joints have the same servo.
-        payload: known mass and its centre of mass.
-        tilt: known inclination of the base.
-        chain: links at the base and the tip of the arm.
-        cutoff_hz: bandwidth of the log's filter; None chooses it from the data. All diagnoses have
-            the same.
         causes: names of the causes to hide; None for all that are registered. All are always
             looked for.
-        seed: of noise and bootstrap.
         progress: called with what is done and the part of the whole, 0.
-        settings: constants of the method, as of `diagnose`.
+        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
+            ``poses`` or ``method``.
 
     Raises:
         StictionError: as `rehearse`.
     """
+    for name in ("check", "poses", "method"):
+        if name in options:
+            raise StictionError(f"{name}: cannot be used to rehearse")
     say = progress or (lambda *_: None)
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
-    kind = drive or next((drive_of(x, naming) for x in given), TORQUE)
+    of_files = {k: options.get(k) for k in ("topic", "units", "calibration")}
+    naming = Naming(joints=tuple(options.get("joints", ())), **of_files)
+    kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
         servo_effect_of(name) if kind == POSITION else cause_named(name)
     own = diagnose(
-        given,
-        robot,
-        drive=drive,
-        torque=torque,
-        joints=joints,
-        topic=topic,
-        units=units,
-        calibration=calibration,
-        nominal=nominal,
-        servo_stiffness=servo_stiffness,
-        servo_damping=servo_damping,
-        same_servo=same_servo,
-        payload=payload,
-        tilt=tilt,
-        chain=chain,
-        cutoff_hz=cutoff_hz,
-        seed=seed,
-        progress=lambda stage, _: say(f"the log itself: {stage}", 0.0),
-        settings=settings,
+        given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
-    subject, jobs, reasons, order = _planned(own, causes, override(gap_settings(), settings))
+    settings = override(gap_settings(), options.get("settings"))
+    subject, jobs, reasons, order = _planned(own, causes, settings)
     arguments = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
     inputs = {**own.sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}
-    if isinstance(nominal, str | Path) and Path(nominal).is_file():
-        inputs["nominal"] = Path(nominal)
-    if calibration is not None:
-        inputs["calibration"] = Path(calibration)
+    for name in ("nominal", "calibration"):
+        file = options.get(name)
+        if isinstance(file, str | Path) and Path(file).is_file():
+            inputs[name] = Path(file)
+    seed = own.provenance["seed"]
     return Plan(
         robot=own.robot,
         subject=subject,

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Hideable, Job, Run, judge
+from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
 from stiction_envs.hidden.rehearsal.runs import RUNS, line
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import joints as joints_text
@@ -52,8 +52,11 @@ class Row:
         return not math.isnan(self.smallest_named)
 
 
-def row_of(job: Job, row: int, runs: list[Run]) -> Row:
-    """Return what the runs of a job say of a joint (from 1), or of the arm."""
+def row_of(job: Job, row: int, runs: list[Run], why: str = "it changes nothing") -> Row:
+    """Return what the runs of a job say of a joint (from 1), or of the arm.
+
+    ``why`` is the reason why there may be none.
+    """
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
 
@@ -62,7 +65,7 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
 
     instead = ""
     if not judged:
-        instead = "not visible in this motion: it changes nothing"
+        instead = f"not visible in this motion: {why}"
     elif math.isnan(smallest(FOUND)):
         confused = [said.why for _, said in judged if said.verdict == CONFUSED]
         instead = confused[-1] if confused else judged[-1][1].why
@@ -78,22 +81,6 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
         false_alarms="; ".join(false),
         instead=instead,
         what_to_record=job.what.what_to_record if instead else "",
-    )
-
-
-def not_shown(what: Hideable, joint: int, why: str) -> Row:
-    """Return the row of a cause that the motion cannot show."""
-    return Row(
-        cause=what.name,
-        joint=joint,
-        parameter=what.parameter,
-        unit=what.unit,
-        smallest_found=math.nan,
-        smallest_named=math.nan,
-        tried=(),
-        false_alarms="",
-        instead=f"not visible in this motion: {why}",
-        what_to_record=what.what_to_record,
     )
 
 

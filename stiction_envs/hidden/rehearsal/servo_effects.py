@@ -70,53 +70,42 @@ class ServoEffect:
     law: Law
     largest: float
     """Size beyond which nobody would have to ask; assumed."""
-    shown: Callable[[ServoJoint, float], float]
-    """The parameter of a size."""
+    shown_as: Callable[[ServoJoint, float], float] | None = None
+    """The parameter of a size, as the diagnosis has it; None: the law's first."""
     on_friction: bool = False
     """Whether it changes a dry friction that must be there, and may be named too."""
     arm_wide: bool = False
 
+    def _values(self, joint: ServoJoint, size: float) -> dict[str, float]:
+        return self.law(joint.on_friction() if self.on_friction else joint, size)
+
     def changed(self, joint: ServoJoint, size: float) -> Array:
         """Return (P,) parameters of a joint with the cause."""
-        if self.on_friction:
-            joint = joint.on_friction()
-        out = joint.parameters.copy()
-        for name, value in self.law(joint, size).items():
+        out = (joint.on_friction() if self.on_friction else joint).parameters.copy()
+        for name, value in self._values(joint, size).items():
             out[INDEX[name]] = value
         return out
 
+    def shown(self, joint: ServoJoint, size: float) -> float:
+        """Return the parameter of a size."""
+        if self.shown_as is not None:
+            return self.shown_as(joint, size)
+        return next(iter(self._values(joint, size).values()))
 
-EFFECTS: dict[str, ServoEffect] = {}
-"""By name of the cause."""
 
-
-def effect(
-    name: str,
-    parameter: str,
-    unit: str,
-    what_to_record: str,
-    *,
-    largest: float,
-    shown: Callable[[ServoJoint, float], float] = lambda joint, size: size,
-    on_friction: bool = False,
-    **traits: Any,
-) -> Callable[[Law], Law]:
-    """Enter a law into `EFFECTS`."""
+def _effect(
+    name: str, parameter: str, unit: str, what_to_record: str, law: Law, **traits: Any
+) -> ServoEffect:
+    """Return an effect; ``traits`` are further fields of `ServoEffect`."""
     what = Hideable(
         name=name,
         parameter=parameter,
         unit=unit,
         what_to_record=what_to_record,
-        expected=("coulomb_friction",) if on_friction else (),
+        expected=("coulomb_friction",) if traits.get("on_friction") else (),
         part_of=(SERVO_LAG,) if name in LAG else (),
     )
-
-    def enter(law: Law) -> Law:
-        made: dict[str, Any] = {"what": what, "law": law, "largest": largest, "shown": shown}
-        EFFECTS[name] = ServoEffect(on_friction=on_friction, **made, **traits)
-        return law
-
-    return enter
+    return ServoEffect(what=what, law=law, **traits)
 
 
 def effect_of(name: str) -> ServoEffect:
@@ -130,168 +119,116 @@ def effect_of(name: str) -> ServoEffect:
     return EFFECTS[name]
 
 
-_FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
-_SLOW = "slow motion through several poses, both ways, with rests"
-
-
-# ---- the servo -----------------------------------------------------------------------------------
-
-
-@effect(
-    *("servo_stiffness", "stiffness_nm_per_rad", "N·m/rad"),
-    "rests in poses of small and large gravity, reached from both sides",
-    largest=4.0,
-    shown=lambda joint, size: joint["stiffness"] / (1.0 + size),
-)
-def _softer(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"stiffness": joint["stiffness"] / (1.0 + size)}
-
-
-def _damping(joint: ServoJoint, size: float) -> float:
-    return joint["damping"] + size * joint["stiffness"]
-
-
-@effect("damping", "damping_nms", "N·m·s/rad", _FREQUENCIES, largest=0.5, shown=_damping)
-def _damped(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"damping": _damping(joint, size)}
-
-
-def _armature(joint: ServoJoint, size: float) -> float:
-    return joint["armature"] + size * joint["stiffness"]
-
-
-@effect("armature", "armature_kgm2", "kg·m²", _FREQUENCIES, largest=0.02, shown=_armature)
-def _heavier(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"armature": _armature(joint, size)}
-
-
-@effect(
-    *("delay", "delay_s", "s", _FREQUENCIES),
-    largest=0.15,
-    shown=lambda joint, size: joint["delay"] + size,
-)
-def _late(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"delay": joint["delay"] + size}
-
-
 def _limit(reached: float, size: float) -> float:
     """Return a limit that falls with the size, from where it is never reached."""
     return min(DEEPEST * reached / max(size, 1e-12), FAR)
 
 
-def _torque_limit(joint: ServoJoint, size: float) -> float:
-    return max(_limit(joint.torque, size), CARRIES * joint.gravity)
-
-
-@effect(
-    *("torque_limit", "limit_nm", "N·m", "large steps of the command"),
-    largest=1.0,
-    shown=_torque_limit,
-)
-def _weak(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"torque_limit": _torque_limit(joint, size)}
-
-
-def _speed_limit(joint: ServoJoint, size: float) -> float:
-    return _limit(joint.speed, size)
-
-
-@effect(
-    *("speed_limit", "limit_rad_s", "rad/s", "fast and large waves"),
-    largest=1.0,
-    shown=_speed_limit,
-)
-def _slow(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"speed_limit": _speed_limit(joint, size)}
-
-
-@effect(
-    *("dead_zone", "width_rad", "rad", "small steps of the command, with rests"),
-    largest=0.05,
-    shown=lambda joint, size: 2.0 * size,
-)
-def _idle(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"dead_zone": joint["dead_zone"] + size}
-
-
-# ---- friction ------------------------------------------------------------------------------------
-
-
-def _level(joint: ServoJoint, size: float) -> float:
-    return joint["stiction"] + size * joint["stiffness"]
-
-
-@effect("coulomb_friction", "coulomb_nm", "N·m", _SLOW, largest=0.3, shown=_level)
-def _dry(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"stiction": _level(joint, size)}
-
-
-@effect(
-    *("stribeck_friction", "stiction_nm", "N·m", "very slow motion, both ways, with rests"),
-    largest=3.0,
-    shown=lambda joint, size: joint.friction * (1.0 + size),
-    on_friction=True,
-)
 def _stribeck(joint: ServoJoint, size: float) -> dict[str, float]:
     sliding = joint["stiction"] * (1.0 - joint["drop"])
     stiction = joint["stiction"] * (1.0 + size)
-    return {
-        "stiction": stiction,
-        "drop": 1.0 - sliding / stiction,
-        "stribeck_velocity": STRIBECK_VELOCITY,
-    }
+    drop = 1.0 - sliding / stiction
+    return {"stiction": stiction, "drop": drop, "stribeck_velocity": STRIBECK_VELOCITY}
 
 
-@effect(
-    *("load_dependent_friction", "load_coefficient", "1", _SLOW),
-    largest=MOST_LOAD,
-    on_friction=True,
+def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
+    return {}
+
+
+_FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
+_SLOW = "slow motion through several poses, both ways, with rests"
+_EFFECTS = (
+    _effect(
+        *("servo_stiffness", "stiffness_nm_per_rad", "N·m/rad"),
+        "rests in poses of small and large gravity, reached from both sides",
+        lambda joint, size: {"stiffness": joint["stiffness"] / (1.0 + size)},
+        largest=4.0,
+    ),
+    _effect(
+        *("damping", "damping_nms", "N·m·s/rad", _FREQUENCIES),
+        lambda joint, size: {"damping": joint["damping"] + size * joint["stiffness"]},
+        largest=0.5,
+    ),
+    _effect(
+        *("armature", "armature_kgm2", "kg·m²", _FREQUENCIES),
+        lambda joint, size: {"armature": joint["armature"] + size * joint["stiffness"]},
+        largest=0.02,
+    ),
+    _effect(
+        *("delay", "delay_s", "s", _FREQUENCIES),
+        lambda joint, size: {"delay": joint["delay"] + size},
+        largest=0.15,
+    ),
+    _effect(
+        *("torque_limit", "limit_nm", "N·m", "large steps of the command"),
+        lambda joint, size: {
+            "torque_limit": max(_limit(joint.torque, size), CARRIES * joint.gravity)
+        },
+        largest=1.0,
+    ),
+    _effect(
+        *("speed_limit", "limit_rad_s", "rad/s", "fast and large waves"),
+        lambda joint, size: {"speed_limit": _limit(joint.speed, size)},
+        largest=1.0,
+    ),
+    _effect(
+        *("dead_zone", "width_rad", "rad", "small steps of the command, with rests"),
+        lambda joint, size: {"dead_zone": joint["dead_zone"] + size},
+        shown_as=lambda joint, size: 2.0 * size,
+        largest=0.05,
+    ),
+    _effect(
+        *("coulomb_friction", "coulomb_nm", "N·m", _SLOW),
+        lambda joint, size: {"stiction": joint["stiction"] + size * joint["stiffness"]},
+        largest=0.3,
+    ),
+    _effect(
+        *("stribeck_friction", "stiction_nm", "N·m"),
+        "very slow motion, both ways, with rests",
+        _stribeck,
+        largest=3.0,
+        on_friction=True,
+    ),
+    _effect(
+        *("load_dependent_friction", "load_coefficient", "1", _SLOW),
+        lambda joint, size: {"load": joint["load"] + size},
+        shown_as=lambda joint, size: size,
+        largest=MOST_LOAD,
+        on_friction=True,
+    ),
+    _effect(
+        *("presliding_hysteresis", "bristle_stiffness", "N·m/rad"),
+        "many slow reversals of a few mrad to some tens of mrad",
+        lambda joint, size: {"bristle": joint["bristle"] + size},
+        shown_as=lambda joint, size: joint.friction / (joint["bristle"] + size),
+        largest=0.05,
+        on_friction=True,
+    ),
+    _effect(
+        *("encoder_offset", "offset_rad", "rad"),
+        "poses on both sides of where gravity's torque on the joint is zero",
+        lambda joint, size: {"offset": size},
+        largest=0.25,
+    ),
+    _effect(
+        *("gravity_compensation_missing", "share", "1", _SLOW),
+        lambda joint, size: {"compensation": size},
+        largest=1.0,
+    ),
+    _effect(
+        *("payload", "mass_kg", "kg"),
+        "slow motion of all joints through poses of large gravity",
+        _nothing,  # the arm is another
+        largest=20.0,
+        arm_wide=True,
+    ),
+    _effect(
+        *("external_contact", "depth_rad", "rad"),
+        "motion whose ends differ, with the current logged",
+        _nothing,  # the angle stops at a wall, so far below the top of its motion
+        shown_as=lambda joint, size: min(size, joint.above),
+        largest=1.0,
+    ),
 )
-def _loaded(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"load": joint["load"] + size}
-
-
-@effect(
-    *("presliding_hysteresis", "bristle_stiffness", "N·m/rad"),
-    "many slow reversals of a few mrad to some tens of mrad",
-    largest=0.05,
-    shown=lambda joint, size: joint.friction / (joint["bristle"] + size),
-    on_friction=True,
-)
-def _gives(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"bristle": joint["bristle"] + size}
-
-
-# ---- gravity, the log, and what is outside -------------------------------------------------------
-
-
-@effect(
-    *("encoder_offset", "offset_rad", "rad"),
-    "poses on both sides of where gravity's torque on the joint is zero",
-    largest=0.25,
-)
-def _shifted(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"offset": size}
-
-
-@effect("gravity_compensation_missing", "share", "1", _SLOW, largest=1.0)
-def _lifted(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {"compensation": size}
-
-
-@effect(
-    *("payload", "mass_kg", "kg", "slow motion of all joints through poses of large gravity"),
-    largest=20.0,
-    arm_wide=True,
-)
-def _tool(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {}  # the arm is another
-
-
-@effect(
-    *("external_contact", "depth_rad", "rad", "motion whose ends differ, with the current logged"),
-    largest=1.0,
-    shown=lambda joint, size: min(size, joint.above),
-)
-def _wall(joint: ServoJoint, size: float) -> dict[str, float]:
-    return {}  # the angle stops at a wall, so far below the top of its motion
+EFFECTS = {effect.what.name: effect for effect in _EFFECTS}
+"""By name of the cause."""

@@ -33,8 +33,8 @@ def hideable(cause: Cause) -> Hideable:
     law, first = REPLAYED.get(cause.name), cause.parameters[0]
     return Hideable(
         name=cause.name,
-        parameter=law.parameter if law else first.name,
-        unit=law.unit if law else first.unit,
+        parameter=(law.parameter if law else "") or first.name,
+        unit=first.unit,
         what_to_record=cause.what_to_record,
         expected=law.expected if law else (),
     )
@@ -84,7 +84,33 @@ class HiddenTorques:
 
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
         """See `runs.Subject`."""
-        return sizes_of(job, self.replay)
+        replay = self.replay
+        whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
+        small = self._size(job, replay.noise)
+        large = self._size(job, np.maximum(LARGE_NOISE * replay.noise, LARGE_SHARE * whole))
+        return small, np.sqrt(small * large), large
+
+    def _size(self, job: Job, target: Array) -> Array:
+        """Return (n,) sizes with torques of a root mean square (n,) [N·m]; 0 where there is none.
+
+        Of a cause that all joints show, one joint reaches its target, and the others do not. Sizes
+        end at the largest.
+        """
+        replay, effect = self.replay, effect_of(job.cause)
+        size = np.zeros(replay.data.n)
+        size[list(job.joints)] = effect.start
+        always = effect.torque(replay, NO_SIZE * size) if effect.comes_with else 0.0
+        for _ in range(STEPS):
+            torque = replay.in_band(effect.torque(replay, size) - always)
+            ratio = np.sqrt(np.mean(np.square(torque), axis=0)) / target
+            if job.coupled or job.arm_wide:
+                ratio = np.full_like(ratio, ratio.max())
+            size = np.where(ratio > NO_TORQUE, size, 0.0)
+            before = size
+            size = np.minimum(size / np.maximum(ratio, NO_TORQUE), effect.largest)
+            if np.allclose(size, before, rtol=CLOSE):
+                break
+        return size
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
         """See `runs.Subject`."""
@@ -102,34 +128,3 @@ class HiddenTorques:
         said = replay.diagnose(logs, seed)
         named = [[c.name, list(c.joints), list(c.confused_with)] for c in said.causes]
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
-
-
-def sizes_of(job: Job, replay: Replay) -> tuple[Array, Array, Array]:
-    """Return three sizes (n,) of the cause of a job; 0 on joints whose torque does not change."""
-    whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
-    small = size_for(job, replay, replay.noise)
-    large = size_for(job, replay, np.maximum(LARGE_NOISE * replay.noise, LARGE_SHARE * whole))
-    return small, np.sqrt(small * large), large
-
-
-def size_for(job: Job, replay: Replay, target: Array) -> Array:
-    """Return (n,) sizes with torques of a root mean square (n,) [N·m]; 0 where there is no torque.
-
-    Of a cause that all joints show, one joint reaches its target, and the others do not. Sizes end
-    at the largest.
-    """
-    effect, size = effect_of(job.cause), np.zeros(replay.data.n)
-    size[list(job.joints)] = effect.start
-    always = effect.torque(replay, NO_SIZE * size) if effect.comes_with else 0.0
-    for _ in range(STEPS):
-        torque = replay.in_band(effect.torque(replay, size) - always)
-        ratio = np.sqrt(np.mean(np.square(torque), axis=0)) / target
-        if job.coupled or job.arm_wide:
-            ratio = np.full_like(ratio, ratio.max())
-        size = np.where(ratio > NO_TORQUE, size, 0.0)
-        wanted = np.minimum(size / np.maximum(ratio, NO_TORQUE), effect.largest)
-        near = np.allclose(wanted, size, rtol=CLOSE)
-        size = wanted
-        if near:
-            break
-    return size

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes import register, unregister
+from stiction_envs.gap.causes import cause_named, register, unregister
 from stiction_envs.gap.causes.base import Parameter
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
@@ -22,7 +22,7 @@ from stiction_envs.hidden.rehearsal.effects import effect_of
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Judgement, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
 from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS
-from stiction_envs.hidden.rehearsal.torques import sizes_of, torque_job
+from stiction_envs.hidden.rehearsal.torques import HiddenTorques, hideable, torque_job
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
 FEW = ("coulomb_friction", "payload")
@@ -121,7 +121,7 @@ def test_the_files_hold_all_of_it(rehearsed, tmp_path):
 def test_sizes_are_those_of_torques(replay, cause, joints, traits):
     """From the noise to what nobody overlooks, or to the largest size there is."""
     job = torque_job(cause=cause, joints=joints, **traits)
-    small, middle, large = sizes_of(job, replay)
+    small, middle, large = HiddenTorques(replay=replay).sizes(job)
     effect = effect_of(cause)
     whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
     for size, target in (
@@ -140,7 +140,7 @@ def test_sizes_are_those_of_torques(replay, cause, joints, traits):
 def test_other_joints_have_no_size(replay):
     """Here one that is hidden in the second joint only."""
     still = torque_job(cause="external_spring", joints=(1,))
-    small, _, large = sizes_of(still, replay)
+    small, _, large = HiddenTorques(replay=replay).sizes(still)
     assert small[0] == large[0] == 0.0
     assert 0 < small[1] < large[1]
 
@@ -275,7 +275,8 @@ def test_a_linear_cause_of_another_package_is_hidden_by_its_own_columns(replay):
     try:
         own = effect_of("bias")
         np.testing.assert_array_equal(own.torque(replay, np.array([0.0, 2.0]))[5], [0.0, 2.0])
-        assert (own.parameter, own.unit) == ("bias_nm", "N·m")
+        row = hideable(cause_named("bias"))
+        assert (row.parameter, row.unit) == ("bias_nm", "N·m")
     finally:
         unregister("bias")
 
