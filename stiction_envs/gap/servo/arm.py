@@ -13,6 +13,7 @@ from stiction_envs.control.position_servo import PositionServos, ServoDrive, put
 from stiction_envs.friction.model import build, link_inertia
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.gap.servo import joint as lone
+from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -116,7 +117,7 @@ def simulate_arm(
     Raises:
         ExperimentError: a simulation that the engine stopped.
     """
-    parts = [(k, s) for k, log in enumerate(logs) for s in log.segments if s.stop - s.start > 1]
+    parts = segments(logs)
     out = [np.full_like(log.q, np.nan) for log in logs]
     offset = parameters[:, INDEX["offset"]]
     arm = reaching(arm, logs, offset)
@@ -151,13 +152,12 @@ def _late(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
     nodes = np.concatenate([[-lone.STEP - 1.0], t, [max(t[-1], steps * CONTROL_DT) + 1.0]])
     out = np.empty((steps, log.n))
     for j in range(log.n):
-        held = np.concatenate([[log.q_cmd[s.start, j]], log.q_cmd[s, j]])
-        integral = np.concatenate([[0.0], np.cumsum(held * np.diff(nodes))])
+        integral = lone.held_integral(nodes, log.q_cmd[s, j])
         late = np.arange(steps + 1) * CONTROL_DT - parameters[j, INDEX["delay"]]
         mean = np.diff(np.interp(late, nodes, integral)) / CONTROL_DT
         # a command later than the log's first is not known: the first counts
         early = late[:-1] < nodes[0]
-        mean[early] = held[0]
+        mean[early] = log.q_cmd[s.start, j]
         out[:, j] = mean
     return out
 

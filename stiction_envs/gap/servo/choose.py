@@ -108,6 +108,7 @@ class Chooser:
         )
         self.block = blocks[1].ravel()
         self.speed = speeds(motion, question.settings.limits.passed_seconds)
+        self.rows = max(1, int(question.counts.sum()))
 
     # ---- fitting -----------------------------------------------------------------------------
 
@@ -151,11 +152,8 @@ class Chooser:
             out[INDEX[name]] = self.q.nominal[INDEX[name]]
         return out
 
-    def rough(self) -> Fit:
-        """Return the fit of the servo's lag and plain dry friction, from the best of two starts."""
-        return self._rough()[0]
-
-    def _rough(self) -> tuple[Fit, list[str]]:
+    def rough(self) -> tuple[Fit, list[str]]:
+        """Return the fit of lag and plain dry friction, the best of two starts, and its causes."""
         q, motion, of = self.q, self.q.motion, self.q.settings.starts
         chosen = [c for c in q.candidates if c in ("servo_stiffness", *LAG, "coulomb_friction")]
         error = float(np.sqrt(np.mean((motion.command - motion.q)[q.counts] ** 2)))
@@ -177,7 +175,7 @@ class Chooser:
 
     def everything(self) -> Fit:
         """Return the fit of all candidates, from the best of several starts, stage by stage."""
-        best, chosen = self._rough()
+        best, chosen = self.rough()
         of = self.q.settings.starts
         for causes, starts in self._stages():
             more = [c for c in causes if c in self.q.candidates]
@@ -293,9 +291,8 @@ class Chooser:
 
     def _agrees(self) -> bool:
         """Return whether the nominal simulation, and what nobody judges, is down to the noise."""
-        n = max(1, int(self.q.counts.sum()))
         enough = self.q.settings.selection.links_leave * self.q.noise
-        return bool(np.sqrt(self._as_it_is().cost / n) < enough)
+        return bool(np.sqrt(self._as_it_is().cost / self.rows) < enough)
 
     def _as_it_is(self) -> Fit:
         return self._fit(self.q.nominal, [], self.q.settings.starts.rough_iterations)
@@ -350,8 +347,7 @@ class Chooser:
         return limit >= FAR or len(blocks) >= self.q.settings.selection.one_way_blocks
 
     def _loss(self, best: Fit, less: Fit) -> float:
-        n = max(1, int(self.q.counts.sum()))
-        return float(np.sqrt(less.cost / n) - np.sqrt(best.cost / n))
+        return float(np.sqrt(less.cost / self.rows) - np.sqrt(best.cost / self.rows))
 
     def _needed(self, best: Fit, less: Fit) -> bool:
         """Return whether the error without a cause is larger than chance and rounding allow.
@@ -367,15 +363,12 @@ class Chooser:
             return False
         worse, floor = most - least, rows[rows > 0] * self.q.noise**2
         share = np.log((most + floor) / (least + floor))
-        n = max(1, int(self.q.counts.sum()))
-        rms = np.sqrt(less.cost / n)
-        gain = rms - np.sqrt(best.cost / n)
         up, down = worse[worse > 0].sum(), -worse[worse < 0].sum()
         clear = (worse > 0).sum() >= of.one_way_blocks and up > of.one_way * down
         return bool(
             (any(_mean_over_error(x) > of.least_t for x in (worse, share)) or clear)
-            and gain > of.least_gain * rms
-            and less.cost - best.cost > n * (of.least_noise * self.q.noise) ** 2
+            and self._loss(best, less) > of.least_gain * np.sqrt(less.cost / self.rows)
+            and less.cost - best.cost > self.rows * (of.least_noise * self.q.noise) ** 2
         )
 
     # ---- what is said ------------------------------------------------------------------------

@@ -47,8 +47,7 @@ def in_contact(
     )
     elsewhere = np.percentile(stretched[~off], settings.elsewhere_percent)
     found = off & slow & (stretched > settings.stretched * elsewhere)
-    step = float(np.median(np.diff(motion.t)))
-    reach = max(1, round(settings.around_seconds / step))
+    reach = max(1, round(settings.around_seconds / motion.step))
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
     wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0

@@ -167,6 +167,13 @@ class _Joints:
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.notes = _beyond(arm, logs)
 
+    def with_other(
+        self, arm: Arm | None = None, motions: list[JointMotion] | None = None
+    ) -> _Joints:
+        """Return the joints of another arm, or along other motions."""
+        arm = self.arm if arm is None else arm
+        return _Joints(self.logs, arm, self.servo, self.workers, self.settings, motions)
+
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
         scaled = self.scaled[j]
@@ -197,13 +204,13 @@ class _Joints:
         """Return by joint the (T,) rows in which it seems to touch something."""
         of = self.settings.contact
 
-        def rough(j: int) -> Array:
+        def error_of(j: int) -> Array:
             counts = ~contact.suspected(self.motions[j], of)[self.shown[j]]
-            rough = Chooser(self.question(j, counts)).rough().parameters
-            return self.motions[j].q - self.motions[j].simulate(rough[None])[0]
+            rough, _ = Chooser(self.question(j, counts)).rough()
+            return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
-        for j, error in enumerate(self.workers.map(rough, range(self.n))):
+        for j, error in enumerate(self.workers.map(error_of, range(self.n))):
             touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]), of)
             if touches.any():
                 out[j] = touches
@@ -297,13 +304,7 @@ def _with_tip(
     tip = proposed(joints.arm, joints.motions, joints.nominal, free, of, shifted=shifted)
     if tip is None:
         return joints, found, None
-    loaded = _Joints(
-        joints.logs,
-        changed_arm(joints.arm, [tip.part(1)]),
-        joints.servo,
-        joints.workers,
-        joints.settings,
-    )
+    loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
     return (loaded, again, tip) if believed(tip, found, again, of) else (joints, found, None)
 
@@ -323,9 +324,7 @@ def _with_zero(
         zeros[j] = found[j].fit.parameters[INDEX["offset"]]
         motions = joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
-        known = _Joints(
-            joints.logs, joints.arm, joints.servo, joints.workers, joints.settings, motions
-        )
+        known = joints.with_other(motions=motions)
         again = known.choose(free, say)
         if criterion(again) < criterion(best[1]):
             best = known, again
@@ -424,7 +423,7 @@ def diagnose_servo(
         logs=tuple(logs),
         nominal_angles=tuple(plain),
         angles=tuple(held),
-        touching=tuple(touching(logs, joints.motions[0], ~free)),
+        touching=tuple(touching(logs, ~free)),
         notes=tuple(joints.notes),
         check=checked,
     )

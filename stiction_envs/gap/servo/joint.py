@@ -55,9 +55,9 @@ class JointMotion:
     """(T,) torque of Coriolis, centrifugal and the other joints' accelerations [N·m]."""
 
     @property
-    def substeps(self) -> int:
-        """Steps of integration between two rows."""
-        return max(1, int(np.ceil(np.median(np.diff(self.t)) / STEP - 1e-6)))
+    def step(self) -> float:
+        """Usual time between rows [s]."""
+        return float(np.median(np.diff(self.t)))
 
     def simulate(self, parameters: Array) -> Array:
         """Return (C, T) simulated angles of C sets of parameters (C, P) [rad].
@@ -77,7 +77,7 @@ class JointMotion:
             self.inertia,
             self.coupling,
             float(np.abs(self.gravity).mean()),
-            self.substeps,
+            max(1, int(np.ceil(self.step / STEP - 1e-6))),
             out,
         )
         return out
@@ -109,13 +109,22 @@ def speeds(motion: JointMotion, seconds: float) -> Array:
 
     0 in the first rows of each segment.
     """
-    step = float(np.median(np.diff(motion.t)))
-    rows = max(1, round(seconds / step))
+    rows = max(1, round(seconds / motion.step))
     out = np.zeros(len(motion.t))
     for a, b in pairwise(motion.bounds):
         if b - a > rows:
             out[a + rows : b] = np.abs(motion.q[a + rows : b] - motion.q[a : b - rows])
-    return out / (rows * step)
+    return out / (rows * motion.step)
+
+
+def held_integral(times: Array, command: Array) -> Array:
+    """Return (R + 2,) integral [rad·s] at times of R commands, each held until the next row.
+
+    The first and the last time (R + 2,) are before and after the rows; there the first command and
+    the last are held.
+    """
+    held = np.concatenate([command[:1], command])
+    return np.concatenate([[0.0], np.cumsum(held * np.diff(times))])
 
 
 @compiled

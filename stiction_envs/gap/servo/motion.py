@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.joint import JointMotion, held_integral
 from stiction_envs.gap.signals.prepare import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
@@ -23,6 +23,11 @@ OUTSIDE = 1.0
 """Time for which a command counts as held before and after a segment [s]; assumed."""
 
 
+def segments(logs: Sequence[ServoLog]) -> list[tuple[int, slice]]:
+    """Return the segments that have a duration: number of the log, rows."""
+    return [(k, s) for k, log in enumerate(logs) for s in log.segments if s.stop - s.start > 1]
+
+
 def joint_motions(
     arm: Arm, logs: Sequence[ServoLog], zeros: Array | float = 0.0
 ) -> list[JointMotion]:
@@ -33,18 +38,16 @@ def joint_motions(
         logs: of it.
         zeros: (n,) offsets of the logged angles [rad], at which the arm is not where they say.
     """
-    parts = [(log, s) for log in logs for s in log.segments if s.stop - s.start > 1]
+    parts = [(logs[k], s) for k, s in segments(logs)]
     of = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
     bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
     out = []
     for j in range(arm.n):
         times, integral = [], []
         for log, s in parts:
-            t, command = log.t[s], log.q_cmd[s, j]
-            nodes = np.concatenate([[t[0] - OUTSIDE], t, [t[-1] + OUTSIDE]])
-            held = np.concatenate([[command[0]], command])
-            times.append(nodes)
-            integral.append(np.concatenate([[0.0], np.cumsum(held * np.diff(nodes))]))
+            t = log.t[s]
+            times.append(np.concatenate([[t[0] - OUTSIDE], t, [t[-1] + OUTSIDE]]))
+            integral.append(held_integral(times[-1], log.q_cmd[s, j]))
         gravity, slope, inertia, coupling = (
             np.concatenate([torques[i][:, j] for torques in of]) for i in range(4)
         )

@@ -82,8 +82,7 @@ def proposed(
         settings: when one is proposed.
         shifted: joints (from 0) whose zero seems to be off.
     """
-    step = float(np.median(np.diff(motions[0].t)))
-    every = max(1, round(settings.row_seconds / step))
+    every = max(1, round(settings.row_seconds / motions[0].step))
     kept = np.flatnonzero(rows)[::every]
     q = np.stack([m.q[kept] for m in motions], axis=1)
     body = gravity_of_tip(arm, q)
@@ -157,7 +156,7 @@ def _residual(
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
     """
-    rate = 1.0 / float(np.median(np.diff(motion.t)))
+    rate = 1.0 / motion.step
     speed = np.gradient(lowpass(motion.q, rate, CUTOFF_HZ), motion.t)
     acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
     torque = p[INDEX["stiffness"]] * (motion.command - motion.q) - p[INDEX["damping"]] * speed

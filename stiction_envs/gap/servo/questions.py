@@ -132,7 +132,7 @@ def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSetting
         [np.ptp(motion.command[p]) >= settings.moves * resolution for p in parts], dtype=bool
     )
     lengths = np.where(moves, lengths, 0) if moves.any() else lengths
-    most = settings.most_seconds / float(np.median(np.diff(motion.t)))
+    most = settings.most_seconds / motion.step
     # the longest head of which all segments together have no more than that
     heads = np.sort(lengths)
     totals = np.cumsum(heads) + heads * np.arange(len(heads) - 1, -1, -1)
@@ -155,10 +155,9 @@ def lower_bounds(
         settings: what was passed.
     """
     low = LOW.copy()
-    step = float(np.median(np.diff(motion.t)))
-    rows = max(1, round(settings.passed_seconds / step))
+    rows = max(1, round(settings.passed_seconds / motion.step))
     speeds = [
-        np.abs((motion.q[a + rows : b] - motion.q[a : b - rows]) / (rows * step))
+        np.abs((motion.q[a + rows : b] - motion.q[a : b - rows]) / (rows * motion.step))
         for a, b in pairwise(motion.bounds)
         if b - a > rows
     ]

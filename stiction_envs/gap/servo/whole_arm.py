@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.settings import ServoValidationSettings
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -54,31 +55,29 @@ def folds(motion: JointMotion, settings: ServoValidationSettings) -> list[NDArra
     return [even, ~even]
 
 
-def segments(logs: Sequence[ServoLog]) -> list[tuple[ServoLog, slice]]:
-    """Return the segments that have a duration, with their logs."""
-    return [(log, s) for log in logs for s in log.segments if s.stop - s.start > 1]
-
-
 def rows(logs: Sequence[ServoLog], angles: Sequence[Array]) -> Array:
     """Return the rows of all segments, as motions have them."""
-    return np.concatenate(
-        [a[s] for log, a in zip(logs, angles, strict=True) for _, s in segments([log])]
-    )
+    return np.concatenate([angles[k][s] for k, s in segments(logs)])
+
+
+def _parts(
+    logs: Sequence[ServoLog], some: NDArray[np.bool_]
+) -> Iterator[tuple[int, slice, NDArray[np.bool_]]]:
+    """Yield each segment with its part of (T,) rows as motions have them."""
+    begin = 0
+    for k, s in segments(logs):
+        end = begin + s.stop - s.start
+        yield k, s, some[begin:end]
+        begin = end
 
 
 def held_out(
     logs: Sequence[ServoLog], of_first: NDArray[np.bool_], halves: Sequence[Sequence[Array]]
 ) -> list[Array]:
     """Return per log the angles of the model that was fitted to the other half of the time."""
-    out, k = [], 0
-    for i, log in enumerate(logs):
-        angle = halves[0][i].copy()
-        for _, s in segments([log]):
-            m = s.stop - s.start
-            mine = of_first[k : k + m]
-            angle[s][mine] = halves[1][i][s][mine]
-            k += m
-        out.append(angle)
+    out = [angle.copy() for angle in halves[0]]
+    for k, s, first in _parts(logs, of_first):
+        out[k][s][first] = halves[1][k][s][first]
     return out
 
 
@@ -97,18 +96,11 @@ def rms(error: Array, rows: NDArray[np.bool_]) -> Array:
     return out
 
 
-def touching(
-    logs: Sequence[ServoLog], motion: JointMotion, touched: NDArray[np.bool_]
-) -> list[list[list[float]]]:
+def touching(logs: Sequence[ServoLog], touched: NDArray[np.bool_]) -> list[list[list[float]]]:
     """Return per log the stretches [s] of the rows that were left out."""
-    out, k = [], 0
-    for log in logs:
-        found = []
-        for _, s in segments([log]):
-            m = s.stop - s.start
-            found += contact.stretches(log.t[s], touched[k : k + m])
-            k += m
-        out.append(found)
+    out: list[list[list[float]]] = [[] for _ in logs]
+    for k, s, some in _parts(logs, touched):
+        out[k] += contact.stretches(logs[k].t[s], some)
     return out
 
 
@@ -128,7 +120,7 @@ def check_model(
         fitted_rms: (n,) held-out error where the model was fitted [rad].
         settings: what is worse.
     """
-    q = np.concatenate([log.q[s] for log, s in segments(logs)])
+    q = rows(logs, [log.q for log in logs])
     all_rows = np.ones(len(q), dtype=bool)
     before = rms(q - rows(logs, plain), all_rows)
     after = rms(q - rows(logs, model), all_rows)
