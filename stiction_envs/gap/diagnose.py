@@ -16,17 +16,18 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
-from stiction_envs.gap.model_file import Nominal, nominal_of
+from stiction_envs.gap.model_file import Nominal, changed_arm, nominal_of
 from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, Options
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.report.table_result import TableResult
+from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo_logs import (
     check_servo_logs,
     read_servo_files,
     servo_nominal,
     servo_of,
-    servo_result,
 )
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
@@ -187,11 +188,11 @@ def _diagnose_tables(
             f"nominal {identity['nominal_name']}: joints of an arm without friction do not break "
             "away: expected shipped or a path to a .toml"
         )
-    base, cells = read_tables([x for x in options.given if isinstance(x, str | Path)], arm)
+    base, dithered = read_tables([x for x in options.given if isinstance(x, str | Path)], arm)
     friction, say = friction_of(arm, judged.friction), options.progress
     found = diagnose_tables(
         base,
-        cells,
+        dithered,
         arm,
         friction,
         threads=options.threads,
@@ -216,9 +217,16 @@ def _diagnose_servo_logs(
     others = read_servo_files(options.check, arm, naming, settings.motion)
     check_servo_logs(others, logs)
     identity = options.identify(arm, "motor", settings)
-    return servo_result(
-        logs, others, arm, known, judged, settings=settings, progress=options.progress, **identity
+    found = diagnose_servo(
+        logs,
+        changed_arm(arm, judged.parts),
+        known,
+        check=others,
+        threads=options.threads,
+        progress=options.progress,
+        settings=settings,
     )
+    return ServoResult(diagnosis=found, arm=arm, before=judged, **identity)
 
 
 def _diagnose_joint_logs(

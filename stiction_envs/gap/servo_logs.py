@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.model_file import Nominal, changed_arm
-from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import read_servo_logs
@@ -121,38 +116,3 @@ def check_servo_logs(check: Sequence[ServoLog], diagnosed: Sequence[ServoLog]) -
             raise StictionError(
                 f"check log {log.source}: it is diagnosed too: expected a log that takes no part"
             )
-
-
-def servo_result(
-    logs: Sequence[ServoLog],
-    check: Sequence[ServoLog],
-    arm: Arm,
-    servo: Servo,
-    before: Nominal,
-    *,
-    settings: GapSettings,
-    progress: Callable[[str, float], None] | None,
-    **shared: Any,
-) -> ServoResult:
-    """Return the diagnosis of servo logs.
-
-    Args:
-        logs: of one robot.
-        check: logs that take no part.
-        arm: the rigid arm.
-        servo: what is known of its servos.
-        before: what earlier diagnoses found at its flange.
-        settings: constants of the method.
-        progress: called with a stage and its part done.
-        shared: fields of `DiagnosisResult`.
-    """
-    found = diagnose_servo(
-        logs,
-        changed_arm(arm, before.parts),
-        servo,
-        check=check,
-        threads=shared["threads"],
-        progress=progress,
-        settings=settings,
-    )
-    return ServoResult(diagnosis=found, arm=arm, before=before, **shared)

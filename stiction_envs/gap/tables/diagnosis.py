@@ -1,6 +1,6 @@
 """What a simulation gets wrong, found in tables of breakaway torques.
 
-    diagnosis = diagnose_tables(base, cells, load_arm("panda"), load_friction("panda"))
+    diagnosis = diagnose_tables(base, rows, load_arm("panda"), load_friction("panda"))
     print(diagnosis.verdict)
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.evidence, cause.confused_with)
@@ -30,11 +30,11 @@ from stiction_envs.gap.tables.causes.base import BASE_AGAIN
 from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
 from stiction_envs.gap.tables.found import TableDiagnosis, parameters_of
 from stiction_envs.gap.tables.model import Fit, Model
-from stiction_envs.gap.tables.readings import Cell, Readings
+from stiction_envs.gap.tables.readings import Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.gap.verdict import NamedCause, percent_gained, percent_lost
-from stiction_envs.measured import BaseTable
+from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
@@ -60,7 +60,7 @@ assumed."""
 
 def diagnose_tables(
     base: BaseTable,
-    cells: Sequence[Cell],
+    dithered: Sequence[DitheredRow],
     arm: Arm,
     friction: FrictionParameters | None = None,
     *,
@@ -74,7 +74,7 @@ def diagnose_tables(
 
     Args:
         base: base torques of all joints; only joints with dithered torques are used.
-        cells: dithered torques of some or all joints; days or sets are not distinguished.
+        dithered: torques of some or all joints; days or sets are not distinguished.
         arm: the arm that is simulated.
         friction: nominal parameters of one arm; None for the TOML of that name.
         whole: the arm of an earlier diagnosis, in place of ``friction`` and ``threads``: its
@@ -89,7 +89,7 @@ def diagnose_tables(
     """
     if base.n_joints != arm.n:
         raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
-    wrong = [c.row.joint for c in cells if not 1 <= c.row.joint <= arm.n]
+    wrong = [x.joint for x in dithered if not 1 <= x.joint <= arm.n]
     if wrong:
         raise StictionError(f"dithered torque of joint {wrong[0]}, but {arm.name} has {arm.n}")
     if whole is None:
@@ -98,7 +98,7 @@ def diagnose_tables(
         whole = WholeArm(arm, friction, threads=threads)
     chosen = override(table_settings(), settings)
     say = progress or (lambda _: None)
-    readings = Readings(base, cells)
+    readings = Readings(base, dithered)
     joints = tuple(readings.joints)
     if len(readings.blocks) - 1 < chosen.verdict.least_blocks:
         return _cannot_tell(

@@ -9,7 +9,6 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
-from stiction_envs.gap.tables.readings import Cell
 from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
 from stiction_envs.measured.tables import our_name
 from stiction_envs.robots import Arm
@@ -18,7 +17,7 @@ UNUSED_NM = 1.0
 """Base torque of joints where none was measured and none is used [N·m]; without effect."""
 
 
-def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[Cell]]:
+def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[DitheredRow]]:
     """Read base torques and dithered torques of an arm from SJE tables.
 
     Args:
@@ -41,10 +40,10 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
             f"{paths[0]}: torques of {', '.join(robots)}: expected robot {arm.name}"
         )
     base = _base(rows)
-    cells = [_cell(path, row, base) for path, row in rows if row.amplitude_nm > 0]
-    if not cells:
+    dithered = [_dithered(path, row, base) for path, row in rows if row.amplitude_nm > 0]
+    if not dithered:
         raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
-    joints = sorted({c.row.joint for c in cells})
+    joints = sorted({x.joint for x in dithered})
     if joints[-1] > arm.n:
         raise StictionError(f"{paths[0]}: joint {joints[-1]}: {arm.name} has {arm.n}")
     for where in configurations(arm.n, joints):
@@ -57,7 +56,7 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
     for where, value in base.items():
         if where.joint <= arm.n:
             tau[where.index] = value
-    return BaseTable(arm.name, tau), cells
+    return BaseTable(arm.name, tau), dithered
 
 
 def _base(rows: Sequence[tuple[str, SJERow]]) -> dict[Configuration, float]:
@@ -74,7 +73,7 @@ def _base(rows: Sequence[tuple[str, SJERow]]) -> dict[Configuration, float]:
     return out
 
 
-def _cell(path: str, row: SJERow, base: dict[Configuration, float]) -> Cell:
+def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> DitheredRow:
     where = Configuration(row.joint, row.load, row.direction)
     if where not in base:
         raise StictionError(
@@ -82,20 +81,18 @@ def _cell(path: str, row: SJERow, base: dict[Configuration, float]) -> Cell:
             "expected its base torque too (a row with frequency and amplitude 0)"
         )
     tau = base[where]
-    return Cell(
-        DitheredRow(
-            robot=row.robot,
-            joint=row.joint,
-            load=row.load,
-            direction=row.direction,
-            frequency_hz=row.frequency_hz,
-            scale=row.amplitude_nm / abs(tau),
-            amplitude_nm=row.amplitude_nm,
-            tau_base_nm=tau,
-            tau_sje_nm=row.tau_nm,
-            change_pct=100 * (row.tau_nm / tau - 1),
-            table=Path(path).name,
-            amplitude_set="scale",
-            outlier=False,
-        )
+    return DitheredRow(
+        robot=row.robot,
+        joint=row.joint,
+        load=row.load,
+        direction=row.direction,
+        frequency_hz=row.frequency_hz,
+        scale=row.amplitude_nm / abs(tau),
+        amplitude_nm=row.amplitude_nm,
+        tau_base_nm=tau,
+        tau_sje_nm=row.tau_nm,
+        change_pct=100 * (row.tau_nm / tau - 1),
+        table=Path(path).name,
+        amplitude_set="scale",
+        outlier=False,
     )

@@ -17,23 +17,6 @@ Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One measured dithered torque."""
-
-    row: DitheredRow
-
-    @property
-    def configuration(self) -> Configuration:
-        """Joint, pose and direction."""
-        return Configuration(self.row.joint, self.row.load, self.row.direction)
-
-    @property
-    def change(self) -> float:
-        """Measured |τ_SJE| / |τ_base| − 1 [-]."""
-        return abs(self.row.tau_sje_nm) / abs(self.row.tau_base_nm) - 1.0
-
-
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """One base torque, or one dithered torque."""
@@ -60,9 +43,9 @@ class Reading:
 class Readings:
     """The readings of all joints that have dithered torques, as arrays of length N."""
 
-    def __init__(self, base: BaseTable, cells: Sequence[Cell]) -> None:
-        good = [c for c in cells if np.isfinite(c.row.tau_sje_nm)]
-        self.joints = sorted({c.row.joint for c in good})
+    def __init__(self, base: BaseTable, dithered: Sequence[DitheredRow]) -> None:
+        good = [x for x in dithered if np.isfinite(x.tau_sje_nm)]
+        self.joints = sorted({x.joint for x in good})
         self.all = [
             Reading(
                 where=w,
@@ -73,16 +56,16 @@ class Readings:
             )
             for w in (configurations(base.n_joints, self.joints) if self.joints else [])
         ]
-        self.all += [
-            Reading(
-                where=c.configuration,
-                frequency=c.row.frequency_hz,
-                amplitude=c.row.amplitude_nm,
-                block=(c.row.frequency_hz, round(c.row.scale, 1)),
-                torque=c.configuration.sign * c.row.tau_sje_nm,
+        for x in good:
+            where = Configuration(x.joint, x.load, x.direction)
+            reading = Reading(
+                where=where,
+                frequency=x.frequency_hz,
+                amplitude=x.amplitude_nm,
+                block=(x.frequency_hz, round(x.scale, 1)),
+                torque=where.sign * x.tau_sje_nm,
             )
-            for c in good
-        ]
+            self.all.append(reading)
         index = [r.where.index for r in self.all]
         self.joint = np.array([i[0] + 1 for i in index], dtype=np.int64)
         self.pose = np.array([i[1] for i in index], dtype=np.int64)

@@ -22,7 +22,6 @@ from stiction_envs.experiments.sje.protocol import (
     load_protocol,
 )
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.tables.readings import Cell
 from stiction_envs.measured import BaseTable, DitheredRow, thesis_base
 from stiction_envs.robots import load_arm
 
@@ -92,13 +91,13 @@ def amplitude(where: Configuration, scale: float) -> float:
     return round(scale * abs(float(thesis_base("panda").tau[where.index])), 4)
 
 
-def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[Cell]]:
-    """Return the base table and the dithered cells of some joints (1..7), of one truth per joint.
+def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[DitheredRow]]:
+    """Return the base table and the dithered torques of some joints (1..7), of one truth per joint.
 
     The base torques of the other joints are the thesis's; nothing is said about them.
     """
     tau = thesis_base("panda").tau.copy()
-    cells = []
+    rows = []
     for joint in joints:
         mine = next((t.at(joint) for t in truths if t.at(joint) != Truth()), Truth())
         read = _read(joint, mine, seed)
@@ -110,26 +109,23 @@ def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, lis
             base = float(tau[where.index])
             if mine.corrupted == (where.load, where.direction, frequency, scale):
                 value *= 0.06
-            cells.append(
-                Cell(
-                    DitheredRow(
-                        robot="panda",
-                        joint=joint,
-                        load=where.load,
-                        direction=where.direction,
-                        frequency_hz=frequency,
-                        scale=scale,
-                        amplitude_nm=amplitude(where, scale),
-                        tau_base_nm=base,
-                        tau_sje_nm=value,
-                        change_pct=100 * (value / base - 1),
-                        table="hidden",
-                        amplitude_set="scale",
-                        outlier=False,
-                    )
-                )
+            row = DitheredRow(
+                robot="panda",
+                joint=joint,
+                load=where.load,
+                direction=where.direction,
+                frequency_hz=frequency,
+                scale=scale,
+                amplitude_nm=amplitude(where, scale),
+                tau_base_nm=base,
+                tau_sje_nm=value,
+                change_pct=100 * (value / base - 1),
+                table="hidden",
+                amplitude_set="scale",
+                outlier=False,
             )
-    return BaseTable("panda", tau), cells
+            rows.append(row)
+    return BaseTable("panda", tau), rows
 
 
 @lru_cache

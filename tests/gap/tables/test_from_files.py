@@ -53,7 +53,7 @@ def test_base_and_dithered_torques_may_lie_in_several_files(put):
     np.testing.assert_array_equal(table.tau[6], [[0.7, -0.7], [0.7, -0.7]])
     assert table.n_joints == 7
     assert len(cells) == 4
-    row = cells[1].row
+    row = cells[1]
     assert (row.joint, row.load, row.direction) == (5, "load", "-")
     assert row.scale == pytest.approx(1.2)
     assert row.change_pct == pytest.approx(-25.0)
@@ -64,7 +64,7 @@ def test_rows_of_other_robots_are_left_out(put):
     rows = base(5) + dithered(5) + base(5, "iiwa7", tau=2.0) + dithered(5, "iiwa7")
     table, cells = read_tables([put("a.csv", rows)], ARM)
     assert table.tau[4, 0, 0] == 0.8
-    assert {c.row.robot for c in cells} == {"panda"}
+    assert {x.robot for x in cells} == {"panda"}
     iiwa, _ = read_tables([put("b.csv", base(5, "iiwa") + dithered(5, "iiwa"))], load_arm("iiwa7"))
     assert iiwa.robot == "iiwa7"  # as the thesis calls it
 

@@ -32,15 +32,15 @@ def outside():
 @pytest.mark.slow
 def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tmp_path):
     arm, truth = load_arm("panda"), Truth(joint=7, rotor_inertia=2.0)
-    base, cells = tables([7], truth, seed=1)
+    measured = tables([7], truth, seed=1)
     whole = WholeArm(arm, nominal(), protocol=protocol())
     every = registered()
     assert outside in every
     both = [c for c in every if c.name in ("rotor_inertia", "heavier_gear")]
-    first = diagnose_tables(base, cells, arm, whole=whole, causes=both).causes[0]
+    first = diagnose_tables(*measured, arm, whole=whole, causes=both).causes[0]
     other = ({"rotor_inertia", "heavier_gear"} - {first.name}).pop()
     assert first.told_apart_by == {other: "the gear on a balance"}
-    d = diagnose_tables(base, cells, arm, whole=whole, causes=[outside])
+    d = diagnose_tables(*measured, arm, whole=whole, causes=[outside])
     (found,) = d.causes
     assert (found.name, found.joints) == ("heavier_gear", (7,))
     assert found.parameters[7]["factor"].value == pytest.approx(2.0, abs=0.1)
