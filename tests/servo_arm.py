@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction
 from stiction_envs.gap.servo.arm import friction_of
@@ -18,7 +18,7 @@ LOAD = np.array([3.0, 0.6])
 STICTION = (0.6, 0.3)
 
 
-def joint_parameters(**changes: float | NDArray[np.float64]) -> NDArray[np.float64]:
+def joint_parameters(**changes: ArrayLike) -> NDArray[np.float64]:
     """Return (2, P) parameters; ``changes`` are of both joints, or (2,)."""
     out = np.stack([parameters(damping=2.0), parameters(damping=0.6)])
     out[:, INDEX["stiction"]], out[:, INDEX["stiffness"]] = STICTION, [80.0, 30.0]
@@ -27,7 +27,7 @@ def joint_parameters(**changes: float | NDArray[np.float64]) -> NDArray[np.float
     return out
 
 
-def servo_arm(folder: Path, **changes: float | NDArray[np.float64]) -> tuple[Arm, Path]:
+def servo_arm(folder: Path, **changes: ArrayLike) -> tuple[Arm, Path]:
     """Return the arm and its ``model.toml``, written into a folder."""
     arm, p = two_links(folder), joint_parameters(**changes)
     text = dump_friction(

@@ -21,7 +21,6 @@ import numpy as np
 from benchmarks.harness import LOGS, Benchmark, Row
 from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_logs import CAUSES, hide
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.robots import load_arm
@@ -86,8 +85,7 @@ def search(job: Job) -> Row:
     """Hide the causes, diagnose the log."""
     arm = load_arm(robot_file(job.robot))
     case = hide(arm, job.causes, seed=job.seed)
-    servo = Servo(stiffness=case.stiffness, damping=case.damping)
-    found = diagnose_servo([case.log], arm, servo, threads=1)
+    found = diagnose_servo([case.log], arm, case.servo, threads=1)
     return {
         "robot": job.robot,
         "hidden": [list(x) for x in case.hidden],

@@ -1,13 +1,28 @@
-"""The command line of modules that write an example to try the tool with."""
+"""What modules that write an example to try the tool with share: command line, logs as CSV."""
 
 from __future__ import annotations
 
 import argparse
+import io
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stiction_envs.errors import StictionError
+
+Array = NDArray[np.float64]
+
+
+def log_csv(t: Array, *, digits: int = 6, **channels: Array) -> str:
+    """Return time (T,) and channels (T, n) by name as columns: ``t,q1..qn,tau1..taun``."""
+    names = [f"{k}{j + 1}" for k, x in channels.items() for j in range(x.shape[1])]
+    text, header = io.StringIO(), ",".join(["t", *names])
+    table = np.column_stack([t, *channels.values()])
+    np.savetxt(text, table, fmt=f"%.{digits}f", delimiter=",", header=header, comments="")
+    return text.getvalue()
 
 
 def run_writer(
@@ -15,7 +30,7 @@ def run_writer(
     description: str,
     write: Callable[[Path], None],
     written: str,
-    arguments: Sequence[str] | None = None,
+    arguments: Sequence[str] | None,
 ) -> int:
     """Write an example into the folder that the command line names.
 

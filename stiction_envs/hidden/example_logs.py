@@ -7,19 +7,15 @@ A Panda with joint friction, rotors and a payload, none of which a rigid simulat
 
 from __future__ import annotations
 
-import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.hidden.example_command import run_writer
+from stiction_envs.hidden.example_command import log_csv, run_writer
 from stiction_envs.hidden.hidden_logs import make_case
-from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
 
@@ -53,18 +49,8 @@ def write_example(folder: Path, *, seconds: float = 26.0, second: float = 20.0) 
     }
     folder.mkdir(parents=True)
     for name, (log,) in (("log.csv", case.logs), ("other.csv", case.second)):
-        write_text_atomic(folder / name, csv_text(log))
+        write_text_atomic(folder / name, log_csv(log.t, q=log.q, tau=log.tau))
     write_json(folder / "hidden.json", truth)
-
-
-def csv_text(log: JointLog) -> str:
-    """Return time, angles and torques as the columns that `read_logs` asks for."""
-    numbers = range(1, log.n + 1)
-    names = ["t", *(f"q{j}" for j in numbers), *(f"tau{j}" for j in numbers)]
-    text = io.StringIO()
-    table = np.column_stack([log.t, log.q, log.tau])
-    np.savetxt(text, table, fmt="%.6f", delimiter=",", header=",".join(names), comments="")
-    return text.getvalue()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -24,7 +24,7 @@ from stiction_envs.errors import StictionError, missing_extra
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, absent
-from stiction_envs.hidden.example_command import run_writer
+from stiction_envs.hidden.example_command import log_csv, run_writer
 from stiction_envs.hidden.imperfect_arms import scattered
 from stiction_envs.hidden.servo_logs import ENCODER, commands
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -104,7 +104,8 @@ def write_recording(folder: Path, *, seconds: float = 90.0, second: float = 45.0
         for j, (name, (a, b)) in enumerate(zip(arm.joint_names, RANGES, strict=True))
     }
     write_text_atomic(folder / "calibration.json", json.dumps(motors, indent=4) + "\n")
-    _write_csv(folder / "other.csv", logs[1].t, logs[1].q_cmd, in_steps(other))
+    text = log_csv(logs[1].t, q_cmd=logs[1].q_cmd, q=in_steps(other))
+    write_text_atomic(folder / "other.csv", text)
     write_json(folder / "hidden.json", {name: list(values) for name, values in SO101.items()})
 
 
@@ -171,14 +172,6 @@ def _write_dataset(folder: Path, q: Array, q_cmd: Array, names: Sequence[str]) -
     }
     table = pa.table({**lists, **numbers})
     parquet.write_table(table, folder / "data" / "chunk-000" / "file-000.parquet")
-
-
-def _write_csv(path: Path, t: Array, q_cmd: Array, q: Array) -> None:
-    numbers = range(1, q.shape[1] + 1)
-    names = ["t", *(f"q_cmd{j}" for j in numbers), *(f"q{j}" for j in numbers)]
-    table = np.column_stack([t, q_cmd, q])
-    lines = [",".join(f"{x:.6f}" for x in row) for row in table]
-    write_text_atomic(path, "\n".join([",".join(names), *lines]) + "\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

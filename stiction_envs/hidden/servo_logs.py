@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, absent
+from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.imperfect_arms import scattered
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
@@ -26,6 +28,8 @@ from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
 Array = NDArray[np.float64]
+RATE_HZ = 50.0
+"""Rows per second; assumed."""
 ENCODER = 2 * np.pi / 4096
 """Step of the angle [rad], of common hobby servos; assumed."""
 LATE = 2e-3
@@ -75,6 +79,19 @@ class HiddenServoLog:
     payload: tuple[float, float, float, float] | None = None
     """Hidden mass [kg] and centre of mass x, y, z in the flange frame [m]."""
 
+    @property
+    def servo(self) -> Servo:
+        """What its user knows of the servos."""
+        return Servo(stiffness=self.stiffness, damping=self.damping)
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The same as options of `diagnose`."""
+        return {
+            "servo_stiffness": self.stiffness.tolist(),
+            "servo_damping": self.damping.tolist(),
+        }
+
 
 def hide(
     arm: Arm,
@@ -82,7 +99,6 @@ def hide(
     *,
     seed: int,
     seconds: float = 60.0,
-    rate_hz: float = 50.0,
     scatter: float = 0.05,
     start: Array | None = None,
     only_slow: bool = False,
@@ -94,7 +110,6 @@ def hide(
         causes: names, of `CAUSES`.
         seed: of all draws.
         seconds: length of the log.
-        rate_hz: of its rows.
         scatter: of the links [-].
         start: (n,) middle of the motion [rad]; None for a bent pose.
         only_slow: whether the arm is told slow waves all the time.
@@ -107,7 +122,7 @@ def hide(
             raise unknown("cause", cause, CAUSES)
     rng = np.random.default_rng([seed, 11])
     n = arm.n
-    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    t = np.arange(0.0, seconds, 1.0 / RATE_HZ)
     command = commands(arm, t, rng, start, only_slow=only_slow)
     plain = ServoLog(source="plan", t=t, q=command.copy(), dq=None, q_cmd=command)
     motions = joint_motions(arm, [plain])

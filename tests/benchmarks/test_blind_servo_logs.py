@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.servo.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score, search
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 
@@ -60,7 +59,7 @@ def test_causes_that_stand_in_for_each_other_are_not_both_minor() -> None:
     arm = load_arm(robot_file("xarm7"))
     case = hide(arm, ["coulomb_friction", "dead_zone", "servo_stiffness"], seed=3015)
     assert case.hidden[:2] == (("coulomb_friction", 1), ("dead_zone", 1))
-    found = diagnose_servo([case.log], arm, Servo(stiffness=case.stiffness, damping=case.damping))
+    found = diagnose_servo([case.log], arm, case.servo)
     assert found.nominal_rms[0] > 0.03
     assert found.extended_rms[0] < 0.001
     named = {(c.name, j) for c in found.causes for j in c.joints}
@@ -82,6 +81,5 @@ def test_a_zero_that_is_off_is_named_once() -> None:
         load_arm(robot_file("so100")), ["delay", "torque_limit", "encoder_offset"], seed=5023
     )
     assert ("encoder_offset", 3) in case.hidden
-    servo = Servo(stiffness=case.stiffness, damping=case.damping)
-    found = diagnose_servo([case.log], load_arm(robot_file("so100")), servo)
+    found = diagnose_servo([case.log], load_arm(robot_file("so100")), case.servo)
     assert [c.joints for c in found.causes if c.name == "encoder_offset"] == [(3,)]

@@ -14,6 +14,7 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden.example_command import log_csv
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 
@@ -99,7 +100,4 @@ def only(log: JointLog, joint: int) -> JointLog:
 
 
 def write_csv(path, log: JointLog) -> None:
-    n = log.n
-    names = ["t", *(f"q{j + 1}" for j in range(n)), *(f"tau{j + 1}" for j in range(n))]
-    table = np.column_stack([log.t, log.q, log.tau])
-    np.savetxt(path, table, fmt="%.9f", delimiter=",", header=",".join(names), comments="")
+    path.write_text(log_csv(log.t, digits=9, q=log.q, tau=log.tau))

@@ -5,6 +5,7 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
+from stiction_envs.hidden.example_command import log_csv
 from tests.gap.servo.small_arm import TWO_LINKS
 
 
@@ -18,19 +19,7 @@ def robot(tmp_path: Path) -> Path:
 def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
     t = np.arange(0.0, 5.0, 0.02)
     q = 0.3 * np.sin(np.outer(t, np.arange(1, joints + 1)))
-    columns = {"t": t}
-    if torque:
-        columns |= {f"tau{j + 1}": q[:, j] for j in range(joints)}
-    else:
-        columns |= {f"q_cmd{j + 1}": q[:, j] for j in range(joints)}
-    columns |= {f"q{j + 1}": q[:, j] + 0.01 for j in range(joints)}
-    np.savetxt(
-        path,
-        np.column_stack(list(columns.values())),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-    )
+    path.write_text(log_csv(t, **{"tau" if torque else "q_cmd": q, "q": q + 0.01}))
     return path
 
 

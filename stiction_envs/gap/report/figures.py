@@ -37,18 +37,18 @@ def _thin(count: int, most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
-def _binned(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array, Array, Array]:
+def _binned(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
     """Return centres, means, quartiles of bins of equal width within the 0.5th percentiles."""
     low, high = np.percentile(x, [0.5, 99.5])
     if not high > low:
         return x[:0], x[:0], x[:0], x[:0]
-    which = np.clip(((x - low) / (high - low) * bins).astype(int), 0, bins - 1)
+    which = np.clip(((x - low) / (high - low) * BINS).astype(int), 0, BINS - 1)
     inside = (x >= low) & (x <= high)
     out = []
-    for k in range(bins):
+    for k in range(BINS):
         y_k = y[inside & (which == k)]
-        if len(y_k) >= max(5, len(y) // (100 * bins)):
-            centre = low + (k + 0.5) * (high - low) / bins
+        if len(y_k) >= max(5, len(y) // (100 * BINS)):
+            centre = low + (k + 0.5) * (high - low) / BINS
             out.append((centre, y_k.mean(), *np.percentile(y_k, [25, 75])))
     return tuple(np.array(out).reshape(-1, 4).T)  # type: ignore[return-value]
 

@@ -371,9 +371,9 @@ class Model:
             left_out=left_out,
         )
 
-    def refit(self, sweeps: int = 2) -> None:
+    def refit(self) -> None:
         """Adjust the values to each other."""
-        for _ in range(sweeps if len(self.values) > 1 else 1):
+        for _ in range(2 if len(self.values) > 1 else 1):
             for h in list(self.values):
                 self.values[h] = self.fit(h).x
 

@@ -51,10 +51,8 @@ class Series:
     """(T, n) torque that each cause adds [N·m]; none of servo logs."""
     contact: NDArray[np.bool_] | None = None
     """(T,) whether the arm touches something, of servo logs."""
-    every: int = 1
-    """One row of so many is here [-]."""
     text: str
-    """Verdict and evidence of each cause, as Markdown."""
+    """Verdict and evidence of each cause, and whether rows were left out, as Markdown."""
 
     @property
     def unit(self) -> str:
@@ -80,7 +78,6 @@ def log_series(d: Diagnosis, text: str) -> Series:
         q=data.q[at],
         dq=data.dq[at],
         causes={c.name: d.cause_torque(c.name)[at] for c in d.causes},
-        every=every,
         text=_text(text, d.causes, every),
     )
 
@@ -114,7 +111,6 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
         q_simulated=simulated[at],
         causes={},
         contact=contact[at],
-        every=every,
         text=_text(text, d.causes, every),
     )
 

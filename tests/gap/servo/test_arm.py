@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -10,7 +11,8 @@ from stiction_envs.gap.servo.model import read_servo, servo_mjcf, servo_toml
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.measured.logs.robot_log import ServoLog
-from tests.gap.servo.small_arm import parameters, two_links
+from tests.gap.servo.small_arm import two_links
+from tests.servo_arm import LOAD, joint_parameters
 
 
 def _log(seconds: float = 8.0) -> ServoLog:
@@ -20,58 +22,50 @@ def _log(seconds: float = 8.0) -> ServoLog:
 
 
 def _both() -> np.ndarray:
-    p = np.stack([parameters(damping=2.0, stiction=0.6), parameters(damping=0.6, stiction=0.3)])
-    p[:, INDEX["stiffness"]] = [80.0, 30.0]
-    p[1, INDEX["delay"]] = 0.015
-    return p
-
-
-def _again(log: ServoLog, q: np.ndarray) -> ServoLog:
-    return ServoLog(source=log.source, t=log.t, q=q, dq=None, q_cmd=log.q_cmd)
+    return joint_parameters(delay=np.array([0.0, 0.015]))
 
 
 def test_a_joint_alone_moves_as_in_the_whole_arm(tmp_path: Path) -> None:
     arm, log, p = two_links(tmp_path), _log(), _both()
-    load = np.array([3.0, 0.6])
-    q = simulate_arm(arm, [log], p, load, threads=1)[0]
-    motions = joint_motions(arm, [_again(log, q)])
+    q = simulate_arm(arm, [log], p, LOAD, threads=1)[0]
+    motions = joint_motions(arm, [replace(log, q=q)])
     for j, m in enumerate(motions):
         alone = m.simulate(p[j][None])[0]
         # accelerations of the other joint are known within 5 Hz only
         assert np.sqrt(np.mean((alone - q[:, j])[50:-50] ** 2)) < 1.5e-3
 
 
-def test_an_arm_without_friction_sags_by_its_gravity(tmp_path: Path) -> None:
+@pytest.mark.parametrize("compensation", [0.0, 1.0])
+def test_an_arm_without_friction_sags_by_its_gravity_less_what_is_compensated(
+    tmp_path: Path, compensation: float
+) -> None:
     arm, log = two_links(tmp_path), _log()
-    p = np.stack([parameters(damping=5.0), parameters(damping=2.0)])
-    p[:, INDEX["stiffness"]] = 400.0
-    held = ServoLog(
-        source="rest.csv", t=log.t, q=np.zeros_like(log.q), dq=None, q_cmd=np.zeros_like(log.q)
+    p = joint_parameters(
+        stiffness=400.0, damping=[5.0, 2.0], stiction=0.0, compensation=compensation
     )
+    none = np.zeros_like(log.q)
+    held = replace(log, q=none, q_cmd=none)
     q = simulate_arm(arm, [held], p, np.zeros(2), threads=1)[0]
-    gravity = joint_motions(arm, [_again(held, q)])
-    for j in range(2):
-        assert -q[-1, j] == pytest.approx(gravity[j].gravity[-1] / 400.0, rel=1e-6)
+    for j, m in enumerate(joint_motions(arm, [replace(held, q=q)])):
+        sag = (1.0 - compensation) * m.gravity[-1] / 400.0
+        assert -q[-1, j] == pytest.approx(sag, rel=1e-6, abs=1e-4 * compensation)
 
 
 def test_same_bits_for_one_log_and_for_several_and_any_threads(tmp_path: Path) -> None:
     arm, log, p = two_links(tmp_path), _log(4.0), _both()
-    load = np.array([3.0, 0.6])
-    alone = simulate_arm(arm, [log], p, load, threads=1)[0]
-    other = _log(6.0)
-    several = simulate_arm(arm, [other, log, log], p, load, threads=2)
+    alone = simulate_arm(arm, [log], p, LOAD, threads=1)[0]
+    several = simulate_arm(arm, [_log(6.0), log, log], p, LOAD, threads=2)
     assert np.array_equal(several[1], alone)
     assert np.array_equal(several[2], alone)
 
 
 def test_model_xml_moves_in_stock_mujoco_as_in_the_plant(tmp_path: Path) -> None:
-    arm, log, p = two_links(tmp_path), _log(), _both()
-    p[1, INDEX["delay"]] = 0.0  # MuJoCo's servo has none
-    text, missing = servo_mjcf(arm, p, np.array([3.0, 0.6]))
+    arm, log, p = two_links(tmp_path), _log(), joint_parameters()  # MuJoCo's servo has no delay
+    text, missing = servo_mjcf(arm, p, LOAD)
     assert missing == ()
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
-    q = simulate_arm(arm, [log], p, np.array([3.0, 0.6]), threads=1)[0]
+    q = simulate_arm(arm, [log], p, LOAD, threads=1)[0]
     servos = [model.actuator(f"{name}_servo").id for name in arm.joint_names]
     data.qpos[:] = q[0]
     found = []
@@ -135,27 +129,7 @@ def test_gravity_of_a_motion_does_not_depend_on_its_speed(tmp_path: Path) -> Non
     arm, log = two_links(tmp_path), _log()
     moving = joint_motions(arm, [log])
     k = 120
-    rest = ServoLog(
-        source="rest.csv",
-        t=log.t,
-        q=np.tile(log.q[k], (len(log.t), 1)),
-        dq=None,
-        q_cmd=log.q_cmd,
-    )
-    still = joint_motions(arm, [rest])
+    still = joint_motions(arm, [replace(log, q=np.tile(log.q[k], (len(log.t), 1)))])
     for a, b in zip(moving, still, strict=True):
         assert a.gravity[k] == pytest.approx(b.gravity[k], abs=1e-12)
         assert b.coupling[k] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_compensated_gravity_does_not_sag_the_whole_arm(tmp_path: Path) -> None:
-    arm, log = two_links(tmp_path), _log()
-    p = np.stack(
-        [parameters(damping=5.0, compensation=1.0), parameters(damping=2.0, compensation=1.0)]
-    )
-    p[:, INDEX["stiffness"]] = 400.0
-    held = ServoLog(
-        source="rest.csv", t=log.t, q=np.zeros_like(log.q), dq=None, q_cmd=np.zeros_like(log.q)
-    )
-    q = simulate_arm(arm, [held], p, np.zeros(2), threads=1)[0]
-    assert np.abs(q[-1]).max() < 1e-4

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.servo.blind_servo_logs import robot_file
@@ -19,19 +18,11 @@ ROBOT = str(Path(robot_file("so101")).parents[2] / GO2)
 
 
 @pytest.mark.slow
-def test_a_leg_is_cut_out_and_its_base_held(tmp_path: Path) -> None:
+def test_a_leg_is_cut_out_and_its_base_held() -> None:
     leg = load_arm(ROBOT, chain=("base", "FL_foot"))
     case = hide(leg, ["coulomb_friction"], seed=3, seconds=30.0, scatter=0.0)
-    columns = np.column_stack([case.log.t, case.log.q_cmd, case.log.q])
-    names = ["t", *(f"{x}{j}" for x in ("q_cmd", "q") for j in (1, 2, 3))]
-    path = tmp_path / "leg.csv"
-    np.savetxt(path, columns, delimiter=",", header=",".join(names), comments="", fmt="%.17g")
-    known = {
-        "servo_stiffness": case.stiffness.tolist(),
-        "servo_damping": case.damping.tolist(),
-    }
-    result = diagnose([path], robot=ROBOT, chain=("base", "FL_foot"), threads=1, **known)
-    found = result.diagnosis
+    leg_of = ("base", "FL_foot")
+    found = diagnose([case.log], ROBOT, chain=leg_of, threads=1, **case.options).diagnosis
     assert isinstance(found, ServoDiagnosis)
     assert found.robot == "go2-base-FL_foot"
     named = {(c.name, j) for c in found.causes for j in c.joints}
@@ -39,4 +30,4 @@ def test_a_leg_is_cut_out_and_its_base_held(tmp_path: Path) -> None:
     assert found.extended_rms.max() < 2e-3
     # the file as a whole is refused, and the message says how to choose a leg
     with pytest.raises(StictionError, match="take one arm: chain base FL_calf"):
-        diagnose([path], robot=ROBOT)
+        diagnose([case.log], ROBOT)

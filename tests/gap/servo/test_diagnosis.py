@@ -1,15 +1,18 @@
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.hidden.example_command import log_csv
 from stiction_envs.hidden.servo_logs import CAUSES, HiddenServoLog, hide
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
@@ -25,30 +28,32 @@ def _hidden(
     return hide(arm, causes, seed=seed, seconds=seconds, start=start, only_slow=only_slow)
 
 
-def _found(arm: Arm, h: HiddenServoLog) -> set[tuple[str, int]]:
-    servo = Servo(stiffness=h.stiffness, damping=h.damping)
-    d = diagnose_servo([h.log], arm, servo, threads=2)
+def _named(d: ServoDiagnosis) -> set[tuple[str, int]]:
     return {(c.name, j) for c in d.causes for j in c.joints}
 
 
-def test_where_nothing_is_hidden_nothing_is_named(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+@pytest.fixture
+def arm(tmp_path: Path) -> Arm:
+    return two_links(tmp_path)
+
+
+def test_where_nothing_is_hidden_nothing_is_named(arm: Arm) -> None:
     for seed in (1, 2):
         h = _hidden(arm, seed=seed)
-        d = diagnose_servo([h.log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+        d = diagnose_servo([h.log], arm, h.servo)
         assert d.causes == ()
         assert d.verdict == "no discrepancy"
 
 
 @pytest.mark.parametrize("cause", ["coulomb_friction", "dead_zone", "speed_limit", "torque_limit"])
-def test_a_hidden_cause_is_found_on_its_joint(tmp_path: Path, cause: str) -> None:
-    arm = two_links(tmp_path)
+def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
     h = _hidden(arm, cause)
-    assert h.hidden[0] in _found(arm, h)
+    assert h.hidden[0] in _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
-def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(
+    arm: Arm, tmp_path: Path
+) -> None:
     h = _hidden(arm, "coulomb_friction", seconds=30.0)
     narrow = tmp_path / "narrow.xml"
     most = float(h.log.q[:, 1].max())
@@ -58,8 +63,7 @@ def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(tmp_path
             f'name="elbow" axis="0 1 0" range="-2.5 {most - 0.3}"',
         )
     )
-    servo = Servo(stiffness=h.stiffness, damping=h.damping)
-    wide, held = (diagnose_servo([h.log], a, servo) for a in (arm, load_arm(narrow)))
+    wide, held = (diagnose_servo([h.log], a, h.servo) for a in (arm, load_arm(narrow)))
     assert held.extended_rms == pytest.approx(wide.extended_rms, rel=1e-6)
     assert "joint 2 was logged from" in held.notes[0]
     assert not wide.notes
@@ -67,11 +71,10 @@ def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(tmp_path
 
 @pytest.mark.parametrize(("only_slow", "named"), [(True, "servo_lag"), (False, "delay")])
 def test_slow_waves_show_a_lag_and_fast_ones_which_part_of_it(
-    tmp_path: Path, only_slow: bool, named: str
+    arm: Arm, only_slow: bool, named: str
 ) -> None:
-    arm = two_links(tmp_path)
     h = _hidden(arm, "delay", only_slow=only_slow)
-    d = diagnose_servo([h.log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+    d = diagnose_servo([h.log], arm, h.servo)
     (cause,) = d.causes
     ((_, joint),) = h.hidden
     assert (cause.name, cause.joints) == (named, (joint,))
@@ -84,14 +87,12 @@ def test_slow_waves_show_a_lag_and_fast_ones_which_part_of_it(
         assert set(d.to_json()["servo"]) >= {"delay_s", "damping_nms", "armature_kgm2"}
 
 
-def test_two_hidden_causes_are_both_found(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+def test_two_hidden_causes_are_both_found(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction", "servo_stiffness", seed=5)
-    assert set(h.hidden) <= _found(arm, h)
+    assert set(h.hidden) <= _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
-def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction")
     d = diagnose_servo([h.log], arm, Servo())
     assert d.nominal_rms == pytest.approx(
@@ -104,39 +105,35 @@ def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(tmp_path: Path) -
         assert found["stiffness_nm_per_rad"].value == pytest.approx(h.stiffness[j - 1], rel=0.25)
 
 
-def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
-    h = _hidden(arm, "coulomb_friction")
-    t, q = h.log.t, h.log.q.copy()
-    command = h.log.q_cmd.copy()
-    stop = (t > 30.0) & (t < 34.0)
-    command[stop, 1] += 1.2  # told to go on, it stands
+def _stopped(h: HiddenServoLog) -> tuple[ServoLog, NDArray[np.bool_]]:
+    """Return a log whose second joint stands from 30 to 34 s, told to go on, and those rows."""
+    q, command = h.log.q.copy(), h.log.q_cmd.copy()
+    stop = (h.log.t > 30.0) & (h.log.t < 34.0)
+    command[stop, 1] += 1.2
     q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
-    log = ServoLog(source="held.csv", t=t, q=q, dq=None, q_cmd=command)
-    d = diagnose_servo([log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+    return replace(h.log, q=q, q_cmd=command), stop
+
+
+def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
+    h = _hidden(arm, "coulomb_friction")
+    d = diagnose_servo([_stopped(h)[0]], arm, h.servo)
     assert any(c.name == "external_contact" and c.joints == (2,) for c in d.causes)
     (begin, end), *more = d.touching[0]
     assert not more
     assert 28.0 < begin < 31.0
     assert 33.0 < end < 36.0
-    assert h.hidden[0] in {(c.name, j) for c in d.causes for j in c.joints}
+    assert h.hidden[0] in _named(d)
 
 
-def test_the_current_tells_a_contact_from_a_servo_that_rests(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+def test_the_current_tells_a_contact_from_a_servo_that_rests(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction")
-    q, command = h.log.q.copy(), h.log.q_cmd.copy()
-    stop = (h.log.t > 30.0) & (h.log.t < 34.0)
-    command[stop, 1] += 1.2
-    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
-    usual = np.abs(np.random.default_rng(0).normal(0.1, 0.02, size=q.shape))
-    servo = Servo(stiffness=h.stiffness, damping=h.damping)
+    log, stop = _stopped(h)
+    usual = np.abs(np.random.default_rng(0).normal(0.1, 0.02, size=log.q.shape))
 
     def diagnosed(while_stopped: float) -> tuple[set[str], str]:
         current = usual.copy()
         current[stop, 1] = while_stopped
-        log = ServoLog(source="x.csv", t=h.log.t, q=q, dq=None, q_cmd=command, current=current)
-        d = diagnose_servo([log], arm, servo)
+        d = diagnose_servo([replace(log, current=current)], arm, h.servo)
         assert d.touching[0]  # left out in both cases
         return {c.name for c in d.causes}, " ".join(d.notes)
 
@@ -154,11 +151,8 @@ def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
     arm = two_links(tmp_path, payload=tool)
     h, other = _hidden(arm, "coulomb_friction"), _hidden(arm, "coulomb_friction", seconds=30.0)
     path = tmp_path / "log.csv"
-    names = ["t", "q_cmd1", "q_cmd2", "q1", "q2"]
-    table = np.column_stack([h.log.t, h.log.q_cmd, h.log.q])
-    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.9f")
-    known = {"servo_stiffness": h.stiffness.tolist(), "servo_damping": h.damping.tolist()}
-    found = diagnose(path, robot, check=[other.log], payload=tool, **known)
+    path.write_text(log_csv(h.log.t, digits=9, q_cmd=h.log.q_cmd, q=h.log.q))
+    found = diagnose(path, robot, check=[other.log], payload=tool, **h.options)
     found.save(tmp_path / "out")
     written = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert written["verdict"] == "explained"
@@ -184,15 +178,13 @@ def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
     assert again.causes == ()
 
 
-def test_same_log_same_answer_on_any_number_of_threads(tmp_path: Path) -> None:
-    arm = two_links(tmp_path)
+def test_same_log_same_answer_on_any_number_of_threads(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction", seconds=20.0)
-    servo = Servo(stiffness=h.stiffness, damping=h.damping)
-    one, two = (diagnose_servo([h.log], arm, servo, threads=k).to_json() for k in (1, 2))
+    one, two = (diagnose_servo([h.log], arm, h.servo, threads=k).to_json() for k in (1, 2))
     assert one == two
 
 
-def test_an_unknown_cause_cannot_be_hidden(tmp_path: Path) -> None:
+def test_an_unknown_cause_cannot_be_hidden(arm: Arm) -> None:
     with pytest.raises(StictionError, match="unknown cause 'gremlins'") as error:
-        _hidden(two_links(tmp_path), "gremlins")
+        _hidden(arm, "gremlins")
     assert all(cause in str(error.value) for cause in CAUSES)

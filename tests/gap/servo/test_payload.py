@@ -52,9 +52,7 @@ def test_a_body_is_proposed_where_one_is_hidden() -> None:
     for causes, expected in ((["payload"], True), ([], False)):
         h = hide(arm, causes, seed=4, seconds=40.0)
         motions = joint_motions(arm, [h.log])
-        nominal = nominal_parameters(
-            Servo(stiffness=h.stiffness, damping=h.damping), motions, settings.questions
-        )
+        nominal = nominal_parameters(h.servo, motions, settings.questions)
         found = proposed(arm, motions, nominal, np.ones(len(h.log.t), bool), settings.payload)
         assert (found is not None) is expected
         if found is not None:
@@ -68,7 +66,7 @@ def test_a_body_is_proposed_where_one_is_hidden() -> None:
 def test_a_hidden_payload_is_named_and_carried() -> None:
     arm = load_arm("panda")
     h = hide(arm, ["payload"], seed=4, seconds=40.0)
-    d = diagnose_servo([h.log], arm, Servo(stiffness=h.stiffness, damping=h.damping))
+    d = diagnose_servo([h.log], arm, h.servo)
     assert [c.name for c in d.causes] == ["payload"]
     said = d.to_json()["causes"][0]["parameters"]
     assert h.payload is not None
@@ -82,8 +80,7 @@ def test_a_hidden_payload_is_named_and_carried() -> None:
 @pytest.mark.slow
 def test_a_known_payload_comes_on_top_of_the_one_that_was_found(tmp_path: Path) -> None:
     h = hide(load_arm("panda"), ["payload"], seed=4, seconds=40.0)
-    known = {"servo_stiffness": h.stiffness.tolist(), "servo_damping": h.damping.tolist()}
-    diagnose(h.log, "panda", **known).save(tmp_path / "out")
+    diagnose(h.log, "panda", **h.options).save(tmp_path / "out")
     model = tmp_path / "out" / "model.toml"
     assert diagnose(h.log, "panda", nominal=model).causes == ()
     # the model of a robot that was given a tool since then has both

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,6 @@ from stiction_envs import diagnose
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.hidden.servo_logs import hide
-from stiction_envs.robots import Arm
 from tests.gap.servo.small_arm import two_links
 from tests.gap.small_logs import dry, hidden
 
@@ -19,7 +16,7 @@ from tests.gap.small_logs import dry, hidden
 @pytest.fixture(scope="package")
 def torques(tmp_path_factory: pytest.TempPathFactory) -> LogDiagnosis:
     """A joint log with dry friction."""
-    arm = _arm(tmp_path_factory)
+    arm = two_links(tmp_path_factory.mktemp("arm"))
     found = diagnose(hidden(arm, dry, seconds=10.0), arm)
     assert isinstance(found, LogDiagnosis)
     assert [c.name for c in found.causes] == ["coulomb_friction"]
@@ -29,20 +26,14 @@ def torques(tmp_path_factory: pytest.TempPathFactory) -> LogDiagnosis:
 @pytest.fixture(scope="package")
 def angles(tmp_path_factory: pytest.TempPathFactory) -> ServoResult:
     """A servo log with dry friction, whose second joint is held for a while."""
-    arm = _arm(tmp_path_factory)
+    arm = two_links(tmp_path_factory.mktemp("arm"))
     h = hide(arm, ["coulomb_friction"], seed=3, seconds=30.0, start=np.array([-0.6, 0.8]))
     q, command = h.log.q.copy(), h.log.q_cmd.copy()
     stop = (h.log.t > 20.0) & (h.log.t < 24.0)
     command[stop, 1] += 1.2
     q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
     log = type(h.log)(source="held.csv", t=h.log.t, q=q, dq=None, q_cmd=command)
-    known = {"servo_stiffness": h.stiffness.tolist(), "servo_damping": h.damping.tolist()}
-    found = diagnose(log, arm, **known)
+    found = diagnose(log, arm, **h.options)
     assert isinstance(found, ServoResult)
     assert found.diagnosis.touching[0]
     return found
-
-
-def _arm(tmp_path_factory: pytest.TempPathFactory) -> Arm:
-    folder: Path = tmp_path_factory.mktemp("arm")
-    return two_links(folder)

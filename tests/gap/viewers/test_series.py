@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -27,7 +25,7 @@ def _log(*, date: float | None = None) -> JointLog:
 
 def test_simulated_torques_are_nominal_ones_with_all_causes(torques: LogDiagnosis) -> None:
     s = torques.series()
-    assert s.quantity == "torque"
+    assert (s.quantity, s.unit) == ("torque", "N·m")
     assert list(s.causes) == ["coulomb_friction"]
     # nothing but the cause was fitted here, so it is the whole difference
     small = [t for t in torques.diagnosis.terms if t.small or t.cause not in s.causes]
@@ -40,6 +38,7 @@ def test_simulated_torques_are_nominal_ones_with_all_causes(torques: LogDiagnosi
 
 def test_angles_are_those_of_the_report_and_contact_is_marked(angles: ServoResult) -> None:
     s, d = angles.series(), angles.diagnosis
+    assert (s.quantity, s.unit) == ("angle", "rad")
     np.testing.assert_array_equal(s.simulated, d.angles[0])
     np.testing.assert_array_equal(s.measured, d.logs[0].q)
     assert s.q_cmd is not None
@@ -65,11 +64,11 @@ def test_a_long_log_loses_rows_and_says_so(
     whole = angles.series()
     monkeypatch.setattr(series, "ROWS", 400)
     few = angles.series()
-    assert whole.every == 1
-    assert few.every == int(np.ceil(len(whole.time) / 400)) > 1
+    every = int(np.ceil(len(whole.time) / 400))
+    assert every > 1
     assert len(few.time) <= 400
-    np.testing.assert_array_equal(few.measured, whole.measured[:: few.every])
-    assert f"One row of {few.every} is in this file." in few.text
+    np.testing.assert_array_equal(few.measured, whole.measured[::every])
+    assert f"One row of {every} is in this file." in few.text
     assert "is in this file" not in whole.text
 
 
@@ -90,8 +89,3 @@ def test_dates_and_a_clock_that_runs_on_are_kept() -> None:
     # one date alone says nothing
     _, date = common_time(t, log, [_log(date=1000.0), _log()])
     assert date == 0.0
-
-
-def test_units_of_what_was_compared(torques: LogDiagnosis, angles: ServoResult) -> None:
-    assert torques.series().unit == "N·m"
-    assert dataclasses.replace(angles.series()).unit == "rad"

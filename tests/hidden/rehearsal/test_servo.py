@@ -36,8 +36,7 @@ def seen(arm: Arm) -> HiddenServoLog:
 
 @pytest.fixture(scope="module")
 def planned(arm: Arm, seen: HiddenServoLog) -> Plan:
-    stiffness, damping = seen.stiffness.tolist(), seen.damping.tolist()
-    return plan([seen.log], arm, causes=FEW, servo_stiffness=stiffness, servo_damping=damping)
+    return plan([seen.log], arm, causes=FEW, **seen.options)
 
 
 @pytest.fixture(scope="module")
