@@ -38,8 +38,6 @@ class Parameter:
     """A small change of it, as seen by a joint; scales the fit."""
     absent: float
     """The value at which it has no effect."""
-    assumed: bool
-    """Whether bounds and step have no source."""
 
 
 def _parameters() -> dict[str, Parameter]:

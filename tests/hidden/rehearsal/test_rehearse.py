@@ -147,80 +147,40 @@ def test_other_joints_have_no_size(replay):
 
 # ---- verdict of one run --------------------------------------------------------------------------
 
-ONE = torque_job(cause="viscous_friction", joints=(0, 1))
-SLOW = torque_job(cause="stribeck_friction", joints=(0, 1))
-LINK = torque_job(cause="link_parameters", joints=(0,), coupled=True)
-LOAD = torque_job(cause="payload", joints=(0, 1), arm_wide=True)
+VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_friction"
+LINKS, TIP, GAP = "link_parameters", "payload", "backlash"
+OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
+ONE, SLOW = (torque_job(cause=x, joints=(0, 1)) for x in (VISCOUS, STRIBECK))
+LINK = torque_job(cause=LINKS, joints=(0,), coupled=True)
+TOOL = torque_job(cause=TIP, joints=(0, 1), arm_wide=True)
 
 
 @pytest.mark.parametrize(
     ("job", "row", "named", "found", "false", "why"),
     [
-        (ONE, 1, [["viscous_friction", [1, 2], []]], "found", [], ""),
-        (ONE, 2, [["viscous_friction", [1], []]], "missed", [], "nothing is named"),
-        (
-            ONE,
-            1,
-            [["viscous_friction", [1], ["torque_offset"]]],
-            "confused",
-            [],
-            "these data cannot tell it from torque_offset",
-        ),
-        (
-            ONE,
-            1,
-            [["viscous_friction", [1], []], ["payload", [1, 2], []]],
-            "missed",
-            ["payload"],
-            "named, but payload too",
-        ),
-        (ONE, 1, [["viscous_friction", [1], []], ["backlash", [2], []]], "found", [], ""),
-        (ONE, 1, [["backlash", [1], []]], "missed", ["backlash"], "named backlash instead"),
-        (
-            SLOW,
-            1,
-            [["stribeck_friction", [1], []], ["coulomb_friction", [1], []]],
-            "found",
-            [],
-            "",
-        ),
-        (
-            LINK,
-            1,
-            [["link_parameters", [1, 2], []]],
-            "missed",
-            ["link_parameters of joint 2"],
-            "named, but link_parameters of joint 2 too",
-        ),
-        (
-            LINK,
-            1,
-            [["link_parameters", [2], []]],
-            "missed",
-            ["link_parameters of joint 2"],
-            "named link_parameters of joint 2 instead",
-        ),
-        (LOAD, 0, [["payload", [2], []]], "found", [], ""),
-        (
-            LOAD,
-            0,
-            [["payload", [2], []], ["coulomb_friction", [1], []]],
-            "missed",
-            ["coulomb_friction of joint 1"],
-            "named, but coulomb_friction of joint 1 too",
-        ),
+        (ONE, 1, [[VISCOUS, [1, 2], []]], "found", "", ""),
+        (ONE, 2, [[VISCOUS, [1], []]], "missed", "", "nothing is named"),
+        (ONE, 1, [[VISCOUS, [1], [GAP]]], "confused", "", f"these data cannot tell it from {GAP}"),
+        (ONE, 1, [[VISCOUS, [1], []], [GAP, [2], []]], "found", "", ""),
+        (ONE, 1, [[VISCOUS, [1], []], [TIP, [1, 2], []]], "missed", TIP, f"named, but {TIP} too"),
+        (ONE, 1, [[GAP, [1], []]], "missed", GAP, f"named {GAP} instead"),
+        (SLOW, 1, [[STRIBECK, [1], []], [DRY, [1], []]], "found", "", ""),
+        (LINK, 1, [[LINKS, [1, 2], []]], "missed", OTHER_LINK, f"named, but {OTHER_LINK} too"),
+        (LINK, 1, [[LINKS, [2], []]], "missed", OTHER_LINK, f"named {OTHER_LINK} instead"),
+        (TOOL, 0, [[TIP, [2], []]], "found", "", ""),
+        (TOOL, 0, [[TIP, [2], []], [DRY, [1], []]], "missed", DRY_1, f"named, but {DRY_1} too"),
     ],
 )
 def test_a_run_is_judged(job, row, named, found, false, why):
     run = {"sizes": {}, "named": named, "minor": []}
     said = judge(job, row, run)
-    assert said == Judgement(verdict=found, false=tuple(false), why=why)
+    assert said == Judgement(verdict=found, false=(false,) if false else (), why=why)
 
 
 def test_a_minor_cause_is_not_found():
     run = {"sizes": {}, "named": [], "minor": ["payload"]}
     why = "named among the minor causes only"
-    assert judge(LOAD, 0, run) == Judgement(verdict="missed", false=(), why=why)
+    assert judge(TOOL, 0, run) == Judgement(verdict="missed", false=(), why=why)
 
 
 # ---- going on ------------------------------------------------------------------------------------
