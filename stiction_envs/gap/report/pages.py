@@ -77,6 +77,13 @@ def shown(picture: Picture) -> str:
     return f"![{alt}]({PLOTS}/{picture.file})\n\n{picture.caption}"
 
 
+def by_joint(header: Sequence[str], *columns: Array, joints: Sequence[int] = ()) -> str:
+    """Return a table of numbers (n,) of each joint; ``joints`` () counts them from 1."""
+    rows = zip(joints or range(1, len(columns[0]) + 1), *columns, strict=True)
+    cells = [[f"joint {j}", *(short(x) for x in row)] for j, *row in rows]
+    return table_text(["joint", *header], cells)
+
+
 # ---- torque tables -------------------------------------------------------------------------------
 
 
@@ -102,12 +109,8 @@ def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, An
             )
             for c in d.causes
         ],
-        "errors": table_text(
-            ["joint", "nominal [%]", "extended [%]", "noise floor [%]"],
-            [
-                [f"joint {j}", *(short(x) for x in row)]
-                for j, *row in zip(d.joints, *errors, strict=True)
-            ],
+        "errors": by_joint(
+            ["nominal [%]", "extended [%]", "noise floor [%]"], *errors, joints=d.joints
         ),
     }
 
@@ -293,9 +296,8 @@ def _lines(squares: LeastSquares) -> str:
 
 
 def _line_residuals(squares: LeastSquares, d: Diagnosis) -> str:
-    both = zip(squares.rms, d.extended_rms, strict=True)
-    rows = [[f"joint {j}", short(a), short(b)] for j, (a, b) in enumerate(both, 1)]
-    return table_text(["joint", "its lines leave [N·m]", "the tool leaves [N·m]"], rows)
+    header = ["its lines leave [N·m]", "the tool leaves [N·m]"]
+    return by_joint(header, squares.rms, d.extended_rms)
 
 
 def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:

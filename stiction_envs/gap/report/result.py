@@ -19,7 +19,7 @@ from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.gap.viewers.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.json_text import plain, write_json
 from stiction_envs.reporting.markdown import joints, listed, number, table_text
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
@@ -78,6 +78,10 @@ class DiagnosisResult(Result):
         """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
         return self.diagnosis.gain_percent
 
+    def to_json(self) -> dict[str, Any]:
+        """Return ``diagnosis.json``."""
+        return dict(plain(self.diagnosis.to_json()))
+
     def headline(self, amount: str = "") -> str:
         """Return the verdict in a sentence, and what the causes explain, with an ``amount``."""
         text = HEADLINES[self.verdict].format(data=self.data)
@@ -93,9 +97,9 @@ class DiagnosisResult(Result):
         """The verdict in sentences."""
 
     @property
-    @abc.abstractmethod
     def note(self) -> str:
         """A note at the top of the report, where friction is assumed."""
+        return ""
 
     @property
     @abc.abstractmethod

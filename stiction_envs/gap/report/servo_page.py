@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stiction_envs.gap.report.figures import AFTER, BEFORE, MEASURED, tidy
-from stiction_envs.gap.report.pages import section, shown
+from stiction_envs.gap.report.pages import by_joint, section, shown
 from stiction_envs.gap.report.result import Picture, where
 from stiction_envs.gap.report.score_figures import draw_summary
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.parameters import FAR, INDEX, PARAMETERS
-from stiction_envs.reporting.markdown import short, table_text
+from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_small
 
 SECONDS = 12.0
@@ -46,25 +46,13 @@ OTHERWISE = "a motion in which the two act differently"
 def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
     """Draw the pictures of a report of servo logs; return its template's variables."""
     n = len(d.noise)
-    mrad = [1e3 * x for x in (d.nominal_rms, d.extended_rms, d.noise)]
+    mrad = 1e3 * d.nominal_rms, 1e3 * d.extended_rms, 1e3 * d.noise
     caption = "Error of each joint: the simulation that was judged, the extended one, noise floor."
-    nominal, extended, noise = mrad
-    summary = draw_summary(
-        nominal,
-        extended,
-        noise,
-        plots / "summary.png",
-        "error of the angle [mrad]",
-        caption,
-        tuple(range(1, n + 1)),
-    )
+    summary = draw_summary(*mrad, plots / "summary.png", "error of the angle [mrad]", caption)
     check_errors = ""
     if d.check is not None:
-        rows = zip(1e3 * d.check.nominal_rms, 1e3 * d.check.extended_rms, strict=True)
-        check_errors = table_text(
-            ["joint", "nominal", "extended"],
-            [[f"joint {j}", short(a), short(b)] for j, (a, b) in enumerate(rows, 1)],
-        )
+        both = 1e3 * d.check.nominal_rms, 1e3 * d.check.extended_rms
+        check_errors = by_joint(["nominal", "extended"], *both)
     return {
         "headline": headline,
         "pictures": {
@@ -82,13 +70,7 @@ def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, An
             )
             for c in d.causes
         ],
-        "errors": table_text(
-            ["joint", "nominal", "extended", "noise floor"],
-            [
-                [f"joint {j}", *(short(x) for x in row)]
-                for j, row in enumerate(zip(*mrad, strict=True), 1)
-            ],
-        ),
+        "errors": by_joint(["nominal", "extended", "noise floor"], *mrad),
         "check_errors": check_errors,
         "servos": table_text(
             ["", *(f"joint {j + 1}" for j in range(n))],

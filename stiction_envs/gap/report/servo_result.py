@@ -17,7 +17,6 @@ from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.model import said_of, servo_mjcf, servo_toml
 from stiction_envs.gap.viewers.series import Series, servo_series
-from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints, short
 from stiction_envs.robots import Arm
 
@@ -45,11 +44,6 @@ class ServoResult(DiagnosisResult):
     arm: Arm
     before: Nominal
     """What earlier diagnoses found at its flange."""
-
-    @property
-    def note(self) -> str:
-        """No note: nothing is assumed of friction."""
-        return ""
 
     @property
     def summary(self) -> str:
@@ -96,10 +90,6 @@ class ServoResult(DiagnosisResult):
             left_out=np.zeros((0, arm.n)),
             servo=servo_toml(d.parameters),
         )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return ``diagnosis.json``."""
-        return dict(plain(self.diagnosis.to_json()))
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""

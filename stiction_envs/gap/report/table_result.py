@@ -64,10 +64,6 @@ class TableResult(DiagnosisResult):
             left_out=np.zeros((0, arm.n)),
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return ``diagnosis.json``."""
-        return self.diagnosis.to_json()
-
     def page(self, plots: Path) -> dict[str, Any]:
         """Draw the report's picture into a folder; return the variables of its template."""
         from stiction_envs.gap.report.pages import table_page

@@ -37,8 +37,7 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
     """
 
     def of(name: str) -> Array:
-        out: Array = parameters[:, INDEX[name]]
-        return out
+        return np.asarray(parameters[:, INDEX[name]])
 
     def both(values: Array) -> Array:
         return np.stack([values, values], axis=1)

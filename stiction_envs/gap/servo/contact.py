@@ -18,8 +18,8 @@ def suspected(motion: JointMotion, settings: ServoContactSettings) -> Rows:
     They would bend a fit to all rows, and are judged by one to the others.
     """
     stretched = np.abs(motion.command - motion.q)
-    out: Rows = stretched > settings.suspect * np.percentile(stretched, settings.usual_percent)
-    return out
+    usual = np.percentile(stretched, settings.usual_percent)
+    return np.asarray(stretched > settings.suspect * usual)
 
 
 def in_contact(
@@ -47,7 +47,7 @@ def in_contact(
     )
     elsewhere = np.percentile(stretched[~off], settings.elsewhere_percent)
     found = off & slow & (stretched > settings.stretched * elsewhere)
-    reach = max(1, round(settings.around_seconds / motion.step))
+    reach = motion.rows_in(settings.around_seconds)
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
     wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0

@@ -106,14 +106,13 @@ def derivatives(
     sign = np.where(parameters[at] + DIFFERENCE * STEP[at] > HIGH[at], -1.0, 1.0)
     varied[np.arange(len(at)), at] += sign * DIFFERENCE * STEP[at]
     change = motion.simulate(varied) - angle
-    out: Array = np.nan_to_num(change, posinf=0.0, neginf=0.0) * (sign / DIFFERENCE)[:, None]
-    return out
+    change = np.nan_to_num(change, posinf=0.0, neginf=0.0)
+    return np.asarray(change * (sign / DIFFERENCE)[:, None])
 
 
 def _error(motion: JointMotion, angle: Array, weight: Array) -> Array:
     """Return measured less simulated angle; a joint that diverged is a turn off [rad]."""
-    out: Array = np.clip(np.nan_to_num(motion.q - angle, nan=6.0), -6.0, 6.0) * weight
-    return out
+    return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=6.0), -6.0, 6.0) * weight)
 
 
 def _steps(

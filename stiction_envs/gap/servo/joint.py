@@ -59,6 +59,10 @@ class JointMotion:
         """Usual time between rows [s]."""
         return float(np.median(np.diff(self.t)))
 
+    def rows_in(self, seconds: float) -> int:
+        """Return how many rows a time lasts, at least one."""
+        return max(1, round(seconds / self.step))
+
     def simulate(self, parameters: Array) -> Array:
         """Return (C, T) simulated angles of C sets of parameters (C, P) [rad].
 
@@ -109,7 +113,7 @@ def speeds(motion: JointMotion, seconds: float) -> Array:
 
     0 in the first rows of each segment.
     """
-    rows = max(1, round(seconds / motion.step))
+    rows = motion.rows_in(seconds)
     out = np.zeros(len(motion.t))
     for a, b in pairwise(motion.bounds):
         if b - a > rows:

@@ -82,7 +82,7 @@ def proposed(
         settings: when one is proposed.
         shifted: joints (from 0) whose zero seems to be off.
     """
-    every = max(1, round(settings.row_seconds / motions[0].step))
+    every = motions[0].rows_in(settings.row_seconds)
     kept = np.flatnonzero(rows)[::every]
     q = np.stack([m.q[kept] for m in motions], axis=1)
     body = gravity_of_tip(arm, q)

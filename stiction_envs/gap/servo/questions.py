@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
 from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
 from stiction_envs.gap.servo.spread import LAG
@@ -155,13 +155,9 @@ def lower_bounds(
         settings: what was passed.
     """
     low = LOW.copy()
-    rows = max(1, round(settings.passed_seconds / motion.step))
-    speeds = [
-        np.abs((motion.q[a + rows : b] - motion.q[a : b - rows]) / (rows * motion.step))
-        for a, b in pairwise(motion.bounds)
-        if b - a > rows
-    ]
-    passed = max((float(np.percentile(v, settings.passed_percent)) for v in speeds), default=0.0)
+    v, rows = speeds(motion, settings.passed_seconds), motion.rows_in(settings.passed_seconds)
+    inside = (v[a + rows : b] for a, b in pairwise(motion.bounds) if b - a > rows)
+    passed = max((float(np.percentile(x, settings.passed_percent)) for x in inside), default=0.0)
     low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], settings.passed * passed)
     stretched = float(np.percentile(np.abs(part.command - part.q), settings.often_percent))
     low[INDEX["torque_limit"]] = max(low[INDEX["torque_limit"]], stiffness * stretched)

@@ -92,8 +92,7 @@ def nominal_angles(
 
 def rms(error: Array, rows: NDArray[np.bool_]) -> Array:
     """Return (n,) root mean square of (T, n) errors over some rows [rad]."""
-    out: Array = np.sqrt(np.nanmean(error[rows] ** 2, axis=0))
-    return out
+    return np.asarray(np.sqrt(np.nanmean(error[rows] ** 2, axis=0)))
 
 
 def touching(logs: Sequence[ServoLog], touched: NDArray[np.bool_]) -> list[list[list[float]]]:
