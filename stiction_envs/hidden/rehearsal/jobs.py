@@ -28,6 +28,10 @@ class Hideable:
     """Causes that are named rightly beside it."""
     part_of: tuple[str, ...] = ()
     """Causes that are named instead where these data cannot tell it from their other parts."""
+    arm_wide: bool = False
+    """Whether it is of the whole arm."""
+    coupled: bool = False
+    """Whether all joints' torques show it in one joint: it is hidden joint by joint."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +40,6 @@ class Job:
 
     what: Hideable
     joints: tuple[int, ...]
-    arm_wide: bool = False
-    coupled: bool = False
 
     @property
     def cause(self) -> str:
@@ -47,12 +49,12 @@ class Job:
     @property
     def key(self) -> str:
         """Its name among the runs."""
-        return f"{self.cause} {self.joints[0] + 1}" if self.coupled else self.cause
+        return f"{self.cause} {self.joints[0] + 1}" if self.what.coupled else self.cause
 
     @property
     def rows(self) -> tuple[int, ...]:
         """Joints of its rows (from 1); 0 for the whole arm."""
-        return (0,) if self.arm_wide else tuple(j + 1 for j in self.joints)
+        return (0,) if self.what.arm_wide else tuple(j + 1 for j in self.joints)
 
 
 NO_JOB = Job(what=Hideable(name=NOTHING, parameter="", unit="", what_to_record=""), joints=())
@@ -79,13 +81,13 @@ def judge(job: Job, row: int, run: Run) -> Judgement:
     Named falsely is every cause that was not hidden: anywhere on the arm if the hidden cause acts
     on all joints' torques, else on this joint.
     """
-    everywhere = job.arm_wide or job.coupled
+    everywhere = job.what.arm_wide or job.what.coupled
     alike: list[str] | None = None
     false: list[str] = []
     for name, joints, confused_with in run["named"]:
-        if name in (job.cause, *job.what.part_of) and (job.arm_wide or row in joints):
+        if name in (job.cause, *job.what.part_of) and (job.what.arm_wide or row in joints):
             alike = [x for x in confused_with if x != job.cause]
-            extra = [j for j in joints if j != row] if job.coupled else []
+            extra = [j for j in joints if j != row] if job.what.coupled else []
             false += [f"{name} of {joints_text(extra)}"] if extra else []
         elif name in job.what.expected:
             continue

@@ -99,8 +99,8 @@ class HiddenServos:
             why_not = {j: self._why_not(name, j) for j in range(len(self.base))}
             left = tuple(j for j, why in why_not.items() if not why)
             if left:
-                jobs.append(Job(what=effect.what, joints=left, arm_wide=effect.arm_wide))
-            if not effect.arm_wide:
+                jobs.append(Job(what=effect.what, joints=left))
+            if not effect.what.arm_wide:
                 reasons += [(effect.what, j + 1, why) for j, why in why_not.items() if why]
             elif not left:
                 reasons.append((effect.what, 0, why_not[0]))
@@ -133,7 +133,7 @@ class HiddenServos:
         """See `runs.Subject`."""
         whole = np.array([float(m.q.std()) for m in self.motions])
         targets = self.noise, np.maximum(LARGE_NOISE * self.noise, LARGE_SHARE * whole)
-        if job.arm_wide:
+        if job.what.arm_wide:
             small, large = (self._mass(target) for target in targets)
         else:
             small, large = np.zeros((2, len(self.base)))
@@ -176,7 +176,7 @@ class HiddenServos:
         wall = np.zeros(len(parameters))
         if job.cause == NOTHING:
             pass
-        elif job.arm_wide:
+        elif job.what.arm_wide:
             arm = with_payload(arm, sphere(float(size[0]), COM), LEAST_INERTIA)
             sizes = {"0": float(size[0])}
         else:

@@ -74,7 +74,6 @@ class ServoEffect:
     """The parameter of a size, as the diagnosis has it; None: the law's first."""
     on_friction: bool = False
     """Whether it changes a dry friction that must be there, and may be named too."""
-    arm_wide: bool = False
 
     def _values(self, joint: ServoJoint, size: float) -> dict[str, float]:
         return self.law(joint.on_friction() if self.on_friction else joint, size)
@@ -94,7 +93,14 @@ class ServoEffect:
 
 
 def _effect(
-    name: str, parameter: str, unit: str, what_to_record: str, law: Law, **traits: Any
+    name: str,
+    parameter: str,
+    unit: str,
+    what_to_record: str,
+    law: Law,
+    *,
+    arm_wide: bool = False,
+    **traits: Any,
 ) -> ServoEffect:
     """Return an effect; ``traits`` are further fields of `ServoEffect`."""
     what = Hideable(
@@ -104,6 +110,7 @@ def _effect(
         what_to_record=what_to_record,
         expected=("coulomb_friction",) if traits.get("on_friction") else (),
         part_of=(SERVO_LAG,) if name in LAG else (),
+        arm_wide=arm_wide,
     )
     return ServoEffect(what=what, law=law, **traits)
 

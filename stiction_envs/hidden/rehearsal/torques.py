@@ -5,12 +5,11 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.causes import Cause, cause_named
+from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.hidden.rehearsal.effects import REPLAYED, dry_friction, effect_of
 from stiction_envs.hidden.rehearsal.jobs import NO_JOB, NOTHING, Hideable, Job, Run
@@ -37,12 +36,9 @@ def hideable(cause: Cause) -> Hideable:
         unit=first.unit,
         what_to_record=cause.what_to_record,
         expected=law.expected if law else (),
+        arm_wide=cause.arm_wide,
+        coupled=cause.coupled,
     )
-
-
-def torque_job(cause: str, joints: tuple[int, ...], **traits: Any) -> Job:
-    """Return the job that hides a cause; ``traits`` are fields of `Job`."""
-    return Job(what=hideable(cause_named(cause)), joints=joints, **traits)
 
 
 def jobs_of(
@@ -51,21 +47,21 @@ def jobs_of(
     """Return the jobs, and the causes on joints (from 1; 0: the arm) that are in none, and why."""
     jobs, reasons = [NO_JOB], []
     for cause in causes:
-        joints = range(own.data.n)
+        what, joints = hideable(cause), range(own.data.n)
         if cause.arm_wide:
             why = cause.why_not_identifiable(own.data, 0) or _lawless(cause)
             if why:
-                reasons.append((hideable(cause), 0, why))
+                reasons.append((what, 0, why))
             else:
-                jobs.append(torque_job(cause.name, tuple(joints), arm_wide=True))
+                jobs.append(Job(what=what, joints=tuple(joints)))
             continue
         why_not = {j: cause.why_not_identifiable(own.data, j) or _lawless(cause) for j in joints}
-        reasons += [(hideable(cause), j + 1, why) for j, why in why_not.items() if why]
+        reasons += [(what, j + 1, why) for j, why in why_not.items() if why]
         left = tuple(j for j, why in why_not.items() if not why)
         if cause.coupled:
-            jobs += [torque_job(cause.name, (j,), coupled=True) for j in left]
+            jobs += [Job(what=what, joints=(j,)) for j in left]
         elif left:
-            jobs.append(torque_job(cause.name, left))
+            jobs.append(Job(what=what, joints=left))
     return jobs, reasons
 
 
@@ -103,7 +99,7 @@ class HiddenTorques:
         for _ in range(STEPS):
             torque = replay.in_band(effect.torque(replay, size) - always)
             ratio = np.sqrt(np.mean(np.square(torque), axis=0)) / target
-            if job.coupled or job.arm_wide:
+            if job.what.coupled or job.what.arm_wide:
                 ratio = np.full_like(ratio, ratio.max())
             size = np.where(ratio > NO_TORQUE, size, 0.0)
             before = size
@@ -122,7 +118,7 @@ class HiddenTorques:
             if effect.on_friction:
                 hidden = hidden + dry_friction(replay, replay.unknown_friction)
             shown = effect.shown(replay, size)
-            at = {0: 0} if job.arm_wide else {j + 1: j for j in job.joints}
+            at = {0: 0} if job.what.arm_wide else {j + 1: j for j in job.joints}
             sizes = {str(row): float(shown[j]) for row, j in at.items() if size[j] > 0}
         logs = replay.logs(hidden, [seed, zlib.crc32(job.key.encode()), number])
         said = replay.diagnose(logs, seed)

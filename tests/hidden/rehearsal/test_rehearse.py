@@ -19,10 +19,10 @@ from stiction_envs.hidden.hidden_effects import EFFECTS, FRICTION, ROTOR, Draw, 
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.rehearsal import runs
 from stiction_envs.hidden.rehearsal.effects import effect_of
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Judgement, judge
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Judgement, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
 from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE, RUNS
-from stiction_envs.hidden.rehearsal.torques import HiddenTorques, hideable, torque_job
+from stiction_envs.hidden.rehearsal.torques import HiddenTorques, hideable
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
 FEW = ("coulomb_friction", "payload")
@@ -37,6 +37,10 @@ def planned(two):
 @pytest.fixture(scope="module")
 def rehearsed(planned):
     return planned.run()
+
+
+def job_of(cause: str, *joints: int) -> Job:
+    return Job(what=hideable(cause_named(cause)), joints=joints)
 
 
 def rows_of(result, cause: str) -> dict:
@@ -110,17 +114,17 @@ def test_the_files_hold_all_of_it(rehearsed, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("cause", "joints", "traits"),
+    ("cause", "joints"),
     [
-        ("coulomb_friction", (0, 1), {}),
-        ("presliding_hysteresis", (0, 1), {}),
-        ("payload", (0, 1), {"arm_wide": True}),
-        ("joint_elasticity", (1,), {"coupled": True}),
+        ("coulomb_friction", (0, 1)),
+        ("presliding_hysteresis", (0, 1)),
+        ("payload", (0, 1)),
+        ("joint_elasticity", (1,)),
     ],
 )
-def test_sizes_are_those_of_torques(replay, cause, joints, traits):
+def test_sizes_are_those_of_torques(replay, cause, joints):
     """From the noise to what nobody overlooks, or to the largest size there is."""
-    job = torque_job(cause=cause, joints=joints, **traits)
+    job = job_of(cause, *joints)
     small, middle, large = HiddenTorques(replay=replay).sizes(job)
     effect = effect_of(cause)
     whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
@@ -130,7 +134,7 @@ def test_sizes_are_those_of_torques(replay, cause, joints, traits):
     ):
         rms = np.sqrt(np.mean(np.square(replay.in_band(effect.torque(replay, size))), axis=0))
         ratio = (rms / target)[list(joints)]
-        if traits:
+        if job.what.arm_wide or job.what.coupled:
             ratio = ratio.max()
         at_the_end = np.all(size[list(joints)] == effect.largest)
         assert at_the_end or np.allclose(ratio, 1.0, rtol=0.05)
@@ -139,7 +143,7 @@ def test_sizes_are_those_of_torques(replay, cause, joints, traits):
 
 def test_other_joints_have_no_size(replay):
     """Here one that is hidden in the second joint only."""
-    still = torque_job(cause="external_spring", joints=(1,))
+    still = job_of("external_spring", 1)
     small, _, large = HiddenTorques(replay=replay).sizes(still)
     assert small[0] == large[0] == 0.0
     assert 0 < small[1] < large[1]
@@ -150,9 +154,8 @@ def test_other_joints_have_no_size(replay):
 VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_friction"
 LINKS, TIP, GAP = "link_parameters", "payload", "backlash"
 OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
-ONE, SLOW = (torque_job(cause=x, joints=(0, 1)) for x in (VISCOUS, STRIBECK))
-LINK = torque_job(cause=LINKS, joints=(0,), coupled=True)
-TOOL = torque_job(cause=TIP, joints=(0, 1), arm_wide=True)
+ONE, SLOW, TOOL = (job_of(x, 0, 1) for x in (VISCOUS, STRIBECK, TIP))
+LINK = job_of(LINKS, 0)
 
 
 @pytest.mark.parametrize(
