@@ -1,7 +1,7 @@
 """Servo logs of simulated arms with hidden causes, every imperfection at once.
 
 Each arm has its links off by 5 %, angles in steps of an encoder, stamps that are late, and a clock
-that jitters; a cause that is hidden is one of these in nobody's books.
+that jitters; a hidden cause comes on top of these.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ def hide(
         seconds: length of the log.
         scatter: of the links [-].
         start: (n,) middle of the motion [rad]; None for a bent pose.
-        only_slow: whether the arm is told slow waves all the time.
+        only_slow: whether all commands are slow waves.
 
     Raises:
         StictionError: an unknown cause.

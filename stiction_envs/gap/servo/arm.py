@@ -146,7 +146,7 @@ def simulate_arm(
 
 
 def _late(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
-    """Return (steps, n) what the servos were told when it acts [rad]."""
+    """Return (steps, n) commands at the steps at which they act [rad]."""
     t = log.t[s] - log.t[s.start]
     nodes = np.concatenate([[-lone.STEP - 1.0], t, [max(t[-1], steps * CONTROL_DT) + 1.0]])
     out = np.empty((steps, log.n))

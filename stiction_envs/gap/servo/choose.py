@@ -79,7 +79,7 @@ class Question:
     nominal: Array
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
     always: tuple[str, ...]
-    """Parameters that are fitted and belong to no cause: nobody said what they are."""
+    """Parameters that are fitted and belong to no cause: they are unknown."""
     candidates: tuple[str, ...]
     """Causes that this motion could show."""
     low: Array
@@ -290,7 +290,7 @@ class Chooser:
         return spread_of(self.q.motion, best, names, self.q.counts, self.block)
 
     def _agrees(self) -> bool:
-        """Return whether the nominal simulation, and what nobody judges, is down to the noise."""
+        """Return whether the nominal simulation, unknown parameters fitted, leaves only noise."""
         enough = self.q.settings.selection.links_leave * self.q.noise
         return bool(np.sqrt(self._as_it_is().cost / self.rows) < enough)
 
@@ -338,7 +338,7 @@ class Chooser:
     def _reached(self, fit: Fit) -> bool:
         """Return whether the joint was about as fast as a fit's speed limit, if that has one.
 
-        Nothing shows a limit that was not reached; it stands in for something else, and wrecks
+        Nothing shows a limit that was not reached; it replaces something else, and spoils
         faster motions.
         """
         limit = fit["speed_limit"]

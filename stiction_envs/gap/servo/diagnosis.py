@@ -20,7 +20,7 @@ from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
-from stiction_envs.gap.servo.payload import Tip, believed, proposed
+from stiction_envs.gap.servo.payload import Tip, explains_better, proposed
 from stiction_envs.gap.servo.questions import (
     Servo,
     always_fitted,
@@ -115,7 +115,7 @@ class ServoDiagnosis:
         return out
 
 
-def _beyond(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
+def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
     """Return what to say of logged angles beyond the limits of the arm's model."""
     q = np.concatenate([log.q for log in logs])
     out = []
@@ -165,7 +165,7 @@ class _Joints:
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.notes = _beyond(arm, logs)
+        self.notes = _limit_notes(arm, logs)
 
     def with_other(
         self, arm: Arm | None = None, motions: list[JointMotion] | None = None
@@ -243,11 +243,11 @@ class _Joints:
         light = [j for j in range(self.n) if j not in heavy]
         out |= dict(zip(heavy, self.workers.map(one, heavy), strict=True))
         if light:
-            self._scale(light, [out[j].fit.parameters[INDEX["stiffness"]] for j in heavy])
+            self._set_stiffness(light, [out[j].fit.parameters[INDEX["stiffness"]] for j in heavy])
             out |= dict(zip(light, self.workers.map(one, light), strict=True))
         return out
 
-    def _scale(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
+    def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
         """Give joints that do not clearly sag the stiffness of the others, and say so."""
         asked = self.settings.questions
         stiffness = float(np.median(stiffnesses)) if stiffnesses else asked.unknown_stiffness
@@ -296,7 +296,7 @@ class _Joints:
 def _with_tip(
     joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
 ) -> tuple[_Joints, dict[int, JointCauses], Tip | None]:
-    """Return joints and causes of the arm with a body at its flange, where that is believed."""
+    """Return joints and causes of the arm with a body at its flange, where that explains more."""
     of = joints.settings.payload
     if joints.servo.perfect:  # its stiffness would take up any body
         return joints, found, None
@@ -306,7 +306,7 @@ def _with_tip(
         return joints, found, None
     loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
-    return (loaded, again, tip) if believed(tip, found, again, of) else (joints, found, None)
+    return (loaded, again, tip) if explains_better(tip, found, again, of) else (joints, found, None)
 
 
 def _with_zero(

@@ -1,9 +1,9 @@
-"""A mass at the tip that the model lacks: proposed by a regression, believed if causes get fewer.
+"""A mass at the tip that the model lacks: proposed by a regression, accepted if causes get fewer.
 
 A body at the flange sags all joints under gravity, each as a softer servo would. One regression
 over all joints of the servos' torques K (q_cmd − q) on the torques of such a body, with friction,
 lag, and links a little off as nuisances, proposes its mass and centre. It is named only where the
-joints with it leave less error or need fewer causes than without (`believed`).
+joints with it leave less error or need fewer causes than without (`explains_better`).
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def proposed(
     )
 
 
-def believed(
+def explains_better(
     tip: Tip,
     without: Mapping[int, JointCauses],
     with_it: Mapping[int, JointCauses],
@@ -142,7 +142,7 @@ def believed(
 ) -> bool:
     """Return whether a body at the flange explains the joints better than their own causes.
 
-    A small body must also spare causes: links that are a little off feign one.
+    A small body must also save causes: links that are a little off look like one.
     """
     if tip.share < settings.least_share and count_named(with_it) >= count_named(without):
         return False
@@ -161,11 +161,10 @@ def _residual(
     acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
     torque = p[INDEX["stiffness"]] * (motion.command - motion.q) - p[INDEX["damping"]] * speed
     torque = torque - motion.gravity - motion.coupling - motion.inertia * acceleration
-    way = np.tanh(speed / settings.slow)
-    nuisance = np.stack(
-        [way, way * np.abs(motion.gravity), speed, acceleration, motion.gravity, motion.slope],
-        axis=1,
-    )
+    direction = np.tanh(speed / settings.slow)
+    of_load = direction * np.abs(motion.gravity)
+    columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
+    nuisance = np.stack(columns, axis=1)
     prior = np.array([np.inf, np.inf, np.inf, np.inf, settings.links_off, settings.zero_off])
     return torque[kept], nuisance[kept], prior
 

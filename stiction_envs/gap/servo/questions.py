@@ -56,7 +56,7 @@ def nominal_parameters(
 
 
 def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:
-    """Return what is fitted and no cause: links that are a little off, damping nobody said."""
+    """Return what is fitted and no cause: links that are a little off, unknown damping."""
     if servo.perfect:
         return ()
     out = ["compensation"] if scaled else []

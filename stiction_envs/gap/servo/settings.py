@@ -104,9 +104,9 @@ class ServoSelectionSettings:
     """Share by which a joint's gravity may be off without a cause: every link is a little off
     [-]."""
     softer: Positive
-    """Logarithm of the ratio of stiffnesses that links of 5 % scatter may feign [-]."""
+    """Logarithm of the ratio of stiffnesses that links of 5 % scatter may look like [-]."""
     shifted: Positive
-    """Offset of an angle that such links may feign [rad]: 5 mm of a centre 40 mm away."""
+    """Offset of an angle that such links may look like [rad]: 5 mm of a centre 40 mm away."""
     perfect: Positive
     """Stiffness of a servo that counts as perfect over that of the joint's own [-]."""
     alike: Share
@@ -151,7 +151,7 @@ class ServoValidationSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ServoPayloadSettings:
-    """When a body at the flange is proposed and believed."""
+    """When a body at the flange is proposed and accepted."""
 
     row_seconds: Positive
     """Time between the rows of the regression [s]."""

@@ -1,7 +1,7 @@
 """How well a log knows the parameters of one joint: intervals, correlations, and the lag.
 
-Damping, armature and delay all make a joint late. On a slow motion one of them stands in for the
-other, and whichever a fit keeps is an accident; that the joint is late, and by how much, is not.
+Damping, armature and delay all make a joint late. A slow motion shows their sum, how late the joint
+is, but not which of them it is: there a fit keeps one of them by chance.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""What a simulation gets wrong, told from tables of breakaway torques."""
+"""What a simulation gets wrong, found in tables of breakaway torques."""

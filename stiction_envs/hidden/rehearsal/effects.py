@@ -62,7 +62,7 @@ class ReplayedEffect:
     start: float = 0.01
     """A small size, from which the first one is found."""
     largest: float = np.inf
-    """Size beyond which nobody would have to ask; assumed."""
+    """Largest size that is tried: more is obvious; assumed."""
     on_friction: bool = False
     """Whether it changes a dry friction that must be there, and may be named too."""
     comes_with: str = ""

@@ -3,11 +3,11 @@
     subject = subject_of(own)                    # of the diagnosis of the user's own logs
     subject.run(job, sizes, seed, 1)             # with a cause in it: what is named?
 
-The plant simulates the arm under its servos, told what the log says it was told. Angles get what
-the log's own diagnosis leaves, with random phases (`replay.surrogate`), and are rounded to its
-encoder's steps; times are those of the log, and where its angles are younger than their stamps
-(a negative delay), they are here. Servos of which nobody said how stiff and damped they are have
-what the diagnosis found, and are then named rightly.
+The plant simulates the arm under its servos, given the commands of the log. Angles get what the
+log's own diagnosis leaves, with random phases (`replay.surrogate`), and are rounded to its
+encoder's steps; times are those of the log, and where its angles are younger than their stamps (a
+negative delay), they are here. Servos of unknown stiffness and damping have what the diagnosis
+found, and are then named rightly.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class HiddenServos:
     motions: list[JointMotion]
     base: Array
     """(n, P) parameters with nothing hidden."""
-    true: frozenset[tuple[str, int]]
+    right: frozenset[tuple[str, int]]
     """Causes and joints (from 1) that are named rightly with nothing hidden."""
     joints: tuple[ServoJoint, ...]
     left: tuple[Array, ...]
@@ -190,7 +190,7 @@ class HiddenServos:
         said = diagnose_servo(logs, self.arm, self.servo, threads=1, settings=self.settings)
         named = []
         for c in said.causes:
-            joints = [j for j in c.joints if c.name == job.cause or (c.name, j) not in self.true]
+            joints = [j for j in c.joints if c.name == job.cause or (c.name, j) not in self.right]
             always = c.confused_with if c.name in FIXED else ALIKE.get(c.name, ())
             if joints:
                 named.append([c.name, joints, [x for x in c.confused_with if x not in always]])
@@ -241,7 +241,7 @@ def subject_of(own: ServoDiagnosis, arm: Arm, settings: GapSettings) -> HiddenSe
         servo=own.servo,
         motions=motions,
         base=base,
-        true=frozenset(_true(own, base)),
+        right=frozenset(_right(own, base)),
         joints=tuple(
             _joint(m, p, found, float(x))
             for m, p, found, x in zip(motions, base, own.parameters, noise, strict=True)
@@ -255,7 +255,7 @@ def subject_of(own: ServoDiagnosis, arm: Arm, settings: GapSettings) -> HiddenSe
 
 
 def _base(own: ServoDiagnosis, motions: Sequence[JointMotion], settings: GapSettings) -> Array:
-    """Return (n, P) parameters of the arm as it is judged; what nobody said is as it was found."""
+    """Return (n, P) parameters of the arm as it is judged; what is unknown is as it was found."""
     out = nominal_parameters(own.servo, motions, settings.servo.questions)
     found = {name: own.parameters[:, k] for name, k in INDEX.items()}
     early = found["delay"] < 0.0
@@ -269,7 +269,7 @@ def _base(own: ServoDiagnosis, motions: Sequence[JointMotion], settings: GapSett
     return out
 
 
-def _true(own: ServoDiagnosis, base: Array) -> set[tuple[str, int]]:
+def _right(own: ServoDiagnosis, base: Array) -> set[tuple[str, int]]:
     """Return the causes and joints (from 1) of an arm in which nothing is hidden."""
     joints = range(1, len(base) + 1)
     names = ("servo_stiffness", "damping", SERVO_LAG) if own.servo.perfect else ()

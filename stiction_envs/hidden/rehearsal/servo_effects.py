@@ -69,7 +69,7 @@ class ServoEffect:
     what: Hideable
     law: Law
     largest: float
-    """Size beyond which nobody would have to ask; assumed."""
+    """Largest size that is tried: more is obvious; assumed."""
     shown_as: Callable[[ServoJoint, float], float] | None = None
     """The parameter of a size, as the diagnosis has it; None: the law's first."""
     on_friction: bool = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion, held_integral
 from stiction_envs.gap.servo.parameters import INDEX, absent
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
@@ -53,6 +55,15 @@ def motion(
         inertia=np.full(len(t), inertia),
         coupling=np.zeros(len(t)),
     )
+
+
+def held(log: ServoLog, begin: float, end: float) -> tuple[ServoLog, NDArray[np.bool_]]:
+    """Return a log whose second joint stands for a while [s], told to go on, and those rows."""
+    q, command = log.q.copy(), log.q_cmd.copy()
+    stop = (log.t > begin) & (log.t < end)
+    command[stop, 1] += 1.2
+    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
+    return replace(log, source="held.csv", q=q, q_cmd=command), stop
 
 
 def parameters(**values: float) -> Array:

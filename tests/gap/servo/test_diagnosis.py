@@ -6,7 +6,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
@@ -14,9 +13,8 @@ from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.example_command import log_csv
 from stiction_envs.hidden.servo_logs import CAUSES, HiddenServoLog, hide
-from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
-from tests.gap.servo.small_arm import TWO_LINKS, two_links
+from tests.gap.servo.small_arm import TWO_LINKS, held, two_links
 
 pytestmark = pytest.mark.slow
 
@@ -63,9 +61,9 @@ def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(
             f'name="elbow" axis="0 1 0" range="-2.5 {most - 0.3}"',
         )
     )
-    wide, held = (diagnose_servo([h.log], a, h.servo) for a in (arm, load_arm(narrow)))
-    assert held.extended_rms == pytest.approx(wide.extended_rms, rel=1e-6)
-    assert "joint 2 was logged from" in held.notes[0]
+    wide, narrower = (diagnose_servo([h.log], a, h.servo) for a in (arm, load_arm(narrow)))
+    assert narrower.extended_rms == pytest.approx(wide.extended_rms, rel=1e-6)
+    assert "joint 2 was logged from" in narrower.notes[0]
     assert not wide.notes
 
 
@@ -105,18 +103,9 @@ def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(arm: Arm) -> None
         assert found["stiffness_nm_per_rad"].value == pytest.approx(h.stiffness[j - 1], rel=0.25)
 
 
-def _stopped(h: HiddenServoLog) -> tuple[ServoLog, NDArray[np.bool_]]:
-    """Return a log whose second joint stands from 30 to 34 s, told to go on, and those rows."""
-    q, command = h.log.q.copy(), h.log.q_cmd.copy()
-    stop = (h.log.t > 30.0) & (h.log.t < 34.0)
-    command[stop, 1] += 1.2
-    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
-    return replace(h.log, q=q, q_cmd=command), stop
-
-
 def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction")
-    d = diagnose_servo([_stopped(h)[0]], arm, h.servo)
+    d = diagnose_servo([held(h.log, 30.0, 34.0)[0]], arm, h.servo)
     assert any(c.name == "external_contact" and c.joints == (2,) for c in d.causes)
     (begin, end), *more = d.touching[0]
     assert not more
@@ -127,7 +116,7 @@ def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> N
 
 def test_the_current_tells_a_contact_from_a_servo_that_rests(arm: Arm) -> None:
     h = _hidden(arm, "coulomb_friction")
-    log, stop = _stopped(h)
+    log, stop = held(h.log, 30.0, 34.0)
     usual = np.abs(np.random.default_rng(0).normal(0.1, 0.02, size=log.q.shape))
 
     def diagnosed(while_stopped: float) -> tuple[set[str], str]:

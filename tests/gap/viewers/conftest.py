@@ -9,7 +9,7 @@ from stiction_envs import diagnose
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.hidden.servo_logs import hide
-from tests.gap.servo.small_arm import two_links
+from tests.gap.servo.small_arm import held, two_links
 from tests.gap.small_logs import dry, hidden
 
 
@@ -28,12 +28,7 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> ServoResult:
     """A servo log with dry friction, whose second joint is held for a while."""
     arm = two_links(tmp_path_factory.mktemp("arm"))
     h = hide(arm, ["coulomb_friction"], seed=3, seconds=30.0, start=np.array([-0.6, 0.8]))
-    q, command = h.log.q.copy(), h.log.q_cmd.copy()
-    stop = (h.log.t > 20.0) & (h.log.t < 24.0)
-    command[stop, 1] += 1.2
-    q[stop, 1] = q[np.flatnonzero(stop)[0], 1]
-    log = type(h.log)(source="held.csv", t=h.log.t, q=q, dq=None, q_cmd=command)
-    found = diagnose(log, arm, **h.options)
+    found = diagnose(held(h.log, 20.0, 24.0)[0], arm, **h.options)
     assert isinstance(found, ServoResult)
     assert found.diagnosis.touching[0]
     return found
