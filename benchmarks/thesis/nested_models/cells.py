@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.tables.readings import Cell as MeasuredCell
-from stiction_envs.measured import thesis_dithered
+from stiction_envs.experiments.sje.protocol import Configuration
+from stiction_envs.measured import DitheredRow, thesis_dithered
 
 FITTED = ("4.6",)
 """Table whose dithered cells a model may use, besides the base torques of Table 4.3."""
@@ -17,8 +17,21 @@ RESAMPLES = 2000
 JOINTS = range(1, 8)
 
 
-class Cell(MeasuredCell):
+@dataclass(frozen=True)
+class Cell:
     """One dithered torque of the thesis."""
+
+    row: DitheredRow
+
+    @property
+    def configuration(self) -> Configuration:
+        """Joint, pose and direction."""
+        return Configuration(self.row.joint, self.row.load, self.row.direction)
+
+    @property
+    def change(self) -> float:
+        """Measured |τ_SJE| / |τ_base| − 1 [-]."""
+        return abs(self.row.tau_sje_nm) / abs(self.row.tau_base_nm) - 1.0
 
     @property
     def column(self) -> str:

@@ -157,8 +157,8 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    of_files = {k: options.get(k) for k in ("topic", "units", "calibration")}
-    naming = Naming(joints=tuple(options.get("joints", ())), **of_files)
+    named: dict[str, Any] = {k: options.get(k) for k in ("topic", "units", "calibration")}
+    naming = Naming(joints=tuple(options.get("joints", ())), **named)
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
         servo_effect_of(name) if kind == POSITION else cause_named(name)
