@@ -261,7 +261,8 @@ def main() -> None:
     parser.add_argument("--paths", type=int, default=50, help="random paths for what was found")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    usual, again = [], []
+    usual: list[Job] = []
+    again: list[Job] = []
     for robot in options.robot:
         listed = treatments(robot)
         usual += [Job(condition=c, listed=listed, places=PATHS) for c in conditions(robot)]

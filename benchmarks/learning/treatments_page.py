@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Row, machine
-from benchmarks.learning.treatments_plan import PENTAGON, Condition, Places
+from benchmarks.learning.treatments_plan import PENTAGON, ROBOTS, Condition, Places
 from stiction_envs.control.laws import LAWS
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
@@ -111,6 +111,7 @@ def searched_page(
     random = {c: (places, row) for (c, places), row in judged.items() if places != PENTAGON}
     if not random:
         return {}
+    answer: list[str] = []
     best_of, tables = [], []
     for c, (_, row) in random.items():
         default, whole = (
@@ -120,15 +121,18 @@ def searched_page(
         line = [title(c)]
         for name in (default, whole):
             line += [name, _left(row[name]), _interval(row[name])]
+        answer.append(f"{_left(row[whole])} % ({title(c)}: {whole})")
         best_of.append([*line, "yes" if _most(row[whole]) <= AIM else "no"])
         tables.append((title(c), _searched_table(row, judged.get((c, PENTAGON), {}))))
     header = ["condition", "best of the defaults", "left [%]", "both [%]"]
     header += ["best of all", "left [%]", "both [%]", f"at most {100 * AIM:g} % of each"]
     return {
         "trials": sorted({run["evaluations"] for run in runs}),
-        "robots": sorted({c.robot for c in random}),
+        "robots": [name for name in ROBOTS if name in {c.robot for c in random}],
+        "missing": [name for name in ROBOTS if name not in {c.robot for c in random}],
         "paths": max(len(places.names) for places, _ in random.values()),
         "pentagons": PENTAGON.iterations,
+        "answer": answer,
         "best": table_text(header, best_of),
         "tables": tables,
     }

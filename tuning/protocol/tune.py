@@ -87,8 +87,8 @@ class Tuning(Result):
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a tuning as a readable table."""
-    lines, gains = [], summary.get("compensation")
-    if gains:
+    lines: list[str] = []
+    if gains := summary.get("compensation"):
         columns = {name: x for name, x in gains.items() if name != "kind"}
         lines += [f"{gains['kind']}:", "joint   " + "".join(f"{x:>18}" for x in columns)]
         for j, numbers in enumerate(zip(*columns.values(), strict=True), 1):
