@@ -122,10 +122,11 @@ def searched_page(
         for name in (default, whole):
             line += [name, _left(row[name]), _interval(row[name])]
         answer.append(f"{_left(row[whole])} % ({title(c)}: {whole})")
-        best_of.append([*line, "yes" if _most(row[whole]) <= AIM else "no"])
+        enough = [name for name, m in allowed(row).items() if _most(m) <= AIM]
+        best_of.append([*line, "; ".join(enough) or "none"])
         tables.append((title(c), _searched_table(row, judged.get((c, PENTAGON), {}))))
     header = ["condition", "best of the defaults", "left [%]", "both [%]"]
-    header += ["best of all", "left [%]", "both [%]", f"at most {100 * AIM:g} % of each"]
+    header += ["best of all", "left [%]", "both [%]", f"at most {100 * AIM:g} % of each by"]
     return {
         "trials": sorted({run["evaluations"] for run in runs}),
         "robots": [name for name in ROBOTS if name in {c.robot for c in random}],

@@ -84,8 +84,8 @@ def test_the_page_holds_searched_gains_beside_the_defaults():
     values = {**page({condition: row}, 6), "found": found}
     text = render(STUDY.folder / "treatments.md.j2", command=STUDY.command, **values)
     assert "same budget, 96 trials" in text
-    assert "judged on 50 random paths and 8 runs of the pentagon" in text
+    assert "on 50 random paths and 8 runs of the pentagon" in text
     name = "panda, 200 N/m, friction known, senses 1 ms late, noise × 1"
     one, other = "push | 60 / 60 | 60 (60 to 60)", "push, searched | 25 / 25 | 25 (25 to 25)"
-    assert f"| {name} | {one} | {other} | yes |" in text
+    assert f"| {name} | {one} | {other} | push, searched |" in text
     assert "| push, searched | 25 / 25 | 25 (25 to 25) | 35 / 35 | 0.020 |" in text
