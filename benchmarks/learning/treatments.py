@@ -5,16 +5,17 @@
 A row is one condition: robot, stiffness, how wrong the believed friction is, and what the
 controller sees (delay and noise). In it every treatment follows the same random paths; then it
 moves a little, holds still, and a hand pushes it slowly. Treatments have the gains of the model's
-friction; with ``--found`` also those that ``stiction tune --treatment`` wrote there
-(``final.yaml``).
+friction. With ``--found`` they are compared, on ``--paths`` random paths and on the pentagon, with
+those that ``stiction tune --treatment all`` wrote there.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import warnings
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.harness import EPISODES, Benchmark, Row
-from benchmarks.learning.treatments_page import draw, page
-from benchmarks.learning.treatments_plan import ROBOTS, Condition, conditions
+from benchmarks.learning.treatments_page import DITHER, NOTHING, SEARCHED, draw, page, searched_page
+from benchmarks.learning.treatments_plan import (
+    PENTAGON,
+    ROBOTS,
+    Condition,
+    Places,
+    conditions,
+    random_places,
+    searched,
+)
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.control.sensing import load_sensing
 from stiction_envs.control.trajectory import Path as Goals
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.rig import dither_arrays
@@ -39,6 +47,7 @@ from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
 from tuning.search.bounds import bounds_of
 from tuning.search.tracking import Tracking, TrackingObjective, Treatment
+from tuning.search.verify import digest
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(
@@ -53,8 +62,7 @@ STUDY = Benchmark(
 )
 TABLES = Path(__file__).parents[2] / "stiction_envs" / "dither" / "tables"
 SEED = 29
-PATHS, FIRST, ITERATIONS = 8, 1000, 1
-"""Random paths of a row, the number of the first, which no search draws, and runs of each."""
+PATHS = random_places(8)
 STEP_M, STILL_S, PUSH_S = 0.03, 4.0, 4.0
 """A goal this far away, then rest; of that the last half is looked at. Then a push of this time."""
 PUSH_N = 10.0
@@ -78,13 +86,13 @@ def sensing_of(condition: Condition, experiment: GeneratedTrajectoryExperiment) 
     return {"sensing": dataclasses.replace(own, **changes, measurement_jitter=0.0)}
 
 
-def treatments(robot: str, found: Sequence[Path] = ()) -> dict[str, Treatment]:
+def treatments(robot: str) -> dict[str, Treatment]:
     """Return what is compared, by name; ``nothing`` is the first."""
     e = GeneratedTrajectoryExperiment(robot)
     dither = thesis_final_dither()
     if robot != "panda":
         dither = tuple(read_amplitudes(TABLES / f"{robot}.csv", n_joints=e.n))
-    out = {"nothing": Treatment(), "dither": Treatment(dither=dither)}
+    out = {NOTHING: Treatment(), DITHER: Treatment(dither=dither)}
     for kind in KINDS:
         c = e.compensation(kind)
         out[kind] = Treatment(compensation=c)
@@ -96,31 +104,52 @@ def treatments(robot: str, found: Sequence[Path] = ()) -> dict[str, Treatment]:
     out["momentum_observer and dither"] = dataclasses.replace(
         out["momentum_observer"], dither=dither
     )
-    for folder in found:
-        out[f"{folder.name}, searched"] = _found(folder / "final.yaml", e.n)
     return out
 
 
-def _found(path: Path, n: int) -> Treatment:
-    """Return the treatment of a ``final.yaml``; it has dither, compensation or both."""
-    parts: dict[str, Any] = {}
-    for name, read in (
-        ("dither", lambda: tuple(read_amplitudes(path, n_joints=n))),
-        ("compensation", lambda: read_compensation(path, None, n)),
-    ):
-        try:
-            parts[name] = read()
-        except StictionError as error:
-            if "nodes with" not in str(error):
-                raise
-    return Treatment(**parts)
+def beside_found(folder: Path) -> dict[str, Treatment]:
+    """Return nothing, and treatments that ``stiction tune`` found, each after its default."""
+    robot, usual = told(folder)["robot"], treatments(told(folder)["robot"])
+    n, out = load_arm(robot).n, {NOTHING: usual[NOTHING]}
+    for name in (DITHER, *KINDS):
+        path, out[name] = folder / name / "final.csv", usual[name]
+        if not path.exists():
+            continue
+        out[name + SEARCHED] = (
+            Treatment(dither=tuple(read_amplitudes(path, n_joints=n)))
+            if name == DITHER
+            else Treatment(compensation=read_compensation(path, name, n))
+        )
+    return out
+
+
+def told(folder: Path) -> dict[str, Any]:
+    """Return the arguments of a run of ``stiction tune``."""
+    out: dict[str, Any] = json.loads((folder / "provenance.json").read_text("utf-8"))["arguments"]
+    return out
 
 
 # ---- measuring -----------------------------------------------------------------------------------
 
 
-def measure(found: Sequence[Path], condition: Condition) -> Row:
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What makes a row."""
+
+    condition: Condition
+    listed: Mapping[str, Treatment]
+    """By name; ``nothing`` is the first."""
+    places: Places
+
+    @property
+    def key(self) -> str:
+        """Of its row."""
+        return repr((self.condition, digest((self.places, list(self.listed.items())))))
+
+
+def measure(job: Job) -> Row:
     """Return what every treatment does in a condition."""
+    condition, listed, places = job.condition, job.listed, job.places
     ideal = GeneratedTrajectoryExperiment(condition.robot, seed=SEED)
     arm = ideal.sticking.arm
     loaded = load_arm(condition.robot, payload=(condition.load_kg, *LOAD_AT))
@@ -132,19 +161,19 @@ def measure(found: Sequence[Path], condition: Condition) -> Row:
         paths={"step": Goals("step", np.array([[STEP_M, 0, 0]]), np.array([[1.0, 0, 0, 0]]))},
         **sensing_of(condition, ideal),
     )
-    listed = treatments(condition.robot, found)
     true = scaled(e.sticking.parameters, {"stiction": condition.friction})
     objective = TrackingObjective(
         e,
         bounds_of(SingleJointExperiment(condition.robot)),
         [true],
-        [(f"random-{FIRST + k}", condition.stiffness) for k in range(PATHS)],
-        iterations=ITERATIONS,
+        [(name, condition.stiffness) for name in places.names],
+        iterations=places.iterations,
         joints=(),
     )
     plain, held = objective.plain, hold_and_push(e, listed, condition.stiffness, true)
     out: Row = {}
-    for name, one, rest in zip(listed, objective.measure(list(listed.values())), held, strict=True):
+    for (name, treatment), rest in zip(listed.items(), held, strict=True):
+        one = objective.measure([treatment])[0]  # a batch of all needs much memory
         position, orientation = one.left(plain)
         moving, resting = one.shaking
         out[name] = {
@@ -229,16 +258,28 @@ def main() -> None:
     parser = STUDY.parser()
     parser.add_argument("--robot", nargs="+", choices=ROBOTS, default=ROBOTS)
     parser.add_argument("--found", nargs="+", type=Path, default=(), help="folders of tune")
+    parser.add_argument("--paths", type=int, default=50, help="random paths for what was found")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    wanted = [c for robot in options.robot for c in conditions(robot)]
-    contents = [(path / "final.yaml").read_text("utf-8") for path in options.found]
-    jobs = {repr((c, contents)): c for c in wanted}
-    rows = STUDY.rows(options).fill(jobs, partial(measure, options.found), minutes=options.minutes)
+    usual: list[Job] = []
+    again: list[Job] = []
+    for robot in options.robot:
+        listed = treatments(robot)
+        usual += [Job(condition=c, listed=listed, places=PATHS) for c in conditions(robot)]
+    for folder in options.found:
+        listed = beside_found(folder)
+        for c in searched(told(folder)["robot"]):
+            for places in (random_places(options.paths), PENTAGON):
+                again.append(Job(condition=c, listed=listed, places=places))
+    jobs = {job.key: job for job in (*usual, *again)}
+    rows = STUDY.rows(options).fill(jobs, measure, minutes=options.minutes)
     if rows:
-        measured = {jobs[key]: row for key, row in rows.items()}
+        measured = {job.condition: rows[job.key] for job in usual if job.key in rows}
+        judged = {(job.condition, job.places): rows[job.key] for job in again if job.key in rows}
         draw(measured, options.out / "treatments.png")
-        STUDY.write_page(options, **page(measured, len(jobs)))
+        runs = [told(folder) for folder in options.found]
+        values = page(measured, len(usual)) | {"found": searched_page(judged, runs)}
+        STUDY.write_page(options, **values)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The conditions under which `treatments` compares: robot, stiffness, friction, senses."""
+"""The conditions under which `treatments` compares: robot, stiffness, friction, senses, paths."""
 
 from __future__ import annotations
 
@@ -25,6 +25,29 @@ class Condition:
     """Noise over the robot's own [-]; counts with a delay."""
     load_kg: float = 0.0
     """On the flange, of which the controller was not told [kg]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """Paths that all treatments of a row follow."""
+
+    names: tuple[str, ...]
+    iterations: int = 1
+    """Runs of each."""
+
+
+PENTAGON = Places(names=("pentagon",), iterations=8)
+
+
+def random_places(count: int) -> Places:
+    """Return random paths that no search draws: their numbers are from 1000 on."""
+    return Places(names=tuple(f"random-{1000 + k}" for k in range(count)))
+
+
+def searched(robot: str) -> list[Condition]:
+    """Return the conditions for which gains are searched, friction known and wrong."""
+    at = partial(Condition, robot=robot, stiffness=STIFFNESS[0], delay_ms=1.0)
+    return [at(friction=f) for f in FRICTIONS]
 
 
 def conditions(robot: str) -> list[Condition]:

@@ -245,15 +245,20 @@ struct Treatment {
   Compensation<N> compensation;
 };
 
-// Read final.yaml, or a final.csv where ``yaml`` is false: dither, compensation, or both.
+// Read final.yaml, dither, compensation or both; a final.csv, one of them, where ``yaml`` is false.
 template <std::size_t N>
 Treatment<N> read_treatment(std::istream& file, bool yaml) {
   Treatment<N> out;
+  const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   if (!yaml) {
-    out.dither = read_table<N>(file);
+    std::istringstream table(text);
+    if (text.substr(0, text.find('\n')).find("gain_nm") != std::string::npos) {
+      out.compensation = read_gains<N>(table);
+    } else {
+      out.dither = read_table<N>(table);
+    }
     return out;
   }
-  const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   bool any = false;
   for (const char* group : {"dither", "compensation"}) {
     std::istringstream whole(text);

@@ -1,5 +1,5 @@
 // Holds a Franka arm where it stands, shakes its joints and compensates their friction as a file of
-// stiction-envs says: final.yaml, or final.csv, which has dither only.
+// stiction-envs says: final.yaml, or final.csv, which has dither or else compensation.
 //
 //   dither_hold ROBOT-IP final.yaml [SECONDS]
 //

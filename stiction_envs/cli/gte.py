@@ -89,7 +89,7 @@ def add_parser(subparsers: Any) -> None:
         help="run with friction compensation too, alone and, if there is dither, with it: "
         "feedforward of the reference's motion; a push in the sign of the joint error that fades "
         "with the measured speed; smooth_sign or partial of the measured speed; lugre_observer, "
-        "momentum_observer; or gains that were tuned, compensation.csv or final.yaml",
+        "momentum_observer; or gains that were tuned, final.csv or final.yaml",
     )
     parser.add_argument(
         "--compensation-factor",

@@ -150,11 +150,15 @@ def write_treatment(
     compensation: Compensation | None,
     joint_names: Sequence[str],
 ) -> None:
-    """Write ``final.csv`` where there is dither, ``compensation.csv`` where there are gains, and
-    both as ``final.yaml``."""
-    groups = []
+    """Write ``final.csv``, dither or else gains, and both as ``final.yaml``.
+
+    Gains are in ``compensation.csv`` too, which is there beside a dither as well.
+    """
+    groups, dither = [], list(dither)
     if compensation is not None:
         write_compensation(folder / "compensation.csv", compensation)
+        if not dither:
+            write_compensation(folder / "final.csv", compensation)
         note = f"Friction compensation, {LAWS[compensation.kind].what}; units in the names."
         rows = compensation_rows(compensation)
         groups.append(Group(GROUP, rows, {KIND: compensation.kind}, note))

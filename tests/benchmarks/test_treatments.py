@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.learning.treatments import STEP_M, STUDY, hold_and_push
-from benchmarks.learning.treatments_page import best, page
-from benchmarks.learning.treatments_plan import Condition, conditions
+from benchmarks.learning.treatments_page import best, page, searched_page
+from benchmarks.learning.treatments_plan import PENTAGON, Condition, conditions, random_places
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.control.trajectory import Path
 from stiction_envs.reporting.templates import render
@@ -64,10 +64,28 @@ def test_the_page_holds_every_treatment():
     names = ("nothing", "dither", *KINDS)
     row = {"seconds": 1.0, **{name: numbers(0.01 * (k + 1)) for k, name in enumerate(names)}}
     condition = Condition(robot="panda", stiffness=SOFT, friction=1 / 0.7)
-    text = render(
-        STUDY.folder / "treatments.md.j2", command=STUDY.command, **page({condition: row}, 6)
-    )
+    values = {**page({condition: row}, 6), "found": {}}
+    text = render(STUDY.folder / "treatments.md.j2", command=STUDY.command, **values)
     assert "1 of 6 conditions" in text
     assert "## panda, 200 N/m, friction believed -30 %, ideal senses" in text
     for k, name in enumerate(names):
         assert f"| {name} | {k + 1} | {k + 1} | 0.1000 |" in text
+    assert "## Searched gains" not in text
+
+
+def test_the_page_holds_searched_gains_beside_the_defaults():
+    """The best of all on random paths; what shakes at rest is not, however little it leaves."""
+    row = {"nothing": numbers(1.0), "dither": numbers(0.8), "push": numbers(0.6)}
+    row |= {"dither, searched": numbers(0.1, rest=5e-5), "push, searched": numbers(0.25)}
+    condition = Condition(robot="panda", stiffness=SOFT, delay_ms=1.0)
+    judged = {(condition, PENTAGON): {**row, "push, searched": numbers(0.35)}}
+    judged[condition, random_places(50)] = row
+    found = searched_page(judged, [{"evaluations": 96}])
+    values = {**page({condition: row}, 6), "found": found}
+    text = render(STUDY.folder / "treatments.md.j2", command=STUDY.command, **values)
+    assert "same budget, 96 trials" in text
+    assert "on 50 random paths and 8 runs of the pentagon" in text
+    name = "panda, 200 N/m, friction known, senses 1 ms late, noise × 1"
+    one, other = "push | 60 / 60 | 60 (60 to 60)", "push, searched | 25 / 25 | 25 (25 to 25)"
+    assert f"| {name} | {one} | {other} | push, searched |" in text
+    assert "| push, searched | 25 / 25 | 25 (25 to 25) | 35 / 35 | 0.020 |" in text

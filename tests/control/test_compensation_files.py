@@ -54,7 +54,11 @@ def test_round_trip(tmp_path, kind):
 def test_one_without_the_other(tmp_path):
     (tmp_path / "a").mkdir()
     write_treatment(tmp_path / "a", (), drawn("push"), NAMES)
-    assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["compensation.csv", "final.yaml"]
+    written = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert written == ["compensation.csv", "final.csv", "final.yaml"]
+    assert read_compensation(tmp_path / "a" / "final.csv", None, 7) == drawn("push")
+    with pytest.raises(StictionError, match="missing column 'frequency_hz'"):
+        read_amplitudes(tmp_path / "a" / "final.csv", n_joints=7)
     with pytest.raises(StictionError, match="0 nodes with dither"):
         read_amplitudes(tmp_path / "a" / "final.yaml", n_joints=7)
     (tmp_path / "b").mkdir()

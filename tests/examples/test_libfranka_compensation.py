@@ -108,10 +108,11 @@ def test_main_compensates_softly_within_limits(built: Path, tmp_path: Path) -> N
     assert np.abs(np.diff(tau, axis=0)).max() <= 1 + 1e-9
 
 
-def test_main_refuses_gains_beyond_its_limit(built: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["final.yaml", "final.csv"])
+def test_main_refuses_gains_beyond_its_limit(built: Path, tmp_path: Path, name: str) -> None:
     c = Compensation(kind="push", gain=(1.0,) * 6 + (1.3,))
     write_treatment(tmp_path, (), c, NAMES)
-    ran, told = run_main(built, "fr3", tmp_path / "final.yaml", 4)
+    ran, told = run_main(built, "fr3", tmp_path / name, 4)
     assert (ran.returncode, len(told)) == (1, 0)
     assert "joint 7: more than 1.2" in ran.stderr
 

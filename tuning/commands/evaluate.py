@@ -79,7 +79,7 @@ def add_task_options(parser: common.Parser) -> None:
         metavar="KIND|FILE",
         help="friction compensation in every episode, undithered ones too (gte): a kind of "
         "`stiction gte`, with gains of the model's friction, or gains that were tuned, "
-        "compensation.csv or final.yaml",
+        "final.csv or final.yaml",
     )
     parser.add_argument(
         "--action",

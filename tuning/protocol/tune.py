@@ -87,6 +87,21 @@ class Tuning(Result):
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a tuning as a readable table."""
+    lines: list[str] = []
+    if gains := summary.get("compensation"):
+        columns = {name: x for name, x in gains.items() if name != "kind"}
+        lines += [f"{gains['kind']}:", "joint   " + "".join(f"{x:>18}" for x in columns)]
+        for j, numbers in enumerate(zip(*columns.values(), strict=True), 1):
+            lines.append(f"{j:<8}" + "".join(f"{x:>18.4g}" for x in numbers))
+    if summary["final"] or not gains:
+        lines += _dither_lines(summary)
+    if best := summary.get("treatment"):
+        words = f"recommended: {best['name']}, which leaves {best['left_percent']:.0f} %"
+        lines.append(f"{words} of the error on paths that were not searched on")
+    return "\n".join(lines)
+
+
+def _dither_lines(summary: Mapping[str, Any]) -> list[str]:
     servos = any("amplitude_rad" in r for r in summary["final"])
     lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
     lines[0] += f"{'of command [mrad]':>20}" if servos else ""
@@ -98,7 +113,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     mean = summary["mean_reduction_percent"]
     if mean is not None:
         lines.append(f"torque to move a joint, mean over all configurations: {-mean:+.1f} %")
-    return "\n".join(lines)
+    return lines
 
 
 def tune(

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction_envs.control.compensation_files import compensation_rows
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import SJERow, write_sje
@@ -45,9 +46,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
         "final": [{**asdict(r), "bounds_met": met.get(r.joint, [])} for r in final],
         "mean_reduction_percent": _mean_reduction(found, verified, chosen),
-        "compensation": None
-        if found.compensation is None
-        else {"kind": found.compensation.kind, "gain_nm": list(found.compensation.gain)},
+        "compensation": _gains(found),
         "comparison": {
             name: _comparison(found, verified, name)
             for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
@@ -64,6 +63,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         summary=summary,
         objective=objective,
         final=_final(found, final) if final else "",
+        gains=_gains_table(summary["compensation"]),
         met={j: words for j, words in met.items() if words},
         better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
         treatments=_treatment_table(found, verified),
@@ -228,6 +228,24 @@ def _final(found: Stages, final: Table) -> str:
         words = ", ".join(found.bounds.met(r)) if r.amplitude_nm else "no dither helped"
         rows.append([f"{r.joint}", f"{r.frequency_hz:.1f}", f"{r.amplitude_nm:.3f}", *shown, words])
     return table_text(header, rows)
+
+
+def _gains(found: Stages) -> dict[str, Any] | None:
+    """Return kind and numbers of the compensation that was found, per joint by their columns."""
+    c = found.compensation
+    if c is None:
+        return None
+    rows = compensation_rows(c)
+    columns = [name for name in rows[0] if name != "joint"]
+    return {"kind": c.kind, **{name: [row[name] for row in rows] for name in columns}}
+
+
+def _gains_table(gains: Mapping[str, Any] | None) -> str:
+    """Return `_gains` as a table."""
+    columns = {name: x for name, x in (gains or {}).items() if name != "kind"}
+    rows = zip(*columns.values(), strict=True)
+    lines = [[f"{j}", *(f"{x:.4g}" for x in row)] for j, row in enumerate(rows, 1)]
+    return table_text(["joint", *columns], lines) if lines else ""
 
 
 def _joint_table(found: Stages, verified: Verified) -> str:

@@ -87,9 +87,9 @@ def search(
         limit: amplitude table whose displacement (SJE) and vibration (GTE) may not be passed; None
             for thesis Table 4.9 on the Panda, and on other arms what ``make tune`` would choose.
         beside: more amplitude tables to compare with.
-        out: output folder: trials.csv, final.csv and compensation.csv, final.yaml (the same for
-            ROS 2), verification.csv, comparison.csv, report.md, plots, study.db. None for
-            ``runs/search-ROBOT``.
+        out: output folder: trials.csv, final.csv (dither, or else gains), final.yaml (both, for
+            ROS 2), compensation.csv, a folder for each of several treatments, verification.csv,
+            comparison.csv, report.md, plots, study.db. None for ``runs/search-ROBOT``.
         force: whether the files of another run in it are replaced.
         seed: of scatter, drawn frictions and samplers.
         storage: URL or journal file of the study; None for a SQLite file in ``out``.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -103,6 +104,8 @@ class Stages:
             for kind in self.options.searched:
                 name = f"{kind}, searched" if kind else SEARCHED
                 self.treatments[name] = self.tracking(tables.get("search sje"), kind)
+                if len(self.options.searched) > 1:
+                    self._write(folder / kind, self.treatments[name])
         write_trials(folder / "trials.csv", self.records)
         if "search sje" in tables:
             self.others[GRID] = self.grid()
@@ -115,12 +118,17 @@ class Stages:
             tables[SEARCHED], self.compensation = best_one.dither, best_one.compensation
         if self.options.pareto:
             write_trials(folder / "pareto.csv", self.records, front)
-        names = self.sje.sticking.arm.joint_names
-        if self.final or self.compensation is not None:
-            write_treatment(folder, self.final, self.compensation, names)
+        self._write(folder, Treatment(dither=self.final, compensation=self.compensation))
         if len(tables) > 1:
             write_amplitudes(folder / "sje_table.csv", tables["search sje"])
         return self.verify({**tables, **self.others}, tracking)
+
+    def _write(self, folder: Path, found: Treatment) -> None:
+        """Write the files that are handed over, if anything was found."""
+        if found != Treatment():
+            folder.mkdir(exist_ok=True)
+            names = self.sje.sticking.arm.joint_names
+            write_treatment(folder, found.dither, found.compensation, names)
 
     def reach(self) -> None:
         """Open the first study before anything is simulated or written: it may be unavailable.

@@ -121,11 +121,17 @@ def describe(rows: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]
     for k, row in enumerate(base):
         line = f"{row['axis'] + ' [' + row['unit'] + '·samples]':<20}{_sum(row):>18}"
         for other in others:
-            change = 100 * (other[k]["window_sum"] / row["window_sum"] - 1)
-            line += f"{_sum(other[k]):>20}{change:>+7.1f} %"
+            line += f"{_sum(other[k]):>20}{_change(row, other[k]):>9}"
         line += "".join(f"{by_case[name][k]['thesis_window_sum']:>18.3f}" for name in printed)
         lines.append(line)
     return "\n".join([*lines, *(_run_text(r) for r in runs)])
+
+
+def _change(row: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """Return by how much an error differs; an arm may not move along an axis at all."""
+    if row["window_sum"] == 0:
+        return "–"
+    return f"{100 * (other['window_sum'] / row['window_sum'] - 1):+.1f} %"
 
 
 _THESIS = {"no_dither": "thesis: without", "dither": "thesis: with"}
