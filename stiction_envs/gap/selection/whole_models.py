@@ -73,9 +73,12 @@ def _with_likely_bodies(library: RegressorLibrary, terms: list[Candidate]) -> li
     """Return a model with the bodies that stand out of small errors of all links.
 
     Of two bodies, one may be wrong and the other may stand in for the rest of the links; and what
-    small errors of any size explain may be a body beside smaller ones.
+    small errors of any size explain may be a body beside smaller ones. Where a model has neither,
+    what it leaves is not of bodies.
     """
     bodies = [t for t in library.candidates if library.causes[t.cause].body]
+    if not library.likeliest(terms)[1] and not any(library.causes[t.cause].body for t in terms):
+        return terms
     while True:
         have = {(t.cause, t.joint) for t in terms}
         fewer = [[t for t in terms if t != x] for x in bodies if x in terms]
