@@ -156,7 +156,10 @@ def sources(room: str) -> dict[Path, str]:
 
 
 def drawn(room: str) -> list[Fault]:
-    """Return some of a room's faults, drawn from all of them; what changes nothing is no fault."""
+    """Return some of a room's faults, drawn from all of them; what changes nothing is no fault.
+
+    They are in the order they were drawn in, so that the first of them are a sample too.
+    """
     from cosmic_ray.ast import ast_nodes, get_ast
     from cosmic_ray.mutating import mutate_code
 
@@ -183,7 +186,7 @@ def drawn(room: str) -> list[Fault]:
         out.setdefault(fault.name, fault)
         if len(out) == ROOMS[room][0]:
             break
-    return sorted(out.values(), key=lambda x: (x.file, x.line, x.is_now))
+    return list(out.values())
 
 
 # ---- tests ---------------------------------------------------------------------------------------
@@ -278,7 +281,7 @@ def page(found: dict[str, list[tuple[Fault, Row]]]) -> dict[str, Any]:
 
     for room, faults in found.items():
         count = Counter[str](run=len(faults), noticed=sum(row["noticed"] for _, row in faults))
-        for fault, row in faults:
+        for fault, row in sorted(faults, key=lambda x: (x[0].file, x[0].line, x[0].is_now)):
             if not row["noticed"]:
                 verdict = said.get(fault.name, "")
                 count["equivalent"] += verdict.startswith("equivalent")
