@@ -269,7 +269,7 @@ def test_identify_and_excite_take_one_log_or_a_model(place, results, arm):
 def test_as_the_page_prints_it(tmp_path, monkeypatch):
     """A log of the Panda, measured behind the gear: its rotors are not seen, and it runs."""
     monkeypatch.chdir(tmp_path)
-    write_csv("log.csv", hidden(st.load_arm("panda"), sticky, seconds=6.0))
+    write_csv(tmp_path / "log.csv", hidden(st.load_arm("panda"), sticky, seconds=6.0))
     d = st.diagnose("log.csv", robot="panda", torque="link")
     d.save("runs/why")
     arm = st.load_model("runs/why/model.toml")
