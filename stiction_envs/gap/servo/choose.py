@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.estimates import Estimate
-from stiction_envs.gap.servo.fit import Fit, fit
+from stiction_envs.gap.servo.fit import AGAIN, LAST, LESS, ROUGH, Fit, fit
 from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause
 from stiction_envs.gap.servo.settings import ServoSettings
@@ -25,6 +25,24 @@ LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
 """Causes that refine dry friction."""
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
 """Parameters whose effect on the angle is that of their ratio to the servo's stiffness."""
+LAGS = ((0.02, 0.0003), (0.08, 0.002))
+"""Damping [s] and armature [s²] over stiffness, one pair per start; assumed."""
+DELAY = 0.01
+"""Delay of a start [s]; assumed."""
+DRY = 0.5
+"""Dry friction of a start over stiffness times the usual error [-]; assumed."""
+DROP, LOADED_DROP = 0.2, 0.3
+"""Share by which friction falls from stiction, without and with dependence on load [-]; assumed."""
+RAISED = 1.1
+"""Stiction then, over the dry friction without a drop [-]; assumed."""
+LOADED = 0.5
+"""Part of the dry friction that comes from the load [-]; assumed."""
+TORQUE_LIMITS = (0.5, 0.8)
+"""Torque limits over the torque that is reached [-], one per start; assumed."""
+BOTH_LIMITS = (0.7, 1.5)
+"""Torque and speed limit over those that are reached [-]: a start with both; assumed."""
+DEAD_ZONES = (0.003, 0.015)
+"""Dead zones, one per start [rad]; assumed."""
 Start = dict[str, float]
 """Values of some parameters by name, SI units."""
 Stage = tuple[tuple[str, ...], Callable[[Fit], list[Start]]]
@@ -154,11 +172,11 @@ class Chooser:
 
     def rough(self) -> tuple[Fit, list[str]]:
         """Return the fit of lag and plain dry friction, the best of two starts, and its causes."""
-        q, motion, of = self.q, self.q.motion, self.q.settings.starts
+        q, motion = self.q, self.q.motion
         chosen = [c for c in q.candidates if c in ("servo_stiffness", *LAG, "coulomb_friction")]
         error = float(np.sqrt(np.mean((motion.command - motion.q)[q.counts] ** 2)))
         starts = []
-        for lag, armature in zip(of.lag_s, of.armature_over_stiffness, strict=True):
+        for lag, armature in LAGS:
             start = q.nominal.copy()
             stiffness = start[INDEX["stiffness"]]
             if "damping" in self._free(chosen):
@@ -166,17 +184,16 @@ class Chooser:
             if "armature" in chosen:
                 start[INDEX["armature"]] = armature * stiffness
             if "delay" in chosen:
-                start[INDEX["delay"]] = of.delay_s
+                start[INDEX["delay"]] = DELAY
             if "coulomb_friction" in chosen:
-                start[INDEX["stiction"]] = of.dry * stiffness * error
+                start[INDEX["stiction"]] = DRY * stiffness * error
             starts.append(start)
-        fits = (self._fit(s, chosen, of.rough_iterations) for s in starts)
+        fits = (self._fit(s, chosen, ROUGH) for s in starts)
         return min(fits, key=lambda f: f.cost), chosen
 
     def everything(self) -> Fit:
         """Return the fit of all candidates, from the best of several starts, stage by stage."""
         best, chosen = self.rough()
-        of = self.q.settings.starts
         for causes, starts in self._stages():
             more = [c for c in causes if c in self.q.candidates]
             if not more:
@@ -186,22 +203,22 @@ class Chooser:
                 start = best.parameters.copy()
                 for name, x in values.items():
                     start[INDEX[name]] = x
-                tries.append(self._fit(start, [*chosen, *more], of.rough_iterations))
+                tries.append(self._fit(start, [*chosen, *more], ROUGH))
             best = min(filter(self._reached, tries), key=lambda f: f.cost)
             chosen += more
-        return self._fit(best.parameters, chosen, of.last_iterations)
+        return self._fit(best.parameters, chosen, LAST)
 
     def _stages(self) -> Iterator[Stage]:
         motion = self.q.motion
-        percent, of = self.q.settings.limits.reached_percent, self.q.settings.starts
+        percent = self.q.settings.limits.reached_percent
 
         def friction(best: Fit) -> list[Start]:
             level = best.parameters[INDEX["stiction"]]
-            out = [{"drop": of.drop[0], "load": 0.0, "stiction": of.raised * level}]
+            out = [{"drop": DROP, "load": 0.0, "stiction": RAISED * level}]
             if "load_dependent_friction" in self.q.candidates:
                 weight = float(np.abs(motion.gravity).mean())
-                load, rest = of.loaded * level / weight, (1.0 - of.loaded) * level
-                out.append({"drop": of.drop[1], "load": load, "stiction": rest})
+                load, rest = LOADED * level / weight, (1.0 - LOADED) * level
+                out.append({"drop": LOADED_DROP, "load": load, "stiction": rest})
             return out
 
         def limits(best: Fit) -> list[Start]:
@@ -209,9 +226,9 @@ class Chooser:
             speed = np.abs(np.diff(motion.q) / np.diff(motion.t))
             t, v = float(np.percentile(torque, percent)), float(np.percentile(speed, percent))
             # a limit that is not reached has no slope: starts lie where it would be
-            a, b = of.both_limits
+            a, b = BOTH_LIMITS
             return [
-                *({"torque_limit": x * t} for x in of.torque_limit),
+                *({"torque_limit": x * t} for x in TORQUE_LIMITS),
                 {"speed_limit": v},
                 {"torque_limit": a * t, "speed_limit": b * v},
             ]
@@ -219,7 +236,7 @@ class Chooser:
         yield LAW, friction
         yield ("encoder_offset", "gravity_compensation_missing"), lambda _: [{}]
         yield ("torque_limit", "speed_limit"), limits
-        yield ("dead_zone",), lambda _: [{"dead_zone": x} for x in of.dead_zone_rad]
+        yield ("dead_zone",), lambda _: [{"dead_zone": x} for x in DEAD_ZONES]
 
     # ---- deletion ----------------------------------------------------------------------------
 
@@ -240,7 +257,7 @@ class Chooser:
                     or (cause == "speed_limit" and not self._reached(best))
                 ):
                     kept = [c for c in kept if c not in _with(cause)]
-                    best = self._fit(less.parameters, kept, self.q.settings.starts.again_iterations)
+                    best = self._fit(less.parameters, kept, AGAIN)
                     break
             else:
                 break
@@ -295,7 +312,7 @@ class Chooser:
         return bool(np.sqrt(self._as_it_is().cost / self.rows) < enough)
 
     def _as_it_is(self) -> Fit:
-        return self._fit(self.q.nominal, [], self.q.settings.starts.rough_iterations)
+        return self._fit(self.q.nominal, [], ROUGH)
 
     def _less(self, best: Fit, kept: Sequence[str], causes: Sequence[str]) -> Fit:
         """Return the fit without some causes."""
@@ -304,7 +321,7 @@ class Chooser:
         for c in sorted(gone):
             start = self._without(start, c)
         rest = [c for c in kept if c not in gone]
-        return self._fit(start, rest, self.q.settings.starts.less_iterations)
+        return self._fit(start, rest, LESS)
 
     def _minor(self, best: Fit, losses: dict[str, float]) -> tuple[str, ...]:
         """Return the causes that take off too little to be named, even all of them together.

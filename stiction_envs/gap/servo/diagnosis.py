@@ -16,7 +16,7 @@ from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question, criterion
 from stiction_envs.gap.servo.findings import named_causes, verdict_of, with_payload
-from stiction_envs.gap.servo.fit import fit
+from stiction_envs.gap.servo.fit import AGAIN, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
@@ -270,7 +270,6 @@ class _Joints:
     def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
         halves = folds(self.motions[0], self.settings.validation)
-        most = self.settings.starts.again_iterations
 
         def one(j: int, counts: Rows) -> Array:
             start = found[j].fit
@@ -280,7 +279,7 @@ class _Joints:
                 start.parameters,
                 start.free,
                 counts=counts,
-                iterations=most,
+                iterations=AGAIN,
                 low=low,
                 high=high,
             ).parameters

@@ -21,6 +21,10 @@ DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])
 """Damping of the steps that are tried at once, over the last one [-]; assumed."""
 LEAST_GAIN = 1e-3
 """A fit ends when the sum of squares falls by less than this share [-]; assumed."""
+ROUGH, LAST = 8, 10
+"""Iterations of a fit from a start and of each stage, and of all causes together [-]; assumed."""
+LESS, AGAIN = 5, 6
+"""Iterations without a cause, and after it was taken out or to other rows [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -29,40 +29,6 @@ class ServoQuestionSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoStartSettings:
-    """From where the parameters of a joint are fitted."""
-
-    lag_s: tuple[Positive, ...]
-    """Damping over stiffness, one per start [s]."""
-    armature_over_stiffness: tuple[Positive, ...]
-    """Armature over stiffness, one per start [s²]."""
-    delay_s: Positive
-    """[s]."""
-    dry: Share
-    """Dry friction over stiffness times the usual error [-]."""
-    drop: tuple[Share, Share]
-    """Share by which friction falls from stiction: without, and with dependence on load [-]."""
-    raised: Positive
-    """Stiction then, over the dry friction without a drop [-]."""
-    loaded: Share
-    """Part of the dry friction that comes from the load [-]."""
-    torque_limit: tuple[Share, ...]
-    """Torque limits over the torque that is reached [-], one per start."""
-    both_limits: tuple[Positive, Positive]
-    """Torque and speed limit over those that are reached [-]: a start with both."""
-    dead_zone_rad: tuple[Positive, ...]
-    """Dead zones, one per start [rad]."""
-    rough_iterations: Count
-    """Iterations of a fit from such a start, and of each stage [-]."""
-    last_iterations: Count
-    """Iterations of the fit of all causes together [-]."""
-    less_iterations: Count
-    """Iterations of a fit without a cause [-]."""
-    again_iterations: Count
-    """Iterations of the fit after a cause was taken out, and of the fit to other rows [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ServoLimitSettings:
     """What may be a limit: none that is reached most of the time, and none that was passed."""
 
@@ -187,8 +153,6 @@ class ServoSettings:
 
     questions: ServoQuestionSettings
     """What is asked."""
-    starts: ServoStartSettings
-    """From where it is fitted."""
     limits: ServoLimitSettings
     """What may be a limit."""
     selection: ServoSelectionSettings
