@@ -160,8 +160,8 @@ def page(rows: Mapping[float, list[Row]], is_honest: Callable[[Row], bool]) -> d
         "holds": HOLDS,
         "strongest": _rate([first(r) for r in clear if len(r["hidden"]) == 1 and visible(r)]),
         "scores": scores_table(rows, is_honest),
-        "false_names": [
-            line(r) for x, some in rows.items() if x for r in _clear(some) if _false(r)
+        "links_off": [
+            f"{line(r)}, links {x:g} off" for x, some in rows.items() if x for r in _wrong(some)
         ],
         "missed": [line(r) for r in sorted(missed, key=transfer, reverse=True)],
         "by_cause": _by_cause([r for r in clear if len(r["hidden"]) == 1]),
@@ -170,8 +170,14 @@ def page(rows: Mapping[float, list[Row]], is_honest: Callable[[Row], bool]) -> d
     }
 
 
-def _false(row: Row) -> bool:
-    return not row["hidden"] and bool(row["named"])
+def _wrong(rows: list[Row]) -> list[Row]:
+    """Return the cases of one visible cause or none in which another is named first, or none is."""
+
+    def wrong(row: Row) -> bool:
+        single = len(row["hidden"]) == 1 and visible(row)
+        return single and not first(row) if row["hidden"] else bool(row["named"])
+
+    return [r for r in _clear(rows) if wrong(r)]
 
 
 def _by_cause(single: list[Row]) -> str:

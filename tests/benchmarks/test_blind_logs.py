@@ -62,7 +62,12 @@ def test_links_that_are_off_are_a_column_where_there_are_rows() -> None:
     strongest = next(x for x in lines if "strongest" in x)
     assert strongest.endswith("| ≥ 95 % | 1/1 = 100 % | 0/1 = 0 % **missed** |")
     assert (values["cases"], values["broken"]) == (3, 1)
-    assert len(values["false_names"]) == 2
+    first, second, third = values["links_off"]
+    assert "torque_offset (" in first
+    assert "payload" in first
+    assert "nothing (" in second
+    assert "nothing (" in third
+    assert all(x.endswith(", links 0.03 off") for x in values["links_off"])
 
 
 def test_the_template_takes_the_page(tmp_path: Any) -> None:
@@ -70,8 +75,8 @@ def test_the_template_takes_the_page(tmp_path: Any) -> None:
     values = page({0.0: KNOWN, 0.03: OFF}, is_honest)
     text = STUDY.write_page(options, first=1, planned=4, **values)
     assert "In 1/1 = 100 % of simulated logs" in text
-    assert "Links off and nothing hidden, yet a cause is named" in text
-    assert "Links off and nothing hidden" not in STUDY.write_page(
+    assert "Links off, and another cause is named first, or none:" in text
+    assert "Links off, and another cause" not in STUDY.write_page(
         options, first=1, planned=4, **page({0.0: KNOWN}, is_honest)
     )
 
