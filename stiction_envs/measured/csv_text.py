@@ -9,7 +9,7 @@ import math
 import os
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from numbers import Integral
 from pathlib import Path
 from typing import Any
@@ -151,13 +151,18 @@ def parse_lines(
 
 
 def header_of(path: str | os.PathLike[str]) -> list[str]:
-    """Columns of a CSV, gzip-compressed or not; none if it is empty or cannot be read."""
-    path = Path(path)
-    try:
-        with gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file:
-            text = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
-    except (OSError, EOFError, zlib.error):
-        return []
+    """Columns of a CSV, gzip-compressed or not; none if it is empty or cannot be read.
+
+    Of a compressed file that ends early or is damaged, those before the damage.
+    """
+    path, start = Path(path), b""
+    with (
+        suppress(OSError, EOFError, zlib.error),
+        gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file,
+    ):
+        while block := file.read1(FIRST_BYTES - len(start)):
+            start += block
+    text = start.decode("utf-8-sig", errors="replace")
     line = next((x for x in text.splitlines() if x.strip()), "")
     return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
 
