@@ -409,12 +409,12 @@ def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
     Raises:
         StictionError: one that is not there.
     """
-    from stiction_envs.measured.logs.files import is_log
+    from stiction_envs.measured.logs.files import is_log, no_log
 
     found = {f"{name}{k}": log for k, log in enumerate(logs, 1)}
     for log in found.values():
         if not is_log(log):
-            raise StictionError(f"{log}: no such file")
+            raise no_log(log, "a log file")
     return found
 
 

@@ -304,6 +304,7 @@ BAD = {
     },
     "identify": {
         "missing.csv --robot panda": "missing.csv: no such file",
+        ". --robot panda": ".: a directory: expected a log file, or a folder of ROS 2",
         "{log.csv} --robot panda": "log.csv: columns for 2 joints",
         "{log.csv} --robot ur5": ROBOTS,
         "{log.csv} --robot {two.xml} --cutoff 0": "above 0",
@@ -312,6 +313,7 @@ BAD = {
     "check": {
         "": "FILE",
         "nowhere.csv": "nowhere.csv: no such file",
+        ".": ".: a directory: expected a torque table or a joint log, or a folder of ROS 2",
         "{notes.csv}": "neither a torque table nor a joint log",
         "{good.csv} --robot robbie": "unknown robot 'robbie'",
         "{good.csv} --out {good.csv}": "is a file",

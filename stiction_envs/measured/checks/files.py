@@ -18,7 +18,7 @@ from stiction_envs.measured.checks.tables import check_tables, read_rows
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
-from stiction_envs.measured.logs.files import count_joints, is_log
+from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.measured.logs.robot_log import RobotLog
@@ -126,7 +126,7 @@ def check(
     paths = [Path(x) for x in files]
     for path in paths:
         if not is_log(path):
-            raise StictionError(f"{path}: no such file: expected a torque table or a joint log")
+            raise no_log(path, "a torque table or a joint log")
     arm = None if robot is None else load_arm(robot, chain=chain)
     n, limits, names = (0, None, ()) if arm is None else (arm.n, arm.limits, arm.joint_names)
     naming = Naming(

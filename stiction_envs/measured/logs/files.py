@@ -91,6 +91,14 @@ def is_log(path: Path) -> bool:
     return path.is_file() or (path.is_dir() and format_of(path) is not None)
 
 
+def no_log(path: Path, expected: str) -> StictionError:
+    """Return the error of a path that is no log; ``expected`` is what a file there could be."""
+    if path.is_dir():
+        folders = "a folder of ROS 2, lerobot or SAGE"
+        return StictionError(f"{path}: a directory: expected {expected}, or {folders}")
+    return StictionError(f"{path}: no such file: expected {expected}")
+
+
 def _kind(path: str | os.PathLike[str]) -> LogFormat:
     """Return the kind of what is there.
 
@@ -108,7 +116,7 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
     if kind is None:
-        what = "a directory: expected a log file, or a folder of ROS 2, lerobot or SAGE:"
-        what = what if stat.S_ISDIR(mode) else "unknown kind of file: expected one of"
-        raise StictionError(f"{where}: {what} {ends}")
+        if stat.S_ISDIR(mode):
+            raise no_log(Path(path), f"a log file ({ends})")
+        raise StictionError(f"{where}: unknown kind of file: expected one of {ends}")
     return kind
