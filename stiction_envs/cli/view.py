@@ -61,6 +61,9 @@ def add_parser(subparsers: Any) -> None:
         f"(default: {PORT})",
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    parser.add_argument(
+        "--seed", type=common.whole(0), default=0, metavar="S", help="seed of all that is random"
+    )
 
 
 def run(args: argparse.Namespace) -> dict[str, Any]:
@@ -74,7 +77,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
 
     sticking = sticking_model(arm, args.friction)
     rows = usual_dither(sticking) if args.dither is None else read_dither(args.dither, arm)
-    push = Push(sticking, dither=rows)
+    push = Push(sticking, dither=rows, seed=args.seed)
     push.choose(args.joint)
     shown = PushView(push)
     face = _face(shown, args.browser)

@@ -50,8 +50,10 @@ def test_what_was_asked_for_reaches_the_window(cli, dither, monkeypatch):
     assert push.joint == 7
     assert {j: (r.frequency_hz, r.amplitude_nm) for j, r in push.rows.items()} == {7: (15.0, 0.6)}
     assert Face.closed
+    assert push.dither_seed == 0
     loaded = push.plant.load[1]
-    cli("view", "panda")
+    cli("view", "panda", "--seed", 3)
+    assert Face.last.push.dither_seed == 3
     assert Face.last.push.plant.load[1][0, 1] < loaded[0, 1]
 
 

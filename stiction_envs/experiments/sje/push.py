@@ -42,18 +42,22 @@ class Push(Rig):
     STILL = 0.005
     """Largest difference between those two positions [rad]; assumed."""
 
-    def __init__(self, sticking: StickingModel, *, dither: Sequence[AmplitudeRow] = ()) -> None:
+    def __init__(
+        self, sticking: StickingModel, *, dither: Sequence[AmplitudeRow] = (), seed: int = 0
+    ) -> None:
         """Put the arm at its rest pose, joint 1 free, nothing pushed, dither off.
 
         Args:
             sticking: the model.
             dither: of each dithered joint, when it is the one that is pushed and dither is on.
+            seed: of a dither's waveform that is drawn.
 
         Raises:
             StictionError: dither of a joint that the arm lacks.
         """
         protocol = load_protocol(sticking.arm.registered_name)
         super().__init__(Experiment(sticking, threads=1), 1, approach=protocol)
+        self.dither_seed[:] = seed
         for row in dither:
             joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
