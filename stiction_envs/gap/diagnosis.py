@@ -272,6 +272,8 @@ def _conclude(
             others = [t for t in terms if t not in mine]
             without = error(grams.held_out(library.model_columns(others)))
         lost = percent_lost(without, extended_rms, nominal_rms)
+        if lost <= 0:  # beside the small errors of the set-up it only costs
+            continue
         s = data.settings.verdict
         if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
             little.add(name)

@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose_logs, model_of, percent_lost
 from stiction_envs.gap.model_file import with_causes
+from stiction_envs.hidden.example_logs import SEED
 from stiction_envs.hidden.hidden_logs import Case, make_case
 from tests.gap.small_logs import hidden, panda, sliding
 
@@ -92,6 +93,15 @@ def test_no_cause_gains_more_than_what_was_wrong() -> None:
     nominal, extended = np.array([2.0, 1.0]), np.array([1.0, 0.0])
     assert percent_lost(np.array([9.0, 9.0]), extended, nominal) == 75.0
     assert percent_lost(np.array([1.5, 0.5]), extended, nominal) == 37.5
+
+
+def test_no_cause_is_named_that_costs_more_than_it_gains() -> None:
+    """The first three seconds of a motion hardly tell causes apart."""
+    case = make_case(SEED, ("payload",), motion="fourier", seconds=26.0, known=True, size=0.6)
+    (log,) = case.logs
+    short = replace(log, t=log.t[:1500], q=log.q[:1500], tau=log.tau[:1500])
+    d = diagnose_logs([short], "panda")
+    assert all(c.gain_percent > 0 for c in (*d.causes, *d.minor))
 
 
 def test_a_motion_that_excites_nothing_cannot_tell() -> None:
