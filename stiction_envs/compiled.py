@@ -13,6 +13,9 @@ import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+Arguments = tuple[Any, ...]
+"""What a compiled function takes in its order: arrays, numbers, and tuples of them."""
+
 
 def compiled(function: F) -> F:
     """Compile a function on its first call, division by zero as in numpy; a decorator.

@@ -13,6 +13,7 @@ from benchmarks.learning.search_rows import JOINTS, KEPT, known_tables, table_of
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.envs.agents import ConstantTable, GatedTable, NoDither, RandomDither, TorqueRule
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.method_settings import override
@@ -229,7 +230,9 @@ def _compensated(robot: str, kind: str) -> Contestant:
     if path.exists():
         found = read_compensation(path, kind, JOINTS)
     else:
-        found = environment(robot, "gte").make(1).core.experiment.compensation(kind)
+        experiment = environment(robot, "gte").make(1).core.experiment
+        assert isinstance(experiment, GeneratedTrajectoryExperiment)
+        found = experiment.compensation(kind)
     return Contestant(name=kind, make=NoDither, made_of=digest(kind, found), compensation=found)
 
 

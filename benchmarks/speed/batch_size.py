@@ -25,6 +25,7 @@ import numpy as np
 import stiction_envs  # noqa: F401
 from benchmarks.harness import ROOT, Benchmark, machine, met
 from benchmarks.reference_loop import seconds
+from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.episodes import GTEEpisodes
 from stiction_envs.experiments.sje.episodes import SJEEpisodes
 from stiction_envs.reporting.markdown import table_text
@@ -32,7 +33,7 @@ from stiction_envs.reporting.markdown import table_text
 STUDY = Benchmark(__file__, __doc__)
 SIZES, MANY = (1, 8, 64, 256, 1024, 4096), 1024
 """Environments of a batch, and of that whose tiles are compared; assumed."""
-NAMES = {"PandaGTE-v0": GTEEpisodes, "PandaSJE-v0": SJEEpisodes}
+NAMES: dict[str, type[Episodes]] = {"PandaGTE-v0": GTEEpisodes, "PandaSJE-v0": SJEEpisodes}
 OPTIONS: dict[str, dict[str, Any]] = {
     "PandaSJE-v0": {"joint": 1, "load": "load", "direction": "+"},
     "PandaGTE-v0": {"trajectory": "pentagon", "stiffness": (200, 20, 0)},

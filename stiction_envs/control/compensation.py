@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.control.kernels import pose_error
 from stiction_envs.control.laws import LAWS, law_torque
 from stiction_envs.control.laws.base import (
@@ -248,7 +248,7 @@ class Compensator:
         self.wanted_speed[:] = (jacobian.transpose(0, 2, 1) @ pulled)[:, :, 0]
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
+    def arguments(self) -> Arguments:
         """The last of `compensate`, its result at the end."""
         return (
             *(self._kind, self._packed, self._state, self._last_speed, self.wanted_speed),
@@ -336,7 +336,7 @@ def compensate(
             last_speed[i, j] = dq[i, j]
 
 
-def _numbers(name: str, value: Any, n: int | None) -> Array:
+def _numbers(name: str, value: object, n: int | None) -> Array:
     """Return finite numbers (n,) from one number or (n,)."""
     try:
         array = np.array(value, dtype=float)

@@ -14,13 +14,12 @@ In YAML the kind is said once:
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation import KINDS, Array, Compensation
 from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured import AmplitudeRow
@@ -60,11 +59,10 @@ def read_compensation(
         StictionError: a table that cannot be read, of no kind or another, a joint twice, a column
             that its law does not have, or bad numbers.
     """
-    read: dict[str, Any] = {"required": COLUMNS, "optional": OPTIONAL}
     if is_parameters(path):
-        lines = read_parameters(path, **read, group=GROUP, shared=(KIND,))
+        lines = read_parameters(path, COLUMNS, OPTIONAL, group=GROUP, shared=(KIND,))
     else:
-        lines = read_lines(path, **read)
+        lines = read_lines(path, COLUMNS, OPTIONAL)
     kind = _kind(path, lines, kind)
     law = LAWS[kind]
     columns = {"gain_nm": "gain"} | {field.column: field.name for field in law.fields}
@@ -107,7 +105,7 @@ def _kind(path: str | Path, lines: Sequence[Line], kind: str | None) -> str:
     return kind
 
 
-def _filled(path: str | Path, kind: str, values: dict[str, Any]) -> Compensation:
+def _filled(path: str | Path, kind: str, values: Mapping[str, Array]) -> Compensation:
     """Return the compensation, defaults where the file has no number."""
     law, compensated = LAWS[kind], values["gain"] > 0
     for field in law.fields:
@@ -120,14 +118,14 @@ def _filled(path: str | Path, kind: str, values: dict[str, Any]) -> Compensation
             column[missing] = 1.0
         else:
             column[missing] = law.default(field.name)
-    numbers: dict[str, Any] = {name: tuple(column) for name, column in values.items()}
+    numbers = {name: tuple(column) for name, column in values.items()}
     try:
         return Compensation(kind=kind, **numbers)
     except StictionError as error:
         raise StictionError(f"{path}: {error}") from None
 
 
-def compensation_rows(found: Compensation) -> list[dict[str, Any]]:
+def compensation_rows(found: Compensation) -> list[dict[str, float]]:
     """Return one row per joint, cells by column; every float reads back bit for bit."""
     columns = {"gain_nm": found.gain}
     columns |= {f.column: getattr(found, f.name) for f in LAWS[found.kind].fields}

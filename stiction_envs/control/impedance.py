@@ -15,11 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.control.kernels import advance_reference, impedance_cycle
 from stiction_envs.control.operational import damp_by_mass, renew
 from stiction_envs.control.rotation import error_matrix, write_error_matrix
@@ -272,7 +272,7 @@ class CartesianImpedance:
         return self.command.copy()
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
+    def arguments(self) -> Arguments:
         """The arguments of `kernels.impedance_cycle` after the dither.
 
         `torque` is `advance_filter`, then that function with them. They stay the same objects
@@ -314,7 +314,7 @@ class CartesianImpedance:
         return self._null_active or self.settings.damping_design == "mass"
 
     @property
-    def reference_arguments(self) -> tuple[Any, ...]:
+    def reference_arguments(self) -> Arguments:
         """The arguments of `kernels.advance_reference`; always the same objects."""
         return (
             self._filter_step,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.control.kernels import chain_kinematics, site_kinematics
 from stiction_envs.control.rotation import right_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 
 class EndEffector:
@@ -23,7 +24,7 @@ class EndEffector:
     fixed in the hand's frame; without a tool it is the flange. Each `read` overwrites the arrays.
     """
 
-    def __init__(self, sticking: StickingModel, batch: Any, tool: ArrayLike = (0, 0, 0)) -> None:
+    def __init__(self, sticking: StickingModel, batch: Batch, tool: ArrayLike = (0, 0, 0)) -> None:
         """Make it for the N simulations of a batch.
 
         Args:
@@ -57,8 +58,8 @@ class EndEffector:
         self.jacobian = np.zeros((nsim, 6, n))
         """(N, 6, n) geometric Jacobian, translation above rotation [m/rad, 1]."""
 
-    def _set(self, moved: tuple[Any, ...], joints: Any, tool: ArrayLike) -> None:
-        self.arguments: tuple[Any, ...] = (
+    def _set(self, moved: Arguments, joints: Index, tool: ArrayLike) -> None:
+        self.arguments: Arguments = (
             *moved,
             joints,
             self._turn,
@@ -96,7 +97,7 @@ class MeasuredEndEffector(EndEffector):
         super().read()
 
 
-def _chain_of(model: Any, site_name: str) -> tuple[Array, Array, Array, Array, Array]:
+def _chain_of(model: mujoco.MjModel, site_name: str) -> tuple[Array, Array, Array, Array, Array]:
     """Return what `kernels.chain_kinematics` needs of a serial arm's rigid model.
 
     Bodies without joints are put together with the one that they are fixed to.

@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.control.sensing_kernels import (
     Measured,
     Sent,
@@ -177,7 +178,7 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
     return _of_table(table["sensing"], str(path), arm.n)
 
 
-def _of_table(table: Mapping[str, Any], where: str, n: int) -> Sensing:
+def _of_table(table: Mapping[str, object], where: str, n: int) -> Sensing:
     names = [f.name for f in fields(Sensing)]
     values: dict[str, Any] = {}
     for name, entry in table.items():
@@ -193,7 +194,7 @@ def _of_table(table: Mapping[str, Any], where: str, n: int) -> Sensing:
     return out
 
 
-def _numbers(name: str, value: Any, per_joint: bool) -> Array:
+def _numbers(name: str, value: object, per_joint: bool) -> Array:
     """Return one number, or where ``per_joint`` also (n,)."""
     try:
         array = np.array(value, dtype=float)
@@ -260,7 +261,7 @@ class Senses(_Seeded):
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
         noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
         self._offset = s.of_joint("torque_offset", n)
-        self.arguments: tuple[Any, ...] = tuple(
+        self.arguments: Arguments = tuple(
             Measured(
                 speed_by_difference=s.speed == "difference",
                 cycle=cycle,
@@ -338,7 +339,7 @@ class CommandLine(_Seeded):
         self._held, self.arrived = np.zeros((2, nsim, columns))
         """(N, C) what acts since the last `send` [N·m]."""
         room = self._room(sensing.command_delay)
-        self.arguments: tuple[Any, ...] = tuple(
+        self.arguments: Arguments = tuple(
             Sent(
                 missed=sensing.missed_cycles,
                 delay=_steps(sensing.command_delay),

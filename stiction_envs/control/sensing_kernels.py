@@ -7,12 +7,12 @@ no bit depends on what else is simulated.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -185,7 +185,7 @@ def sense_arm(
 
 
 @compiled
-def sense(due: bool, step: Index, q: Array, dq: Array, torque: Array, m: tuple[Any, ...]) -> None:
+def sense(due: bool, step: Index, q: Array, dq: Array, torque: Array, m: Arguments) -> None:
     """`sense_arm` of all arms: steps (N,), states (N, n); ``m`` is `Measured` as plain tuple."""
     measured = Measured(*m)
     for i in range(len(step)):
@@ -194,7 +194,7 @@ def sense(due: bool, step: Index, q: Array, dq: Array, torque: Array, m: tuple[A
 
 @compiled
 def sense_block(
-    ids: Index, step: Index, hold: int, dt: float, q: Array, m: tuple[Any, ...], seen: Array
+    ids: Index, step: Index, hold: int, dt: float, q: Array, m: Arguments, seen: Array
 ) -> None:
     """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
 
@@ -243,7 +243,7 @@ def _send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
 
 
 @compiled
-def send(due: bool, step: Index, command: Array, s: tuple[Any, ...]) -> None:
+def send(due: bool, step: Index, command: Array, s: Arguments) -> None:
     """Send commands (N, C) [N·m] at control steps (N,), new where ``due``."""
     sent = Sent(*s)
     for i in range(len(step)):
@@ -251,7 +251,7 @@ def send(due: bool, step: Index, command: Array, s: tuple[Any, ...]) -> None:
 
 
 @compiled
-def send_block(ids: Index, step: Index, hold: int, command: Array, s: tuple[Any, ...]) -> None:
+def send_block(ids: Index, step: Index, hold: int, command: Array, s: Arguments) -> None:
     """Send commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K); they become what arrives."""
     sent = Sent(*s)
     for row in range(len(ids)):

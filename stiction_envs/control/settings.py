@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.robots.tables import read_toml
+from stiction_envs.robots.tables import Table, read_toml
 
 Array = NDArray[np.float64]
 DAMPING_DESIGNS = ("diagonal", "mass")
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
 
 
-GTE_DEFAULTS: dict[str, dict[str, Any]] = {
+GTE_DEFAULTS: dict[str, Table] = {
     table: {name: entry["value"] for name, entry in entries.items()}
     for table, entries in read_toml(Path(__file__).with_name("gte.toml")).items()
 }
@@ -97,7 +96,7 @@ class ImpedanceSettings:
         return 1.0 if p == 1.0 else 1.0 / (1.0 - self.rate_hz / np.log1p(-p))
 
 
-def numbers(name: str, value: Any, *, above: float = -np.inf, high: float = np.inf) -> Array:
+def numbers(name: str, value: object, *, above: float = -np.inf, high: float = np.inf) -> Array:
     """Own array of finite numbers in [0, ``high``] and greater than ``above``.
 
     Raises:

@@ -12,12 +12,13 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, get_type_hints
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.control.rotation import from_rpy, multiply, rotation_error
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.control.trapezoid import (
@@ -256,7 +257,7 @@ class GoalSequencer:
         return accepted
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
+    def arguments(self) -> Arguments:
         """The arguments of `trapezoid.accept` between the time and its result: tolerances, goals,
         times, profile, trapezoid; always the same objects."""
         limits = self.limits

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from types import EllipsisType
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from stiction_envs.dither.waveforms import (
     BANDWIDTH_RANGE,
     DEFAULT_WAVEFORM,
     WAVEFORMS,
+    Waveform,
     named,
 )
 from stiction_envs.errors import StictionError, unknown
@@ -23,6 +25,9 @@ from stiction_envs.errors import StictionError, unknown
 _TWO_PI = 2.0 * np.pi
 
 Floats = NDArray[np.float64]
+_Places = NDArray[np.intp] | None
+_Branch = tuple[Waveform, _Places, _Places, Floats, Floats, Floats, Floats | None]
+_Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False, repr=False)
@@ -57,7 +62,7 @@ class Dither:
     """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
     _drawn: dict[str, Floats] = field(init=False)  # by waveform (N, n, K): what it draws
-    _branches: tuple[tuple[Any, ...], ...] = field(init=False)
+    _branches: tuple[_Branch, ...] = field(init=False)
     _gate: Floats | None = field(init=False)
     sines: tuple[Floats, Floats, Floats] | None = field(init=False)
     """ω [rad/s], φ [rad] and A [N·m], (N, n), where the dither is ungated sines only."""
@@ -102,13 +107,22 @@ class Dither:
         return cls(amplitude=np.zeros((N, n)), frequency=0.0)
 
     @classmethod
-    def from_table(cls, rows: Iterable[Any], N: int, n: int, **options: Any) -> Dither:
+    def from_table(
+        cls,
+        rows: Iterable[Any],
+        N: int,
+        n: int,
+        *,
+        phase: ArrayLike = 0.0,
+        gate_velocity: ArrayLike | None = None,
+        seed: ArrayLike = 0,
+        bandwidth: float = BANDWIDTH,
+    ) -> Dither:
         """The same amplitude table on N simulations: one row per dithered joint.
 
         A row has ``joint`` (from 1), ``frequency_hz``, ``amplitude_nm``, ``waveform``,
         ``offset_nm`` and ``gate_velocity``, as :class:`stiction_envs.measured.AmplitudeRow` has.
-        ``options``: ``phase``, ``gate_velocity`` of all joints, ``seed``, ``bandwidth`` as for the
-        class itself.
+        ``gate_velocity``, where it is given, is that of all joints; the rest is as for the class.
         """
         a, f, c = np.zeros((3, n))
         gate = np.full(n, np.inf)
@@ -121,9 +135,16 @@ class Dither:
             j = row.joint - 1
             a[j], f[j] = row.amplitude_nm, row.frequency_hz
             c[j], names[j], gate[j] = row.offset_nm, row.waveform, row.gate_velocity
-        a = np.tile(a, (N, 1))
-        options.setdefault("gate_velocity", gate)
-        return cls(amplitude=a, frequency=f, offset=c, waveform=names, **options)
+        return cls(
+            amplitude=np.tile(a, (N, 1)),
+            frequency=f,
+            phase=phase,
+            offset=c,
+            waveform=names,
+            gate_velocity=gate if gate_velocity is None else gate_velocity,
+            seed=seed,
+            bandwidth=bandwidth,
+        )
 
     @property
     def N(self) -> int:
@@ -197,7 +218,7 @@ class Dither:
         a = self.amplitude if amplitude is None else _numbers("amplitude", amplitude, shape)
         f = self.frequency if frequency is None else _numbers("frequency", frequency, shape)
         _check_drive(a, f)
-        fields: dict[str, Any] = {"amplitude": a, "frequency": f}
+        fields = {"amplitude": a, "frequency": f}
         if frequency is not None:
             now = np.asarray(t, dtype=float)
             if now.ndim > 1 or (now.ndim == 1 and now.shape[0] != self.N):
@@ -229,13 +250,13 @@ class Dither:
             drawn[name][ids] = other._drawn.get(name, 0.0)
         return self._derive({**fields, "_drawn": drawn})
 
-    def _fill(self, **fields: Any) -> None:
+    def _fill(self, **fields: object) -> None:
         for name, value in fields.items():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
-    def _derive(self, fields: dict[str, Any]) -> Dither:
+    def _derive(self, fields: Mapping[str, object]) -> Dither:
         """A copy with some fields replaced by already checked ones."""
         new = copy.copy(self)
         new._fill(**fields)
@@ -254,9 +275,9 @@ class Dither:
             mask = driven & (self.waveform == code)
             where = None if mask.all() else np.flatnonzero(mask)
             rows = None if where is None else where // self.n
-            pick: Any = ... if where is None else mask
+            pick: EllipsisType | NDArray[np.bool_] = ... if where is None else mask
             waveform = waveforms[code]
-            drawn: Any = self._drawn.get(waveform.name)
+            drawn = self._drawn.get(waveform.name)
             if drawn is not None:
                 drawn = np.ascontiguousarray(np.moveaxis(drawn, -1, 0)[:, pick])
             branches.append(
@@ -302,7 +323,9 @@ def _positions(ids: ArrayLike) -> NDArray[np.intp]:
     return np.flatnonzero(ids) if ids.dtype == bool else ids.astype(np.intp)
 
 
-def _numbers(name: str, value: ArrayLike, shape: Any, *, finite: bool = True) -> Floats:
+def _numbers(
+    name: str, value: ArrayLike, shape: tuple[int, ...] | None, *, finite: bool = True
+) -> Floats:
     """Own float array of ``value``, broadcast to ``shape`` (None: must be two-dimensional)."""
     try:
         array = np.array(value, dtype=float, order="C")
@@ -318,7 +341,7 @@ def _numbers(name: str, value: ArrayLike, shape: Any, *, finite: bool = True) ->
     return array
 
 
-def _broadcast(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> NDArray[_Scalar]:
     """Own C-ordered copy of ``array`` in ``shape``."""
     try:
         return np.broadcast_to(array, shape).copy(order="C")
@@ -326,7 +349,7 @@ def _broadcast(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> NDArra
         raise StictionError(f"dither {name} has shape {array.shape}: expected {shape}") from None
 
 
-def _check(name: str, values: NDArray[Any], bad: NDArray[np.bool_], expected: str) -> None:
+def _check(name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])

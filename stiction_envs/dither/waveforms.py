@@ -11,7 +11,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +62,7 @@ class Waveform(ABC):
             bandwidth: relative bandwidth b, for waveforms that spread around f [-].
         """
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[Any], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
         """Return (M, K) constants of M entries, once per dither; K = 0 unless overridden.
 
         Args:
@@ -196,10 +196,10 @@ class RandomTones(Waveform):
         total *= drawn[-1]
         return total
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[Any], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
         """Return (M, TONES + 1): the tones' phases [rad] and the gain that bounds their peak."""
         key = _mix(seed)[:, None] + _mix(joint.astype(np.uint64))[:, None]
-        bits = _mix(key + np.arange(TONES, dtype=np.uint64)) >> np.uint64(11)
+        bits = _mix(np.add(key, np.arange(TONES, dtype=np.uint64))) >> np.uint64(11)
         phases = bits.astype(float) * (_TWO_PI * 2.0**-53)
         # |w| is at most its envelope, a trigonometric polynomial of degree d; sampled at G points
         # its maximum is at most the largest sample / cos(πd/G) (Ehlich and Zeller 1964).
@@ -222,7 +222,7 @@ def _in_cycles(angle: Floats) -> Floats:
     return np.multiply(angle, 1.0 / _TWO_PI, out=angle)
 
 
-def _mix(x: NDArray[Any]) -> NDArray[np.uint64]:
+def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Hash of 64-bit integers (splitmix64): tones depend on seed and joint, not on the batch."""
     x = x + np.uint64(0x9E3779B97F4A7C15)
     x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 from mujoco.batch import Batch
 
 from stiction_envs.errors import missing_extra, unknown
+
+if TYPE_CHECKING:
+    from stiction_envs.engines.warp_batch import WarpBatch
 
 DEFAULT_ENGINE = "mujoco"
 
@@ -18,7 +21,7 @@ def _mujoco(model: mujoco.MjModel, nsim: int, threads: int, closed_loop: bool) -
     return Batch(model, nsim, threads, persistent=closed_loop)
 
 
-def _warp(model: mujoco.MjModel, nsim: int, threads: int, closed_loop: bool) -> Any:
+def _warp(model: mujoco.MjModel, nsim: int, threads: int, closed_loop: bool) -> WarpBatch:
     from stiction_envs.engines.warp_batch import WarpBatch
 
     return WarpBatch(model, nsim)
@@ -27,7 +30,7 @@ def _warp(model: mujoco.MjModel, nsim: int, threads: int, closed_loop: bool) -> 
 class Engine(NamedTuple):
     """What steps simulations."""
 
-    make: Callable[[mujoco.MjModel, int, int, bool], Any]
+    make: Callable[[mujoco.MjModel, int, int, bool], Batch | WarpBatch]
     """Returns a batch for the arguments of `make_batch`."""
     module: str
     """What it imports."""
@@ -57,7 +60,7 @@ def check_engine(name: str) -> str:
 
 def make_batch(
     engine: str, model: mujoco.MjModel, nsim: int, *, threads: int, closed_loop: bool
-) -> Any:
+) -> Batch | WarpBatch:
     """Return N simulations of a model: a `mujoco.batch.Batch`, or as much of it as the plant uses.
 
     Args:

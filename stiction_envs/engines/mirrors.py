@@ -7,13 +7,11 @@ So the device runs the host's program, call by call, on arrays that stay there i
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from stiction_envs.engines.translate import kernel_of, kind_of
+from stiction_envs.engines.translate import Compiled, Tree, kernel_of, kind_of
 
 _DTYPES = {"f": wp.float64, "i": wp.int32, "b": wp.bool}
 
@@ -24,10 +22,10 @@ class Mirrors:
     def __init__(self, nsim: int) -> None:
         """Make it for N arms."""
         self._nsim = nsim
-        self._pairs: dict[int, tuple[NDArray[Any], Any]] = {}
-        self._kernels: dict[Any, Any] = {}
+        self._pairs: dict[int, tuple[NDArray[np.generic], wp.array]] = {}
+        self._kernels: dict[tuple[Compiled, tuple[Tree, ...]], wp.Kernel] = {}
 
-    def of(self, host: NDArray[Any]) -> Any:
+    def of(self, host: NDArray[np.generic]) -> wp.array:
         """Return the mirror of an array, known by its identity; new ones have its values."""
         if id(host) not in self._pairs:
             dtype = _DTYPES[host.dtype.kind]
@@ -35,7 +33,7 @@ class Mirrors:
             self._pairs[id(host)] = host, wp.array(np.ascontiguousarray(host), dtype=dtype)
         return self._pairs[id(host)][1]
 
-    def launch(self, function: Any, *arguments: Any) -> None:
+    def launch(self, function: Compiled, *arguments: object) -> None:
         """Launch a compiled function of N arms on the mirrors of its arguments."""
         at = function, tuple(kind_of(x) for x in arguments)
         if at not in self._kernels:
@@ -48,13 +46,13 @@ class Mirrors:
         for host, mirror in self._pairs.values():
             mirror.assign(host)
 
-    def fetch(self, *arguments: Any) -> None:
+    def fetch(self, *arguments: object) -> None:
         """Give the arrays among arguments the values of their mirrors."""
         for host in _flat(arguments):
             if isinstance(host, np.ndarray):
                 host[...] = self.of(host).numpy()
 
 
-def _flat(arguments: tuple[Any, ...]) -> list[Any]:
+def _flat(arguments: tuple[object, ...]) -> list[object]:
     """Return arguments without the tuples around them."""
     return [y for x in arguments for y in (_flat(x) if isinstance(x, tuple) else [x])]

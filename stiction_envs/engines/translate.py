@@ -15,15 +15,17 @@ import copy
 import inspect
 import linecache
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import count
+from types import FunctionType
 from typing import Any, TypeAlias
 
 import numpy as np
 import warp as wp
 
+Compiled = Any  # by numba, whose functions look like those that they are made from
 FLOAT, INT, BOOL = wp.float64, wp.int32, wp.bool
 _NUMPY = {"arctan2": "atan2"}
 """Names that Warp spells in another way."""
@@ -34,12 +36,12 @@ class Kind:
     """Type of a scalar (no dimensions) or an array, and the sizes of its dimensions but the
     first, where they are known."""
 
-    dtype: Any
+    dtype: type
     ndim: int = 0
     sizes: tuple[int, ...] = ()
 
     @property
-    def annotation(self) -> Any:
+    def annotation(self) -> type | wp.array:
         """Return what a Warp function calls it."""
         return wp.array(dtype=self.dtype, ndim=self.ndim) if self.ndim else self.dtype
 
@@ -48,7 +50,7 @@ Tree: TypeAlias = "Kind | tuple[Tree, ...]"
 """Of an argument: tuples as they are."""
 
 
-def kind_of(value: Any) -> Tree:
+def kind_of(value: object) -> Tree:
     """Return the kind of an argument of a compiled function."""
     if isinstance(value, tuple):
         return tuple(kind_of(x) for x in value)
@@ -68,7 +70,7 @@ def _copysign(size: wp.float64, sign: wp.float64) -> wp.float64:
     return wp.where(sign < wp.float64(0.0), -wp.abs(size), wp.abs(size))
 
 
-def kernel_of(function: Any, kinds: Sequence[Tree]) -> Any:
+def kernel_of(function: Compiled, kinds: Sequence[Tree]) -> wp.Kernel:
     """Return the Warp kernel of a compiled function of N arms, launched with ``dim=N``.
 
     Args:
@@ -83,8 +85,8 @@ def kernel_of(function: Any, kinds: Sequence[Tree]) -> Any:
 class _Translation(ast.NodeTransformer):
     """One function with arguments of given kinds, as Warp's Python."""
 
-    def __init__(self, function: Any, kinds: Sequence[Tree], is_kernel: bool) -> None:
-        python: Callable[..., Any] = function.py_func
+    def __init__(self, function: Compiled, kinds: Sequence[Tree], is_kernel: bool) -> None:
+        python: FunctionType = function.py_func
         self._known = python.__globals__
         tree = ast.parse(textwrap.dedent(inspect.getsource(python))).body[0]
         assert isinstance(tree, ast.FunctionDef)
@@ -119,13 +121,13 @@ class _Translation(ast.NodeTransformer):
         self._tuples[name] = parts
         return [x for part, own in zip(parts, kind, strict=True) for x in self._argument(part, own)]
 
-    def _defined(self, tree: ast.FunctionDef, names: list[str]) -> Any:
+    def _defined(self, tree: ast.FunctionDef, names: list[str]) -> FunctionType:
         """Define the function, with a text that Warp can read."""
         text = ast.unparse(ast.fix_missing_locations(tree)) + "\n"
         file = f"<Warp's {self._name}>"
         linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
         exec(compile(text, file, "exec"), self._scope)
-        function = self._scope[self._name]
+        function: FunctionType = self._scope[self._name]
         function.__annotations__ = {name: self._kinds[name].annotation for name in names}
         return function
 
@@ -138,7 +140,7 @@ class _Translation(ast.NodeTransformer):
             out += new if isinstance(new, list) else [new]
         return out
 
-    def visit_For(self, node: ast.For) -> Any:
+    def visit_For(self, node: ast.For) -> ast.For | list[ast.stmt]:
         if self._is_kernel and not self._inside:
             assert isinstance(node.target, ast.Name)
             self._inside = 1
@@ -152,15 +154,15 @@ class _Translation(ast.NodeTransformer):
         self._inside -= 1
         return node
 
-    def visit_Continue(self, node: ast.Continue) -> Any:
+    def visit_Continue(self, node: ast.Continue) -> ast.stmt:
         return ast.Return() if self._is_kernel and self._inside == 1 else node
 
-    def visit_If(self, node: ast.If) -> Any:
+    def visit_If(self, node: ast.If) -> ast.If:
         node.test = self.visit(node.test)
         node.body, node.orelse = self._statements(node.body), self._statements(node.orelse)
         return node
 
-    def visit_Assign(self, node: ast.Assign) -> Any:
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign | list[ast.stmt]:
         if len(node.targets) > 1:
             first, value = node.targets[-1], node.value
             out = self._statements([ast.Assign([first], value)])
@@ -176,7 +178,7 @@ class _Translation(ast.NodeTransformer):
             return self._unpack(target.elts, node.value)
         return self._assign(target, node.value)
 
-    def _assign(self, target: ast.expr, value: ast.expr) -> Any:
+    def _assign(self, target: ast.expr, value: ast.expr) -> ast.Assign:
         """Return the assignment of one value."""
         kind = self._kind(value)
         size = self._size(value)
@@ -212,7 +214,7 @@ class _Translation(ast.NodeTransformer):
         ]
         return [*before, *after]
 
-    def visit_AugAssign(self, node: ast.AugAssign) -> Any:
+    def visit_AugAssign(self, node: ast.AugAssign) -> ast.Assign:
         old = copy.deepcopy(node.target)
         for part in ast.walk(old):
             if hasattr(part, "ctx"):
@@ -223,10 +225,10 @@ class _Translation(ast.NodeTransformer):
 
     # ---- expressions -------------------------------------------------------------------------
 
-    def visit_Constant(self, node: ast.Constant) -> Any:
+    def visit_Constant(self, node: ast.Constant) -> ast.expr:
         return _number(node.value) if isinstance(node.value, float) else node
 
-    def visit_Name(self, node: ast.Name) -> Any:
+    def visit_Name(self, node: ast.Name) -> ast.expr:
         if node.id in self._rename:
             return ast.Name(self._rename[node.id], node.ctx)
         known = self._known.get(node.id)
@@ -234,20 +236,20 @@ class _Translation(ast.NodeTransformer):
             return _number(float(known))
         return node
 
-    def visit_Attribute(self, node: ast.Attribute) -> Any:
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         if _is_numpy(node):
             return _number(float(getattr(np, node.attr)))
         node.value = self.visit(node.value)
         return node
 
-    def visit_Subscript(self, node: ast.Subscript) -> Any:
+    def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         parts = self._parts(node)
         if isinstance(parts, str):
             return ast.Name(parts, ast.Load())
         node.value, node.slice = self.visit(node.value), self.visit(node.slice)
         return node
 
-    def visit_BinOp(self, node: ast.BinOp) -> Any:
+    def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         left = self.visit(node.left)
         if isinstance(node.op, ast.Pow):
             assert isinstance(node.right, ast.Constant)
@@ -255,7 +257,7 @@ class _Translation(ast.NodeTransformer):
             return _call("_square", left)
         return ast.BinOp(left, node.op, self.visit(node.right))
 
-    def visit_Call(self, node: ast.Call) -> Any:
+    def visit_Call(self, node: ast.Call) -> ast.expr:
         if isinstance(node.func, ast.Attribute):
             name = node.func.attr
             if name == "empty":
@@ -287,7 +289,7 @@ class _Translation(ast.NodeTransformer):
 
     # ---- what expressions are ----------------------------------------------------------------
 
-    def _parts(self, node: ast.expr) -> Any:
+    def _parts(self, node: ast.expr) -> str | list[str] | None:
         """Return the names of the parts of a tuple that was given, one name where one is taken."""
         if isinstance(node, ast.Name):
             return self._tuples.get(self._rename.get(node.id, node.id))
@@ -344,10 +346,10 @@ class _Translation(ast.NodeTransformer):
         return None
 
 
-_FUNCTIONS: dict[Any, Any] = {}
+_FUNCTIONS: dict[tuple[Compiled, tuple[Tree, ...]], wp.Function] = {}
 
 
-def _function_of(function: Any, kinds: tuple[Tree, ...]) -> Any:
+def _function_of(function: Compiled, kinds: tuple[Tree, ...]) -> wp.Function:
     """Return the Warp function of a compiled one, the same for the same kinds."""
     at = function, kinds
     if at not in _FUNCTIONS:

@@ -18,7 +18,6 @@ used. No graphics card was at hand: there none of this has been run.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import mujoco_warp
@@ -329,12 +328,12 @@ class WarpBatch:
         mujoco_warp.com_pos(self._model, self._data)
 
     @property
-    def device(self) -> Any:
+    def device(self) -> mujoco_warp.Data:
         """MuJoCo Warp's data; its arrays stay the same objects."""
         return self._data
 
     @property
-    def angle(self) -> Any:
+    def angle(self) -> wp.array:
         """(N, nq) angles on the device, in float64 [rad]."""
         return self._angle
 

@@ -8,14 +8,18 @@ writes what they make of it; within a call of many control steps the device does
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import COULOMB, STICTION, STRIBECK, StickingModel
+
+if TYPE_CHECKING:
+    import mujoco_warp
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -132,7 +136,7 @@ class DeviceFriction:
         self._host_up, self._host_levels = up, np.zeros((*up.shape, 2, 4))
         self._up = wp.zeros(up.shape, dtype=wp.bool)
         self._levels = wp.zeros((*up.shape, 2), dtype=wp.vec4)
-        self._slow: tuple[Any, ...] = ()
+        self._slow: Arguments = ()
 
     def write(
         self, ids: Index, coulomb: Array, stiction: Array, stribeck: Array, viscous: Array
@@ -190,7 +194,7 @@ class DeviceFriction:
         self._host_levels[:] = self._levels.numpy()
         return self._host_levels[..., 1], self._host_levels[..., 3]
 
-    def launch(self, step: Any, model: Any, data: Any) -> None:
+    def launch(self, step: wp.array, model: mujoco_warp.Model, data: mujoco_warp.Data) -> None:
         """Choose by direction, on the device."""
         wp.launch(
             _switch,
@@ -199,7 +203,7 @@ class DeviceFriction:
             outputs=[self._up, model.actuator_biasprm, model.dof_damping],
         )
 
-    def launch_slow(self, ahead: int, data: Any) -> None:
+    def launch_slow(self, ahead: int, data: mujoco_warp.Data) -> None:
         """Renew where it is due, ``ahead`` control steps after the call began."""
         wp.launch(
             _renew,

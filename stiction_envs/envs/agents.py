@@ -19,20 +19,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
+from stiction_envs.envs.evaluation import AnyEnv, State
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 from stiction_envs.method_settings import Positive, load_settings
 
 Array = NDArray[np.float64]
 Table = str | Path | Sequence[AmplitudeRow]
-State = tuple[NDArray[Any], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +60,7 @@ def agent_settings() -> AgentSettings:
 class Agent(ABC):
     """Reads the spaces of its environment, and the places of speeds and torques in observations."""
 
-    def __init__(self, env: Any) -> None:
+    def __init__(self, env: AnyEnv) -> None:
         """Make it.
 
         Args:
@@ -75,9 +75,9 @@ class Agent(ABC):
                 f"{type(self).__name__}: {type(base).__name__}: expected an environment of "
                 "stiction_envs"
             )
-        one: Any = base.single_action_space if isinstance(base, ArmVectorEnv) else base.action_space
         names = list(base.observation_names)
         self.n = n = int(base.core.n)
+        one = base.core.action_space
         low, high = one.low.astype(float), one.high.astype(float)
         self.low, self.high = low[: 2 * n], high[: 2 * n]
         self._rest = 0.5 * (low + high)[2 * n :]
@@ -88,9 +88,9 @@ class Agent(ABC):
 
     def predict(
         self,
-        observation: NDArray[Any],
+        observation: Observation,
         state: State | None = None,
-        episode_start: NDArray[Any] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], State | None]:
         """Return the actions, and the state as it was given: agents have none.
@@ -110,14 +110,14 @@ class Agent(ABC):
         return (actions[0] if np.ndim(observation) == 1 else actions), state
 
     @abstractmethod
-    def _act(self, observation: NDArray[Any]) -> Array:
+    def _act(self, observation: Observation) -> Array:
         """Return the dither (M, 2n) of actions for observations (M, observations)."""
 
-    def speed(self, observation: NDArray[Any]) -> Array:
+    def speed(self, observation: Observation) -> Array:
         """Return the joints' speeds (M, n) [rad/s]."""
         return observation[:, self._speed].astype(float) * self._speed_unit
 
-    def torque(self, observation: NDArray[Any]) -> Array:
+    def torque(self, observation: Observation) -> Array:
         """Return the joints' torques without dither (M, n), over the stiction [-]."""
         return observation[:, self._torque].astype(float)
 
@@ -125,14 +125,14 @@ class Agent(ABC):
 class NoDither(Agent):
     """Dithers no joint."""
 
-    def _act(self, observation: NDArray[Any]) -> Array:
+    def _act(self, observation: Observation) -> Array:
         return np.tile(self.low, (len(observation), 1))
 
 
 class RandomDither(Agent):
     """Amplitudes and frequencies drawn uniformly within their bounds in every step."""
 
-    def __init__(self, env: Any, seed: int = 0) -> None:
+    def __init__(self, env: AnyEnv, seed: int = 0) -> None:
         """Make it; each draw is seeded by ``seed``, from 0, and the observation.
 
         Raises:
@@ -143,7 +143,7 @@ class RandomDither(Agent):
             raise StictionError(f"RandomDither: seed {seed}: expected a whole number from 0")
         self._seed = seed
 
-    def _act(self, observation: NDArray[Any]) -> Array:
+    def _act(self, observation: Observation) -> Array:
         share = np.empty((len(observation), 2 * self.n))
         for out, row in zip(share, np.ascontiguousarray(observation, np.float32), strict=True):
             seed = [self._seed, *np.frombuffer(row.tobytes(), np.uint32)]
@@ -154,7 +154,7 @@ class RandomDither(Agent):
 class ConstantTable(Agent):
     """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
-    def __init__(self, env: Any, table: Table | None = None) -> None:
+    def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
         """Make it.
 
         Args:
@@ -168,7 +168,7 @@ class ConstantTable(Agent):
         super().__init__(env)
         self.amplitude, self.frequency, self.gate = self._read(env, table)
 
-    def _read(self, env: Any, table: Table | None) -> tuple[Array, Array, Array]:
+    def _read(self, env: AnyEnv, table: Table | None) -> tuple[Array, Array, Array]:
         """Return amplitudes [N·m], frequencies [Hz] and gates [rad/s], inf for none, (n,) each."""
         where = table if isinstance(table, (str, Path)) else "table"
         if table is None:
@@ -177,7 +177,7 @@ class ConstantTable(Agent):
             rows = read_amplitudes(Path(table), n_joints=self.n)
         else:
             rows = table
-        waveform = env.unwrapped.core.waveform
+        waveform = _core(env).waveform
         amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
         gate = np.full(self.n, np.inf)
         for row in rows:
@@ -202,11 +202,11 @@ class ConstantTable(Agent):
             gate[j] = row.gate_velocity
         return amplitude, frequency, gate
 
-    def _factor(self, observation: NDArray[Any]) -> Array:
+    def _factor(self, observation: Observation) -> Array:
         """Return factors (M, n) of the amplitudes."""
         return np.ones((len(observation), self.n))
 
-    def _act(self, observation: NDArray[Any]) -> Array:
+    def _act(self, observation: Observation) -> Array:
         amplitude = self._factor(observation) * self.amplitude
         frequency = np.broadcast_to(self.frequency, amplitude.shape)
         return np.concatenate([amplitude, frequency], axis=1)
@@ -218,7 +218,9 @@ class GatedTable(ConstantTable):
     A controller reads the speed in every cycle, an agent once per step.
     """
 
-    def __init__(self, env: Any, table: Table | None = None, *, speed: float | None = None) -> None:
+    def __init__(
+        self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
+    ) -> None:
         """Make it.
 
         Args:
@@ -236,7 +238,7 @@ class GatedTable(ConstantTable):
             raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
 
-    def _factor(self, observation: NDArray[Any]) -> Array:
+    def _factor(self, observation: Observation) -> Array:
         return np.exp(-((self.speed(observation) / self.gate) ** 2))
 
 
@@ -250,7 +252,7 @@ class TorqueRule(GatedTable):
 
     def __init__(
         self,
-        env: Any,
+        env: AnyEnv,
         table: Table | None = None,
         *,
         speed: float | None = None,
@@ -270,7 +272,7 @@ class TorqueRule(GatedTable):
         super().__init__(env, table, speed=speed)
         self.settings = agent_settings() if settings is None else settings
 
-    def _factor(self, observation: NDArray[Any]) -> Array:
+    def _factor(self, observation: Observation) -> Array:
         pushed = np.minimum(1.0, np.abs(self.torque(observation)) / self.settings.rule_share)
         return self.settings.rule_factor * pushed * super()._factor(observation)
 
@@ -285,12 +287,18 @@ AGENTS: dict[str, type[Agent]] = {
 """Agents by name; each needs no argument but the environment."""
 
 
-def usual_table(env: Any) -> tuple[AmplitudeRow, ...]:
+def usual_table(env: AnyEnv) -> tuple[AmplitudeRow, ...]:
     """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
-    core = env.unwrapped.core
+    core = _core(env)
     if core.arm.registered_name in thesis_robots("4.9"):
         return thesis_final_dither()
     return proportional_table(core.stiction, core.action_space.high[: core.n].astype(float))
+
+
+def _core(env: AnyEnv) -> Episodes:
+    own = env.unwrapped
+    assert isinstance(own, ArmEnv | ArmVectorEnv)
+    return own.core
 
 
 def proportional_table(stiction: Array, most: Array) -> tuple[AmplitudeRow, ...]:

@@ -11,12 +11,12 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from stiction_envs.envs.agents import AGENTS
+from stiction_envs.envs.gym_env import Info
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.envs.render.film import check_film, write_frames
 from stiction_envs.envs.render.window import has_display
@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def show(
     name: str, agent: str, *, seed: int = 0, path: int | None = None, out: Path | None = None
-) -> dict[str, Any]:
+) -> Info:
     """Show an episode, print its result, and return its last info.
 
     Args:

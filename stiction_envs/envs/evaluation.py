@@ -13,17 +13,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
+import gymnasium
 import numpy as np
 from gymnasium.utils import seeding
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from stiction_envs.envs.gym_env import ArmVectorEnv
+from stiction_envs.envs.gym_env import ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.episodes import Options
 from stiction_envs.measured.csv_text import write_lines
 
 Array = NDArray[np.float64]
+AnyEnv = gymnasium.Env | VectorEnv
+State = tuple[NDArray[np.generic], ...]
+"""Of an agent with a memory."""
 Row = dict[str, Any]
-Options = Mapping[str, Any] | None
+"""Of an episode: numbers and words, by column."""
 
 
 class Policy(Protocol):
@@ -31,19 +37,19 @@ class Policy(Protocol):
 
     def predict(
         self,
-        observation: NDArray[Any],
-        state: Any = None,
-        episode_start: NDArray[Any] | None = None,
+        observation: Observation,
+        state: State | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
+    ) -> tuple[NDArray[np.generic], State | None]:
         """Return actions (M, 2n) [N·m, Hz …] for observations (M, observations), and the state."""
 
 
 def evaluate(
-    env: Any,
+    env: AnyEnv,
     agent: Policy,
     seeds: Sequence[int],
-    options: Options | Sequence[Options] = None,
+    options: Options | Sequence[Options | None] | None = None,
     *,
     deterministic: bool = True,
 ) -> list[Row]:
@@ -89,7 +95,8 @@ def evaluate(
     rows: list[Row] = [{} for _ in seeds]
     sums: dict[str, Array] = {}
     waiting = list(range(len(seeds)))
-    start, state = np.ones(count, dtype=bool), None
+    start = np.ones(count, dtype=bool)
+    state: State | None = None
     going = np.zeros(count, dtype=bool)
     if len(spare := slots[len(seeds) :]):
         # an observation of every arm is needed, so unused ones get an episode too
@@ -135,7 +142,7 @@ def evaluate(
     return rows
 
 
-def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
+def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Write rows as CSV with the columns of the first; floats read back bit for bit.
 
     Args:
@@ -157,7 +164,7 @@ def write_rows(path: str | Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 
 
-def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
+def _each(options: Options | Sequence[Options | None] | None, count: int) -> list[Options | None]:
     if options is None or isinstance(options, Mapping):
         return [options] * count
     if len(options) != count:
@@ -165,7 +172,7 @@ def _each(options: Options | Sequence[Options], count: int) -> list[Options]:
     return list(options)
 
 
-def _begun(seed: int, what: Mapping[str, Any]) -> Row:
+def _begun(seed: int, what: Row) -> Row:
     """Return the row of an episode that has just begun: its seed and its options."""
     row: Row = {"seed": seed}
     for name, value in what.items():

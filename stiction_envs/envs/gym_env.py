@@ -20,15 +20,17 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stiction_envs.control.sensing import SensingLike
-from stiction_envs.envs.render.env_frames import RENDER_MODES, Renderer, check_render_mode
+from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.episodes import Episodes, Index, Outcome
+from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 from stiction_envs.friction.parameters import FrictionParameters
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
-AnyOptions = Mapping[str, Any] | Sequence[Mapping[str, Any] | None] | None
+Info = dict[str, Any]
+"""Of a step, as Gymnasium has it."""
+AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
 
 
@@ -47,7 +49,7 @@ class ArmArguments(TypedDict, total=False):
     torque_rate_weight: float | None
     shaking_weight: float | None
     max_episode_steps: int
-    fixed_options: Mapping[str, Any] | None
+    fixed_options: Options | None
     randomise: Mapping[str, float] | None
     friction_factor: float
     waveform: str
@@ -60,9 +62,9 @@ class _Experiment:
 
     episodes: ClassVar[type[Episodes]]
     """Of the experiment."""
-    renderer: ClassVar[type[Any] | None] = None
+    renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
-    core: Any
+    core: Episodes
     """Episodes: of the environment, or of a batch's first tile, whose spaces are those of all."""
 
     def __init_subclass__(cls) -> None:
@@ -80,10 +82,9 @@ class _Experiment:
     @property
     def observation_names(self) -> tuple[str, ...]:
         """Name of every element of an observation."""
-        names: tuple[str, ...] = self.core.observation_names
-        return names
+        return self.core.observation_names
 
-    def _metadata(self) -> dict[str, Any]:
+    def _metadata(self) -> dict[str, object]:
         return {
             "render_modes": list(RENDER_MODES),
             "render_fps": max(1, round(1 / self.core.interval)),
@@ -92,8 +93,7 @@ class _Experiment:
     def _make_renderer(self, core: Episodes) -> Renderer:
         if self.renderer is None:
             raise StictionError(f"{type(self).__name__} has no pictures: expected no render_mode")
-        made: Renderer = self.renderer(core)
-        return made
+        return self.renderer(core)
 
 
 class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
@@ -114,18 +114,18 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         self._renderer: Renderer | None = None
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+        self, *, seed: int | None = None, options: Options | None = None
+    ) -> tuple[Observation, Info]:
         """Start an episode; see the class for the options."""
         super().reset(seed=seed)
         self.core.reset(_ONE, [self.np_random], [options])
         self._show()
         return self.core.observe(_ONE)[0], self._describe()
 
-    def _describe(self) -> dict[str, Any]:
+    def _describe(self) -> Info:
         return {name: _first(values) for name, values in self.core.describe(_ONE).items()}
 
-    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Action) -> tuple[Observation, float, bool, bool, Info]:
         """Dither with ``action`` [N·m, Hz] for one control interval."""
         step = self.core.step(_ONE, np.asarray(action)[None])
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
@@ -138,7 +138,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         observation = self.core.observe(_ONE)[0]
         return observation, float(step.reward[0]), terminated, truncated, info
 
-    def render(self) -> Any:
+    def render(self) -> Frame | None:
         """Return the frame of the present moment, None in human mode."""
         if self.render_mode is None:
             return None
@@ -157,7 +157,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
             self._renderer = None
 
 
-class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
+class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
     """N arms in tiles, each stepped by one thread; infos are Gymnasium's dict of arrays.
 
     `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
@@ -214,7 +214,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
         *,
         seed: int | Sequence[int | None] | None = None,
         options: AnyOptions = None,
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Observation, Info]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``."""
         ids, per_env = self._targets(options)
         if seed is None or isinstance(seed, (int, np.integer)):
@@ -229,11 +229,11 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
             if seeds[i] is not None or self._rngs[i] is None:
                 self._rngs[i], _ = seeding.np_random(seeds[i])
         self._restart(ids, [per_env[i] for i in ids])
-        infos: dict[str, Any] = {}
+        infos: Info = {}
         self._add_descriptions(infos, ids)
         return self._observe(), infos
 
-    def _targets(self, options: Any) -> tuple[Index, list[Mapping[str, Any] | None]]:
+    def _targets(self, options: AnyOptions) -> tuple[Index, list[Options | None]]:
         """Return which environments to reset, and the options of every one."""
         everyone = np.arange(self.num_envs)
         if options is None or isinstance(options, Mapping):
@@ -251,7 +251,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
             raise StictionError("reset options are a str: expected a dict, or a list of dicts")
         return everyone, list(options)
 
-    def _restart(self, ids: Index, options: Sequence[Mapping[str, Any] | None]) -> None:
+    def _restart(self, ids: Index, options: Sequence[Options | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]
         self.tiles.reset(ids, rngs, options)
         self._ended[ids] = False
@@ -262,7 +262,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
 
     def step(
         self, actions: Action
-    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Info]:
         """Step all environments; finished episodes are reset according to `autoreset_mode`."""
         actions = np.asarray(actions)
         if actions.shape != self.action_space.shape:
@@ -273,7 +273,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise StictionError(f"step: the episode of environment {waiting[0]} is over: reset it")
         ids = np.flatnonzero(~self._ended)
-        infos: dict[str, Any] = {}
+        infos: Info = {}
         reward = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
         result = self.tiles.step(ids, actions[ids]) if len(ids) else None
@@ -299,12 +299,12 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
         ended: NDArray[np.bool_],
         ids: Index,
         result: Outcome | None,
-        infos: dict[str, Any],
+        infos: Info,
     ) -> Observation:
         """Reset finished episodes; `final_obs` and `final_info` are of their last step."""
         assert result is not None
         over = np.flatnonzero(ended)
-        last: dict[str, Any] = {}
+        last: Info = {}
         self._add_descriptions(last, over)
         self._add_step(last, ids, result, ended[ids])
         finals = np.full(self.num_envs, None, dtype=object)
@@ -319,17 +319,15 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
         observation[over] = self.tiles.observe(over)
         return observation
 
-    def _add_descriptions(self, infos: dict[str, Any], ids: Index) -> None:
+    def _add_descriptions(self, infos: Info, ids: Index) -> None:
         for name, values in self.tiles.describe(ids).items():
             self._put(infos, name, ids, values)
 
-    def _add_step(
-        self, infos: dict[str, Any], ids: Index, step: Outcome, which: NDArray[np.bool_]
-    ) -> None:
+    def _add_step(self, infos: Info, ids: Index, step: Outcome, which: NDArray[np.bool_]) -> None:
         """Add the infos of a step of environments ``ids``, of those in the mask ``which``."""
         for name in self.core.each:
             self._put(infos, name, ids[which], step.measures[name][which])
-        terms: dict[str, Any] = {}
+        terms: dict[str, NDArray[np.generic]] = {}
         for name, values in step.terms.items():
             self._put(terms, name, ids[which], values[which])
         infos["reward_terms"] = terms
@@ -339,7 +337,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
             for name in self.core.final:
                 self._put(infos, name, ids[final], step.measures[name][final])
 
-    def _put(self, infos: dict[str, Any], name: str, ids: Index, values: NDArray[Any]) -> None:
+    def _put(self, infos: Info, name: str, ids: Index, values: NDArray[np.generic]) -> None:
         """Add an info of some environments and its mask, as Gymnasium's `_add_info` does."""
         fill = None if values.dtype == object else values.dtype.type(0)
         infos[name] = np.full((self.num_envs, *values.shape[1:]), fill, dtype=values.dtype)
@@ -347,19 +345,21 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
         infos[f"_{name}"] = np.zeros(self.num_envs, dtype=bool)
         infos[f"_{name}"][ids] = True
 
-    def render(self) -> Any:
+    def render(self) -> tuple[Frame, ...] | None:
         """Return a tuple with one frame per environment, None without a render mode."""
         if self.render_mode is None:
             return None
         return tuple(self._frame(i, self.render_mode) for i in range(self.num_envs))
 
-    def _frame(self, i: int, mode: str) -> Any:
+    def _frame(self, i: int, mode: str) -> Frame:
         tile, place = self.tiles.locate(i)
         if tile not in self._renderers:
             self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
-        return self._renderers[tile].frame(place, mode)
+        frame = self._renderers[tile].frame(place, mode)
+        assert frame is not None  # no batch has the mode human
+        return frame
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Free the graphics contexts."""
         for renderer in self._renderers.values():
             renderer.close()
@@ -369,7 +369,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[Any]]):
 _ONE = np.zeros(1, dtype=np.int64)
 
 
-def _first(values: NDArray[Any]) -> Any:
+def _first(values: NDArray[np.generic]) -> object:
     """Return the first row: a plain number or string, or a fresh array."""
     row = values[0]
     if isinstance(row, np.ndarray):

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
 
 import gymnasium
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.registry import ArmFiles, on_arm
+
+if TYPE_CHECKING:
+    from stiction_envs.envs.gym_env import ArmVectorEnv
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,11 @@ class Registered:
         """End of an environment's identifier, its version in it: ``SJE-v0``."""
         return f"{self.name.upper()}-v0"
 
-    def vector_class(self) -> Any:
+    def vector_class(self) -> type[ArmVectorEnv]:
         """Return the vector environment's class; its ``episodes`` is the experiment's."""
         module, _, name = self.vector.partition(":")
-        return getattr(import_module(module), name)
+        found: type[ArmVectorEnv] = getattr(import_module(module), name)
+        return found
 
 
 EXPERIMENTS: dict[str, Registered] = {}

@@ -11,7 +11,7 @@ Needs the extra `rl`: `pip install 'stiction-envs[rl]'`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -21,10 +21,19 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, missing_extra
 
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
+
+    from stiction_envs.envs.gte import GTEArguments
+    from stiction_envs.envs.gym_env import Info
+
 try:
     from stable_baselines3.common.vec_env import VecEnv
 except ImportError:
     raise missing_extra("stiction_envs.envs.sb3", "stable-baselines3", "rl") from None
+
+
+Numbers = NDArray[np.float32] | NDArray[np.float64]
 
 
 class SB3VecEnv(VecEnv):
@@ -60,12 +69,12 @@ class SB3VecEnv(VecEnv):
         self._rescale = rescale
         self._low = actions.low.astype(float)
         self._high = actions.high.astype(float)
-        self._actions: NDArray[Any] = np.zeros((env.num_envs, *actions.shape))
+        self._actions: Numbers = np.zeros((env.num_envs, *actions.shape))
         if rescale:
             actions = Box(-1.0, 1.0, actions.shape, np.float32)
         super().__init__(env.num_envs, env.single_observation_space, actions)
 
-    def scale(self, actions: NDArray[Any]) -> NDArray[np.float64]:
+    def scale(self, actions: Numbers) -> NDArray[np.float64]:
         """Return actions in [-1, 1] in the units of the environment [N·m, Hz]."""
         return self._low + 0.5 * (np.asarray(actions, float) + 1.0) * (self._high - self._low)
 
@@ -80,11 +89,11 @@ class SB3VecEnv(VecEnv):
         self._reset_options()
         return observation
 
-    def step_async(self, actions: NDArray[Any]) -> None:
+    def step_async(self, actions: Numbers) -> None:
         """Keep the actions for `step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         """Step all environments."""
         actions = self.scale(self._actions) if self._rescale else self._actions
         observation, reward, terminated, truncated, batch = self.env.step(actions)
@@ -106,23 +115,29 @@ class SB3VecEnv(VecEnv):
         """Close the vector environment."""
         self.env.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[object]:
         """Return an attribute of the vector environment, once per index."""
         value = getattr(self.env.unwrapped, attr_name)
         return [value for _ in self._get_indices(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Set an attribute of the vector environment, which all environments share."""
         setattr(self.env.unwrapped, attr_name, value)
 
     def env_method(
-        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
-    ) -> list[Any]:
+        self,
+        method_name: str,
+        *method_args: object,
+        indices: VecEnvIndices = None,
+        **method_kwargs: object,
+    ) -> list[object]:
         """Call a method of the vector environment, once for all."""
         result = getattr(self.env.unwrapped, method_name)(*method_args, **method_kwargs)
         return [result for _ in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+    def env_is_wrapped(
+        self, wrapper_class: type[gymnasium.Wrapper], indices: VecEnvIndices = None
+    ) -> list[bool]:
         """Return False: a native batch has no single environments to wrap."""
         return [False for _ in self._get_indices(indices)]
 
@@ -132,9 +147,9 @@ class SB3VecEnv(VecEnv):
         return [None] * self.num_envs if frames is None else list(frames)
 
 
-def _row(batch: dict[str, Any], i: int) -> dict[str, Any]:
+def _row(batch: Info, i: int) -> Info:
     """Return the info of environment ``i`` from Gymnasium's dict of arrays and masks."""
-    out: dict[str, Any] = {}
+    out: Info = {}
     for key, values in batch.items():
         mask = batch.get(f"_{key}")
         if mask is None or not mask[i]:
@@ -147,14 +162,16 @@ def _row(batch: dict[str, Any], i: int) -> dict[str, Any]:
     return out
 
 
-def make_sb3(name: str, num_envs: int = 1, *, rescale: bool = True, **arguments: Any) -> SB3VecEnv:
+def make_sb3(
+    name: str, num_envs: int = 1, *, rescale: bool = True, **arguments: Unpack[GTEArguments]
+) -> SB3VecEnv:
     """Return a registered environment (``PandaSJE-v0``) as a `SB3VecEnv`.
 
     Args:
         name: registered name.
         num_envs: how many arms.
         rescale: whether actions are in [-1, 1].
-        arguments: those of the environment.
+        arguments: those of the environment; an SJE takes those of `SJEEnv` only.
     """
     if ":" not in name:
         name = f"stiction_envs:{name}"

@@ -9,7 +9,7 @@ Results do not depend on the tiles, nor on the threads.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from math import isqrt
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.engines.choose import DEFAULT_ENGINE
-from stiction_envs.experiments.episodes import Episodes, Index, Outcome
+from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 
 T = TypeVar("T")
 PYTHON = 2.0
@@ -53,12 +53,12 @@ class Tiles:
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         if count == 1:
             arguments["engine_threads"] = threads
-        self.cores: list[Any] = [make_core(size, **arguments) for size in sizes]
+        self.cores: list[Episodes] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)
         self._threads = min(threads, count)
         self._pool = ThreadPoolExecutor(self._threads) if count > 1 else None
 
-    def _parts(self, ids: Index) -> Iterator[tuple[Any, Index, slice]]:
+    def _parts(self, ids: Index) -> Iterator[tuple[Episodes, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
         start = 0
         for core, end, stop in zip(
@@ -72,7 +72,7 @@ class Tiles:
         self,
         ids: Index,
         rngs: Sequence[np.random.Generator],
-        options: Sequence[Mapping[str, Any] | None],
+        options: Sequence[Options | None],
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
         parts = list(self._parts(ids))
@@ -84,7 +84,7 @@ class Tiles:
             [partial(core.begin, mine, d) for (core, mine, _), d in zip(parts, drawn, strict=True)]
         )
 
-    def step(self, ids: Index, action: NDArray[Any]) -> Outcome:
+    def step(self, ids: Index, action: NDArray[np.floating]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
         for core, mine, part in self._parts(ids):
             core.check_step(mine, action[part])  # all, before any moves
@@ -119,7 +119,7 @@ class Tiles:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
 
-    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+    def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}

@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 from stiction_envs.control.sensing import Sensing, SensingLike, load_sensing
 from stiction_envs.control.torque_path import TorqueInterface
@@ -67,11 +67,11 @@ class Experiment:
         self._set(sensing=load_sensing(sticking.arm, sensing))
         self._set(scatter=scatter, seed=seed, threads=threads, engine=check_engine(engine))
 
-    def _set(self, **fields: Any) -> None:
+    def _set(self, **fields: object) -> None:
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
-    def replace(self, **changes: Any) -> Self:
+    def replace(self, **changes: object) -> Self:
         """Return a copy with some fields changed; the others stay, whatever they were made from."""
         names = [f.name for f in dataclasses.fields(self)]
         for name in changes:
@@ -82,7 +82,7 @@ class Experiment:
         return out
 
     @property
-    def sensing_record(self) -> dict[str, Any]:
+    def sensing_record(self) -> dict[str, object]:
         """What a provenance says of senses; nothing where they are ideal."""
         return {} if self.sensing.is_ideal else {"sensing": dataclasses.asdict(self.sensing)}
 

@@ -65,7 +65,7 @@ class Report(Result):
     """Name and version of another engine than stock MuJoCo."""
     refused: str = ""
     """The engine's line if it does not take the model."""
-    provenance: dict[str, Any] = field(compare=False)
+    provenance: dict[str, object] = field(compare=False)
 
     @property
     def passed(self) -> bool:
@@ -81,8 +81,8 @@ class Report(Result):
             "rows": [self._row(j) for j in self.joints],
         }
 
-    def _row(self, j: JointResult) -> dict[str, Any]:
-        row = {
+    def _row(self, j: JointResult) -> dict[str, object]:
+        row: dict[str, object] = {
             "joint": j.name,
             "stiction_nm": j.stiction,
             "holds": j.holds,

@@ -12,19 +12,21 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 from gymnasium.spaces import Box
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.actions import ACTIONS, DITHERED
+from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.observation import (
     DITHER,
+    Checked,
     Group,
     action_bounds,
     observation_bounds,
@@ -37,7 +39,7 @@ from stiction_envs.experiments.randomise import (
     randomised_senses,
     true_friction,
 )
-from stiction_envs.experiments.rig import count_blocks
+from stiction_envs.experiments.rig import Rig, count_blocks
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.plant import CONTROL_DT
@@ -48,11 +50,24 @@ Bools = NDArray[np.bool_]
 Index = NDArray[np.int64]
 ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
-Options = Mapping[str, Any]
+Options = Mapping[str, object]
 """Of a reset, by name."""
-Drawn = tuple[list[Any], list[ScatterKey], list[Any], Array | None]
-"""Of M episodes: cases, seeds of the scatter, what they are without dither, factors of friction."""
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
+
+
+class Ordered(Protocol):
+    """What can be sorted."""
+
+    def __lt__(self, other: Any, /) -> bool: ...
+
+
+Case = TypeVar("Case", bound=Ordered)
+"""What an episode is of."""
+Unit = TypeVar("Unit")
+"""What a case is without dither."""
+Drawn = tuple[list[Case], list[ScatterKey], list[Unit], Array | None]
+"""Of M episodes: cases, seeds of the scatter, what they are without dither, factors of friction."""
+Own = Any  # an experiment's own: subclass of `Arguments` or `Experiment`, dataclass of weights
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +104,7 @@ class Outcome:
     """Reward terms by name, as `Episodes.terms` has them."""
     terminated: Bools
     truncated: Bools
-    measures: dict[str, NDArray[Any]]
+    measures: dict[str, NDArray[np.generic]]
     """By the names of `Episodes.each` and `Episodes.final`."""
 
     @property
@@ -98,7 +113,7 @@ class Outcome:
         return sum(self.terms.values(), start=np.zeros(len(self.terminated)))
 
 
-class Episodes(ABC):
+class Episodes(ABC, Generic[Case, Unit]):
     """N simulations of an environment that dithers all joints: amplitudes, then frequencies."""
 
     arguments: ClassVar[type[Arguments]] = Arguments
@@ -120,7 +135,7 @@ class Episodes(ABC):
     """(n,) unit of the observed torques [N·m]."""
     speed_unit: float = 1.0
     """Unit of the observed speeds [rad/s]."""
-    rig: Any
+    rig: Rig
     """The experiment's machine with all N arms."""
     action_name: str = DITHERED
     """Of the action, one of `ACTIONS`."""
@@ -171,7 +186,7 @@ class Episodes(ABC):
         self.alive = np.zeros(num_envs, dtype=bool)
         self._make(a)
 
-    def _action_bounds(self, a: Any) -> tuple[Array, Array]:
+    def _action_bounds(self, a: Own) -> tuple[Array, Array]:
         """Return the lowest and highest action; one with more than dither is `action_name`'s."""
         e = self.experiment
         return action_bounds(self._nominal, find_poses(self.arm), e.interface)
@@ -185,44 +200,44 @@ class Episodes(ABC):
 
     @staticmethod
     @abstractmethod
-    def reward_settings() -> Any:
+    def reward_settings() -> Own:
         """Return a dataclass with the default of every weight."""
 
     @abstractmethod
-    def _experiment(self, a: Any, arm: Arm, friction: FrictionParameters | None) -> Any:
+    def _experiment(self, a: Own, arm: Arm, friction: FrictionParameters | None) -> Experiment:
         """Return what is simulated."""
 
     @staticmethod
     @abstractmethod
-    def block_steps(experiment: Any) -> int:
+    def block_steps(experiment: Own) -> int:
         """Return of how many control steps a control interval must be a multiple."""
 
     @abstractmethod
-    def _make(self, a: Any) -> None:
+    def _make(self, a: Own) -> None:
         """Make the rig and all else that N episodes need; spaces and units are there."""
 
     @abstractmethod
-    def _check_options(self, options: Options | None) -> dict[str, Any]:
+    def _check_options(self, options: Options | None) -> Checked:
         """Return valid reset options; a StictionError says what is wrong."""
 
     @abstractmethod
-    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Any, ScatterKey]:
+    def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Case, ScatterKey]:
         """Return the case of an episode and the seed of its scatter.
 
         A generator gives the same number of draws whatever the options say.
         """
 
     @abstractmethod
-    def _cases(self, options: Options) -> set[Any]:
+    def _cases(self, options: Checked) -> set[Case]:
         """Return every case that may be drawn with some options."""
 
     @abstractmethod
-    def _undithered(self, cases: Sequence[Any]) -> Mapping[Any, Any]:
+    def _undithered(self, cases: Sequence[Case]) -> Mapping[Case, Unit]:
         """Return what cases are without dither: the unit of their rewards."""
 
     @abstractmethod
     def _begin(
-        self, ids: Index, cases: Sequence[Any], keys: Sequence[ScatterKey], base: Any
+        self, ids: Index, cases: Sequence[Case], keys: Sequence[ScatterKey], base: Sequence[Unit]
     ) -> None:
         """Put simulations ``ids`` at the start of their cases, not dithered."""
 
@@ -239,12 +254,12 @@ class Episodes(ABC):
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
 
     @abstractmethod
-    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+    def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Return what the episodes of ``ids`` are, by name of the info: fresh arrays."""
 
     @staticmethod
     @abstractmethod
-    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+    def columns(measures: Mapping[str, Array]) -> dict[str, float]:
         """Return the columns that an episode's last measures fill in a table of evaluations."""
 
     # ---- episodes ----------------------------------------------------------------------------
@@ -262,7 +277,9 @@ class Episodes(ABC):
         """
         self.begin(ids, self.draw(rngs, options))
 
-    def draw(self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]) -> Drawn:
+    def draw(
+        self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
+    ) -> Drawn[Case, Unit]:
         """Draw an episode from each generator, and find what it is without dither.
 
         Raises:
@@ -279,7 +296,7 @@ class Episodes(ABC):
         spread = np.stack([draw(rng, self.n) for rng in rngs]) if self._spreads else None
         return cases, keys, [base[case] for case in cases], spread
 
-    def begin(self, ids: Index, drawn: Drawn) -> None:
+    def begin(self, ids: Index, drawn: Drawn[Case, Unit]) -> None:
         """Start the episodes that were drawn, in simulations ``ids``."""
         cases, keys, base, spread = drawn
         if spread is not None:
@@ -291,7 +308,7 @@ class Episodes(ABC):
         self._begin(ids, cases, keys, base)
         self.steps[ids], self.alive[ids] = 0, True
 
-    def step(self, ids: Index, action: Any) -> Outcome:
+    def step(self, ids: Index, action: ArrayLike) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
 
         Actions of another name of `ACTIONS` have further numbers.
@@ -314,7 +331,7 @@ class Episodes(ABC):
         cases = set().union(*(self._cases(o) for o in distinct.values()))
         self._undithered(sorted(cases))
 
-    def check_reset(self, options: Sequence[Options | None]) -> list[dict[str, Any]]:
+    def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
         """Return the options of a reset, what is fixed included; nothing changes.
 
         Raises:
@@ -322,7 +339,7 @@ class Episodes(ABC):
         """
         return [{**self.fixed_options, **self._check_options(o)} for o in options]
 
-    def check_step(self, ids: Index, action: Any) -> Array:
+    def check_step(self, ids: Index, action: ArrayLike) -> Array:
         """Return the action of a step as float64 within the space; nothing changes.
 
         Raises:

@@ -21,6 +21,8 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.reporting.markdown import table_text
 
 Array = NDArray[np.float64]
+Checked = dict[str, Any]
+"""Valid options of a reset by name, each of its own type."""
 STICTION_FACTOR = 2.5
 """Largest amplitude over the joint's largest stiction [-]; assumed: the thesis went up to 2 base
 torques."""
@@ -122,7 +124,7 @@ def observed_action(
 
 def pack(
     groups: Sequence[Group],
-    values: Mapping[str, Any],
+    values: Mapping[str, Array],
     m: int,
     low: NDArray[np.float32],
     high: NDArray[np.float32],
@@ -132,7 +134,7 @@ def pack(
     return np.clip(np.concatenate(columns, axis=1), low, high).astype(np.float32)
 
 
-def named_options(options: Mapping[str, Any] | None, expected: Sequence[str]) -> dict[str, Any]:
+def named_options(options: Mapping[str, object] | None, expected: Sequence[str]) -> Checked:
     """Return reset options as a dict.
 
     Raises:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -180,7 +179,7 @@ class Rig:
 
 def dither_arrays(
     rows: Sequence[AmplitudeRow], n: int, gate_velocity: float = np.inf
-) -> dict[str, Any]:
+) -> dict[str, NDArray[np.generic]]:
     """Return (n,) arguments of `Rig.set_dither` for rows of some joints; the others have none.
 
     Args:
@@ -209,7 +208,7 @@ def dither_arrays(
     return out
 
 
-def minimum_jerk(x: NDArray[Any]) -> Array:
+def minimum_jerk(x: NDArray[np.floating]) -> Array:
     """Return the share of a smooth move from rest to rest that is done after a share x of it."""
     x = np.clip(x, 0.0, 1.0)
     out: Array = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)

@@ -9,7 +9,6 @@ import dataclasses
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
@@ -42,7 +41,7 @@ class ConformanceSettings:
     ramp_rates: tuple[Positive, ...]
     """Torque rates at which breakaway torques are measured [N·m/s]."""
 
-    def used(self) -> dict[str, Any]:
+    def used(self) -> dict[str, object]:
         """Return the constants of a test; `still` is that of its engine."""
         out = dataclasses.asdict(self)
         del out["still_single"]

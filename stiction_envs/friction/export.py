@@ -6,10 +6,10 @@ sources, ``CHANGELOG.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import COULOMB, STICTION, StickingModel
@@ -36,6 +36,15 @@ SOURCES = ("model.toml", "friction.toml")
 """Files that hold the friction of an earlier run; the first that exists is used."""
 
 
+class ExportedJoint(TypedDict):
+    """Friction [N·m] of a joint, and whether its gear is elastic."""
+
+    name: str
+    stiction_nm: float
+    coulomb_nm: float
+    elastic: bool
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedModel(Result):
     """Plain MJCF, and the model from which it was made."""
@@ -48,9 +57,9 @@ class ExportedModel(Result):
     """Input of the ``dcmotor``."""
     origin: Path | FrictionParameters
     """Where the friction is from."""
-    provenance: dict[str, Any]
+    provenance: dict[str, object]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, list[ExportedJoint]]:
         """Return friction [N·m] and kind of every joint."""
         s = self.sticking
         return {
@@ -77,7 +86,7 @@ class ExportedModel(Result):
         ):
             write_text_atomic(folder / name, render(TEMPLATES / template, **self._words()))
 
-    def _words(self) -> dict[str, Any]:
+    def _words(self) -> dict[str, object]:
         """Return what the templates ask for."""
         arm, rows = self.sticking.arm, self.to_json()["joints"]
         files = ARMS.get(str(arm.registered_name))
@@ -176,7 +185,7 @@ def friction_in(folder: Path) -> Path:
     raise StictionError(f"{folder}: holds neither {' nor '.join(SOURCES)}")
 
 
-def describe(joints: Sequence[Mapping[str, Any]]) -> str:
+def describe(joints: Sequence[ExportedJoint]) -> str:
     """Return a text table, one line per joint."""
     lines = [f"{'joint':<24}{'stiction [N·m]':>16}{'Coulomb [N·m]':>16}"]
     for j in joints:

@@ -7,7 +7,7 @@ the load is the gravity *moment across the axis* (the bearing's tilting moment),
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +15,20 @@ from numpy.typing import NDArray
 from stiction_envs.friction.model import StickingModel
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64] | NDArray[np.bool_] | slice
+
+
+class Bound(Protocol):
+    """What an engine's batch lets read."""
+
+    def bind(self, name: str) -> Array:
+        """Return the live (N, …) array of a field of `MjData`."""
 
 
 class LoadSensor:
     """Reads the load of every joint from a batch's own kinematics."""
 
-    def __init__(self, sticking: StickingModel, batch: Any) -> None:
+    def __init__(self, sticking: StickingModel, batch: Bound) -> None:
         model = sticking.model
         self.joint = model.dof_jntid[sticking.motor]
         self.body = model.jnt_bodyid[self.joint]
@@ -29,7 +37,7 @@ class LoadSensor:
         self._anchor, self._axis = batch.bind("xanchor"), batch.bind("xaxis")
         self.bearing = sticking.bearing
 
-    def read(self, ids: Any) -> tuple[Array, Array]:
+    def read(self, ids: Rows) -> tuple[Array, Array]:
         """Return (signed, absolute) load of simulations ``ids``, each (M, n) [N·m].
 
         The signed one is g(q) of M q̈ + C q̇ + g = τ; where the bearing counts both are its moment.

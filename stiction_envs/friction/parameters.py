@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import check_range, read_toml
+from stiction_envs.robots.tables import Table, check_range, read_toml
 
 Array = NDArray[np.float64]
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -118,7 +118,7 @@ class FrictionParameters:
         names = [k for k, q in QUANTITIES.items() if q.by_direction]
         return any(bool(np.any(a[..., 0] != a[..., 1])) for a in (getattr(self, k) for k in names))
 
-    def replace(self, **changes: Any) -> FrictionParameters:
+    def replace(self, **changes: Array) -> FrictionParameters:
         """Return a copy with some fields changed."""
         return dataclasses.replace(self, **changes)
 
@@ -130,7 +130,7 @@ class FrictionParameters:
         }
         return FrictionParameters(**out)
 
-    def rows(self, ids: Any) -> FrictionParameters:
+    def rows(self, ids: NDArray[np.int64] | NDArray[np.bool_]) -> FrictionParameters:
         """Return the arms ``ids`` of a tiled set."""
         return FrictionParameters(**{k: getattr(self, k)[ids] for k in QUANTITIES})
 
@@ -230,7 +230,7 @@ def check_stability(stiffness: Array, damping: Array, inertia: Array, timestep: 
         )
 
 
-def from_table(table: dict[str, Any], where: str, n: int) -> FrictionParameters:
+def from_table(table: Mapping[str, object], where: str, n: int) -> FrictionParameters:
     """Build parameters from parsed TOML; ``where`` names the file in errors."""
     values: dict[str, Array] = {}
     extra = set(table) - set(QUANTITIES) - OTHER_TABLES
@@ -292,7 +292,7 @@ def friction_path(robot: str | Path | None) -> Path:
     return known.friction if known is not None and known.friction.exists() else GENERIC
 
 
-def friction_text(robot: str | Path | None) -> dict[str, Any]:
+def friction_text(robot: str | Path | None) -> Table:
     """Return the parsed TOML, with its sources.
 
     Raises:
@@ -306,7 +306,7 @@ def friction_text(robot: str | Path | None) -> dict[str, Any]:
 
 def friction_sources(
     given: str | Path | FrictionParameters | None,
-) -> tuple[dict[str, str], dict[str, Any]]:
+) -> tuple[dict[str, str], Table]:
     """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
     Args:
@@ -345,7 +345,7 @@ def dump_friction(
     parameters: FrictionParameters,
     *,
     sources: dict[str, str],
-    meta: dict[str, Any],
+    meta: Mapping[str, object],
     provenance: dict[str, str],
 ) -> str:
     """Return the TOML text of one arm's parameters; floats read back exactly.
@@ -357,7 +357,7 @@ def dump_friction(
         provenance: how the numbers were fitted.
     """
 
-    table: dict[str, Any] = {"meta": meta, "provenance": provenance}
+    table: Table = {"meta": meta, "provenance": provenance}
     for name, quantity in QUANTITIES.items():
         value: Array = getattr(parameters, name)
         if quantity.by_direction and np.array_equal(value[:, 0], value[:, 1]):

@@ -11,8 +11,9 @@ library in the same order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,23 +22,25 @@ from mujoco.batch import Batch
 from numba import types
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 
+Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
+_InC = Callable[..., None]
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """What a batch keeps of a simulation, in this order."""
-VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
+VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 
 # compiled code finds the library's functions by their names, and can be cached
 binding.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("*mujoco.*"))))
 _pointer = types.intp
-_of_two: Any = types.void(_pointer, _pointer)
-_of_state: Any = types.void(_pointer, _pointer, _pointer, types.intc)
-_step1: Any = types.ExternalFunction("mj_step1", _of_two)
-_step2: Any = types.ExternalFunction("mj_step2", _of_two)
-_set_state: Any = types.ExternalFunction("mj_setState", _of_state)
-_get_state: Any = types.ExternalFunction("mj_getState", _of_state)
-_copy: Any = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
+_of_two = types.void(_pointer, _pointer)
+_of_state = types.void(_pointer, _pointer, _pointer, types.intc)
+_step1: _InC = types.ExternalFunction("mj_step1", _of_two)
+_step2: _InC = types.ExternalFunction("mj_step2", _of_two)
+_set_state: _InC = types.ExternalFunction("mj_setState", _of_state)
+_get_state: _InC = types.ExternalFunction("mj_getState", _of_state)
+_copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
 
 
 class Loop(NamedTuple):
@@ -76,7 +79,7 @@ def _give_fields(loop: Loop, i: int) -> None:
 
 
 @compiled
-def begin(loop: tuple[Any, ...]) -> None:
+def begin(loop: Arguments) -> None:
     """Take the states of all simulations over from the batch, and compute their kinematics."""
     a = Loop(*loop)
     n = a.data.shape[0]
@@ -90,7 +93,7 @@ def begin(loop: tuple[Any, ...]) -> None:
 
 
 @compiled
-def advance(loop: tuple[Any, ...], steps: int) -> None:
+def advance(loop: Arguments, steps: int) -> None:
     """Advance all simulations by ``steps`` physics steps under the batch's controls."""
     a = Loop(*loop)
     for i in range(a.data.shape[0]):
@@ -110,39 +113,42 @@ class LoopBatch(Batch):
         super().__init__(model, nsim, 1)
         self._own_model = self.get_model(0)
         self._own_data = [mujoco.MjData(self._own_model) for _ in range(nsim)]
-        self._outputs: dict[str, NDArray[Any]] = {}
-        self._inputs: dict[str, NDArray[Any]] = {}
+        self._outputs: dict[str, Array] = {}
+        self._inputs: dict[str, Array] = {}
         self._loop: Loop | None = None
         self._begun = False
 
-    def bind(self, name: str) -> NDArray[Any]:
+    def bind(self, name: str) -> Array:
         """As `Batch.bind`."""
         out = super().bind(name)
         if not out.flags.writeable and name not in self._outputs:
             self._outputs[name], self._loop = out, None
         return out
 
-    def expand(self, name: str) -> NDArray[Any]:
+    def expand(self, name: str) -> Array:
         """As `Batch.expand`."""
         out = super().expand(name)
         if name not in self._inputs:
             self._inputs[name], self._loop = out, None
         return out
 
-    def forward(self, *args: Any, **kwargs: Any) -> None:
+    def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
         """As `Batch.forward`."""
         self._begun = False
-        super().forward(*args, **kwargs)
+        super().forward(ids, stage)
 
-    def reset(self, *args: Any, **kwargs: Any) -> None:
+    def reset(
+        self, ids: ArrayLike | None = None, keyframe: ArrayLike = -1, stage: int = _ACC
+    ) -> None:
         """As `Batch.reset`."""
         self._begun = False
-        super().reset(*args, **kwargs)
+        super().reset(ids, keyframe, stage)
 
-    def rollout(self, *args: Any, **kwargs: Any) -> Any:
+    def rollout(self, nstep: int, **options: object) -> dict[str, Array]:
         """As `Batch.rollout`."""
         self._begun = False
-        return super().rollout(*args, **kwargs)
+        out: dict[str, Array] = super().rollout(nstep, **options)
+        return out
 
     def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
         """As `Batch.step`."""
@@ -153,7 +159,7 @@ class LoopBatch(Batch):
         advance(self.loop, nstep)
 
     @property
-    def loop(self) -> tuple[Any, ...]:
+    def loop(self) -> Arguments:
         """What `advance` steps, kinematics as those of the present state."""
         if self._loop is None:
             self._loop, self._begun = self._addresses(), False

@@ -15,13 +15,14 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.engines.choose import DEFAULT_ENGINE, make_batch
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
@@ -36,6 +37,10 @@ from stiction_envs.friction.model import (
 )
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.plant.loop_batch import LoopBatch
+
+if TYPE_CHECKING:
+    from stiction_envs.engines.warp_batch import WarpBatch
+    from stiction_envs.engines.warp_friction import DeviceFriction
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -73,7 +78,7 @@ class Plant:
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch: Any
+        self._batch: Batch | WarpBatch
         if closed_loop and threads == 1 and engine == DEFAULT_ENGINE:
             self._batch = LoopBatch(sticking.model, nsim)
         else:
@@ -95,7 +100,7 @@ class Plant:
         self._level = np.empty((nsim, self.n, 2))
         self._viscous = np.empty((nsim, self.n, 2))
         self._asymmetric = False
-        self._switch: Any = None
+        self._switch: DeviceFriction | None = None
         if engine != DEFAULT_ENGINE:
             self._switch = self._batch.carry(sticking, self._moving_up, self._substeps)
         self._factor = np.ones((nsim, self.n))
@@ -223,7 +228,7 @@ class Plant:
         self._asymmetric = self._switch is None and FrictionParameters(**self._p).asymmetric
         self._write_slow(np.asarray(ids))
 
-    def _write(self, name: str, ids: Index, where: tuple[Any, ...], values: Array) -> None:
+    def _write(self, name: str, ids: Index, where: tuple[Index | int, ...], values: Array) -> None:
         """Write a model field of simulations ``ids`` at indices ``where``: (M, n) values.
 
         The engine copies what simulations have of their own in every step: a field in which they
@@ -339,7 +344,7 @@ class Plant:
                 step(nstep=self._substeps, stage=stage)
 
     @property
-    def compiled_loop(self) -> tuple[Array, tuple[Any, ...], int] | None:
+    def compiled_loop(self) -> tuple[Array, Arguments, int] | None:
         """What a compiled feedback law steps all simulations with, None where it cannot.
 
         Its torques (N, n) [N·m], then the arguments of `loop_batch.advance` for a control
@@ -389,6 +394,7 @@ class Plant:
         """
         self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
         clock = self._steps, SLOW_STEPS, CONTROL_DT
+        assert self._switch is not None, "of a plant that `has_device`"
         self._switch.change_slowly(self._load_sensor, self._p, self._factor, *clock)
         self._batch.follow(name, control, steps, self._substeps)
         self._level[:], self._viscous[:] = self._switch.fetch_levels()

@@ -47,10 +47,12 @@ MADE_BY = (
 """Files and rooms of the package whose code and settings can change a result."""
 _PACKAGE = Path(__file__).parents[1]
 
-_memory: dict[str, dict[str, Any]] = {}
+Values = dict[str, Any]
+"""Of a result by name: finite numbers, bools or nested lists of them."""
+_memory: dict[str, Values] = {}
 
 
-def digest(*parts: Any) -> str:
+def digest(*parts: object) -> str:
     """Return a hash of numbers, strings, arrays (by their bits) and containers of them.
 
     Dataclasses count by the values of their fields.
@@ -59,32 +61,32 @@ def digest(*parts: Any) -> str:
         TypeError: anything else, whose content cannot be told from its `repr`.
     """
     out = hashlib.sha256()
-    _feed(out, parts)
+    _feed(out.update, parts)
     return out.hexdigest()
 
 
-def _feed(out: Any, part: Any) -> None:
+def _feed(add: Callable[[bytes], None], part: object) -> None:
     if isinstance(part, np.ndarray):
-        out.update(f"{part.dtype.str}{part.shape}".encode())
-        out.update(np.ascontiguousarray(part).tobytes())
+        add(f"{part.dtype.str}{part.shape}".encode())
+        add(np.ascontiguousarray(part).tobytes())
     elif part is None or isinstance(part, (str, bytes, bool, int, float)):
         plain = float(part).hex() if isinstance(part, float) else part
-        out.update(f"{type(plain).__name__} {plain!r};".encode())
+        add(f"{type(plain).__name__} {plain!r};".encode())
     elif isinstance(part, np.generic):
-        _feed(out, part.item())
+        _feed(add, part.item())
     elif dataclasses.is_dataclass(part) and not isinstance(part, type):
-        _feed(out, [getattr(part, f.name) for f in dataclasses.fields(part)])
+        _feed(add, [getattr(part, f.name) for f in dataclasses.fields(part)])
     elif isinstance(part, Mapping):
-        _feed(out, [[name, part[name]] for name in sorted(part)])
+        _feed(add, [[name, part[name]] for name in sorted(part)])
     elif isinstance(part, Sequence):
-        out.update(f"[{len(part)};".encode())
+        add(f"[{len(part)};".encode())
         for value in part:
-            _feed(out, value)
+            _feed(add, value)
     else:
         raise TypeError(f"no digest of a {type(part).__name__}")
 
 
-def recall(kind: str, of: str) -> dict[str, Any]:
+def recall(kind: str, of: str) -> Values:
     """Return what is stored of a result, by name; empty where it has to be computed.
 
     Args:
@@ -100,13 +102,13 @@ def recall(kind: str, of: str) -> dict[str, Any]:
     return _memory[name]
 
 
-def keep(kind: str, of: str, found: Mapping[str, Any]) -> None:
+def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
     """Add to what is stored of a result, in this process and in the user's cache.
 
     Args:
         kind: as in `recall`.
         of: as in `recall`.
-        found: finite numbers, bools or nested lists of them, by name.
+        found: `Values`.
     """
     name = file_name(kind, of)
     known = _memory.setdefault(name, {})
@@ -126,7 +128,7 @@ def forget() -> None:
     _memory.clear()
 
 
-def write(path: Path, values: Mapping[str, Any], **about: str) -> None:
+def write(path: Path, values: Mapping[str, object], **about: str) -> None:
     """Write one result at once; floats keep all their digits.
 
     Raises:
@@ -168,7 +170,7 @@ def file_name(kind: str, of: str) -> str:
     return f"{kind}-{digest(mujoco.__version__, of)[:16]}.json"
 
 
-def read(path: Path, *, code: Callable[[], str] | None = None) -> dict[str, Any]:
+def read(path: Path, *, code: Callable[[], str] | None = None) -> Values:
     """Return the values of a file, none of one that is missing, damaged or made by other code."""
     try:
         found = json.loads(path.read_text("utf-8"))

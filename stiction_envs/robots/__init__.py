@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiction_envs.robots.registry import ARMS, BUILTIN, arm_title, register_arm_folder
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 __all__ = ["ARMS", "BUILTIN", "Arm", "Limits", "arm_title", "load_arm", "register_arm_folder"]
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     """Load what needs MuJoCo when it is first asked for: arms are listed without it."""
     if name in ("Arm", "load_arm"):
         from stiction_envs.robots import arm

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -23,6 +23,7 @@ from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
+    ArmFields,
     Limits,
     hand_yaw,
     lookup,
@@ -228,7 +229,7 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
     return mass, x, y, z
 
 
-def _shipped(files: ArmFiles) -> dict[str, Any]:
+def _shipped(files: ArmFiles) -> ArmFields:
     """Fields as of `read_user_arm`; the package's MJCF is bare and taken as it is, bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
@@ -272,7 +273,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
     return chain[0], chain[1]
 
 
-def _user_arm(robot: str | Path, chain: Chain | None) -> dict[str, Any]:
+def _user_arm(robot: str | Path, chain: Chain | None) -> ArmFields:
     """Fields of an arm that is not registered, as of `read_user_arm`."""
     path = Path(find_model(robot)).expanduser()
     if path.suffix.lower() not in MODEL_FILES:

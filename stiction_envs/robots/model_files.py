@@ -18,6 +18,7 @@ from typing import Any
 
 from stiction_envs.errors import StictionError, missing_extra
 
+Descriptions = Any  # of robot_descriptions, an extra that has no types
 SCENE = "scene.xml"
 ENDS = (".xml", ".mjcf", ".urdf")
 MOST_BYTES = 2**24
@@ -73,7 +74,7 @@ def described(name: str) -> Path:
         StictionError: the package or the model is not there.
     """
     try:
-        cache: Any = importlib.import_module("robot_descriptions._cache")
+        cache: Descriptions = importlib.import_module("robot_descriptions._cache")
         repositories = importlib.import_module("robot_descriptions._repositories").REPOSITORIES
         clone = cache.clone_to_cache
     except ImportError:
@@ -98,7 +99,7 @@ def described(name: str) -> Path:
     return Path(path)
 
 
-def _only_cached(name: str, repositories: Any) -> Callable[..., str]:
+def _only_cached(name: str, repositories: Descriptions) -> Callable[..., str]:
     """Return what stands in for `clone_to_cache`: it finds repositories, and clones none."""
 
     def cached(repository: str, commit: str | None = None) -> str:

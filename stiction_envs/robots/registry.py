@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.model_files import ENDS, find_model
-from stiction_envs.robots.tables import read_toml
+from stiction_envs.robots.tables import Table, read_toml
 
 PACKAGE = Path(__file__).resolve().parents[1]
 MODEL_FILES = ENDS
@@ -49,7 +48,7 @@ class ArmFiles:
         return self.model.parents[1] == PACKAGE
 
     @cached_property
-    def table(self) -> dict[str, Any]:
+    def table(self) -> Table:
         """The parsed TOML."""
         return read_toml(self.toml)
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 
 MOUNTINGS = ("floor", "free")
+Table = dict[str, Any]
+"""Parsed TOML, whose values are checked where they are read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +45,23 @@ class Limits:
             object.__setattr__(self, field.name, array)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+class ArmFields(TypedDict):
+    """Fields of an `arm.Arm`, all but payload, tilt and registered."""
+
+    name: str
+    xml: str
+    joint_names: tuple[str, ...]
+    link_names: tuple[str, ...]
+    end_effector: str
+    hand_yaw: float
+    limits: Limits
+    rest: NDArray[np.float64]
+    controller_rate_hz: float
+    lowpass_hz: float
+    on_floor: bool
+
+
+def read_toml(path: Path) -> Table:
     """Tables of the TOML file ``path``.
 
     Raises:
@@ -58,14 +76,14 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 @cache
-def generic() -> dict[str, Any]:
+def generic() -> Table:
     """Values that are assumed where an arm's file has none (``generic.toml``)."""
     return read_toml(Path(__file__).with_name("generic.toml"))
 
 
-def lookup(table: Mapping[str, Any], key: str) -> Any:
+def lookup(table: Mapping[str, object], key: str) -> Any:
     """``value`` of the dotted ``key``, e.g. ``limits.torque``; None where it is missing."""
-    node: Any = table
+    node: object = table
     for part in key.split("."):
         if not isinstance(node, Mapping) or part not in node:
             return None
@@ -78,7 +96,7 @@ def payload_radius() -> float:
     return float(lookup(generic(), "payload_radius"))
 
 
-def on_floor(table: Mapping[str, Any], where: str) -> bool:
+def on_floor(table: Mapping[str, object], where: str) -> bool:
     """Whether ``mounting`` says that the arm stands on a floor at its world's z = 0.
 
     Raises:
@@ -90,7 +108,7 @@ def on_floor(table: Mapping[str, Any], where: str) -> bool:
     return bool(mounting == "floor")
 
 
-def hand_yaw(table: Mapping[str, Any], where: str) -> float:
+def hand_yaw(table: Mapping[str, object], where: str) -> float:
     """Turn of the hand's frame from the flange's about its z [rad], ``generic.toml``'s if not said.
 
     Raises:
@@ -104,7 +122,7 @@ def hand_yaw(table: Mapping[str, Any], where: str) -> float:
     return angle
 
 
-def per_joint(value: Any, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
+def per_joint(value: object, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
     """``value`` as float64 array of ``shape``; a single number fills it.
 
     Raises:

@@ -12,7 +12,6 @@ import re
 import xml.etree.ElementTree as ET
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -31,6 +30,7 @@ from stiction_envs.robots.chain import (
 from stiction_envs.robots.mjcf import free_name
 from stiction_envs.robots.overlapping_links import exclude_overlapping
 from stiction_envs.robots.tables import (
+    ArmFields,
     Limits,
     check_range,
     generic,
@@ -51,8 +51,8 @@ _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
-    """Fields of an ``Arm`` (all but payload, tilt and registered) from a user's file.
+def read_user_arm(path: Path, chain: Chain | None = None) -> ArmFields:
+    """Fields of an ``Arm`` from a user's file.
 
     Args:
         path: an existing MJCF or URDF. A TOML of the same stem beside it may give
@@ -107,10 +107,10 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
         torque=choose("limits.torque", "N·m", _torques(model, hinges), low=least),
         torque_rate=choose("limits.torque_rate", "N·m/s", low=least, allow_inf=True),
     )
-    interface = {
-        key: float(choose(f"interface.{key}", "Hz", shape=(), low=low))
+    rate, cutoff = (
+        float(choose(f"interface.{key}", "Hz", shape=(), low=low))
         for key, low in (("controller_rate_hz", least), ("lowpass_hz", 0.0))
-    }
+    )
     rest = choose("rest", "rad", _rest(model, hinges, limits.position))
     root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     exclude_overlapping(root, limits.position)
@@ -123,8 +123,9 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> dict[str, Any]:
         "hand_yaw": hand_yaw(table, str(table_file)),
         "limits": limits,
         "rest": rest,
+        "controller_rate_hz": rate,
+        "lowpass_hz": cutoff,
         "on_floor": on_floor(table, str(table_file)),
-        **interface,
     }
 
 

@@ -12,7 +12,6 @@ torques are float64 as on the host. Float32 would do for the law, not for the cl
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
@@ -194,8 +193,8 @@ class DeviceCycle:
         self._time, self._clock = np.zeros((2, nsim))
         self._velocity, self._speed = np.zeros((nsim, 3)), np.zeros((nsim, 2))
         self._accepted = np.zeros(nsim, dtype=bool)
-        self._kept: dict[str, list[tuple[Array, Any]]] = {}
-        self._tables: dict[str, Any] = {}
+        self._kept: dict[str, list[tuple[Array, wp.array]]] = {}
+        self._tables: dict[str, wp.array] = {}
 
     def follow(
         self, steps: int, dither: Dither, *, watch: Callable[[], None], joints: bool
@@ -238,7 +237,7 @@ class DeviceCycle:
 
     # ---- one control step, on the device -----------------------------------------------------
 
-    def _launch(self, kernel: Any, shape: Any, *arguments: Any) -> None:
+    def _launch(self, kernel: wp.Kernel, shape: int | tuple[int, ...], *arguments: object) -> None:
         """Launch a kernel on the device's own arrays, and on the mirrors of the host's."""
         of = self._mirrors.of
         inputs = [of(x) if isinstance(x, np.ndarray) else x for x in arguments]
@@ -310,7 +309,7 @@ class DeviceCycle:
         if table:
             self._tables[name].assign(np.stack(table))
 
-    def _keep(self, steps: int, joints: bool) -> list[tuple[Array, Any]]:
+    def _keep(self, steps: int, joints: bool) -> list[tuple[Array, wp.array]]:
         """Return the arrays of the host that steps change, and where the device keeps them."""
         c = self._controller
         hosts: Sequence[Array] = (*self._pose.arguments[-3:-1], *c.reference_arguments[3:5])
@@ -324,7 +323,7 @@ class DeviceCycle:
         ]
 
     def _replay(
-        self, watch: Callable[[], None], steps: int, kept: Sequence[tuple[Array, Any]]
+        self, watch: Callable[[], None], steps: int, kept: Sequence[tuple[Array, wp.array]]
     ) -> None:
         """Call ``watch`` with the host's arrays as they were in each step."""
         columns, speed = [(host, out.numpy()) for host, out in kept], self._plant.state[1]

@@ -11,9 +11,9 @@ controller has (`WANTED_SPEED` … below); ``state`` (1,) is the law's own memor
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,11 +72,11 @@ class Law:
     reads_momentum: ClassVar[bool] = False
     """Whether it reads `TORQUE` and `PUSHED`."""
 
-    def reads_model(self, numbers: Mapping[str, Any]) -> bool:
+    def reads_model(self, numbers: Mapping[str, Sequence[float]]) -> bool:
         """Return whether it reads `GRAVITY` or `TORQUE`, of the controller's model."""
         return self.reads_momentum
 
-    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return numbers (n,) of the friction of one arm that transmits ``load`` (n,) [N·m].
 
         The gain here is the mean breakaway torque of both directions; a law that needs other

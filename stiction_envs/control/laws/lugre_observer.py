@@ -14,7 +14,7 @@ own bristle does (`friction.bristle`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class LuGreObserver(Law):
     searched: ClassVar = ("injection",)
     reads_error: ClassVar = True
 
-    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return the parameters of the model; σ1, which amplifies noise, stays at its default."""
         return {
             "gain": breakaway(friction, load),

@@ -17,7 +17,7 @@ friction, which those two papers have, and cannot tell a hand from friction.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,7 +40,7 @@ class MomentumObserver(Law):
     searched: ClassVar = ("rate", "share")
     reads_momentum: ClassVar = True
 
-    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return the bound: friction may be stronger than it is believed to be."""
         return {"gain": self.default("bound") * breakaway(friction, load)}
 

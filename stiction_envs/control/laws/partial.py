@@ -10,7 +10,7 @@ over keeps the joint passive.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Partial(Law):
         Field(name="viscous", column="viscous_nms_rad", unit="N·m·s/rad", scales=True),
     )
 
-    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return the parts of `gte.toml` of both."""
         return {
             "gain": self.default("coulomb_scale") * coulomb(friction, load),

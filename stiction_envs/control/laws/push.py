@@ -17,8 +17,8 @@ the robot responds late. The Panda hunts at w = 0.00005 rad from the breakaway t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,7 +41,7 @@ class Push(Law):
     searched: ClassVar = ("speed", "error")
     reads_error: ClassVar = True
 
-    def reads_model(self, numbers: Mapping[str, Any]) -> bool:
+    def reads_model(self, numbers: Mapping[str, Sequence[float]]) -> bool:
         """Return whether there is a load gain."""
         return any(numbers["load"])
 

@@ -12,7 +12,7 @@ whose own damping d is smaller does not come to rest.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class SmoothSign(Law):
     what: ClassVar = "Coulomb friction by the smoothed sign of the measured speed"
     knows: ClassVar = "the Coulomb friction and a speed"
 
-    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Any]:
+    def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return the Coulomb friction as gain."""
         return {"gain": coulomb(friction, load)}
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from stiction_envs.experiments.episodes import Episodes
 
 Array = NDArray[np.float64]
+Frame = NDArray[np.uint8] | NDArray[np.float32]
+"""A picture (height, width, 3), or distances (height, width) [m]."""
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel next to it [pixel]."""
@@ -46,7 +48,7 @@ class Renderer(ABC):
         self._window: Window | None = None
         self._shown = 0.0
 
-    def frame(self, i: int, mode: str) -> Any:
+    def frame(self, i: int, mode: str) -> Frame | None:
         """Return the frame of simulation ``i``; in human mode show it and return None."""
         self._arm.pose(self._core.rig.plant.position[i])
         if mode == "human":

@@ -9,7 +9,8 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from types import ModuleType
+from typing import ClassVar
 
 import mujoco
 import numpy as np
@@ -201,7 +202,7 @@ def write_frames(
         part.unlink(missing_ok=True)
 
 
-def _encoder() -> Any:
+def _encoder() -> ModuleType:
     """Return imageio-ffmpeg, which has found its ffmpeg."""
     try:
         import imageio_ffmpeg

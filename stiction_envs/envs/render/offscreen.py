@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from importlib import import_module
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +14,7 @@ from stiction_envs.envs.render.window import has_display
 from stiction_envs.errors import StictionError, one_line
 
 
-def _context_class(name: str) -> Any:
+def _context_class(name: str) -> type[mujoco.GLContext]:
     if name in ("egl", "osmesa"):
         return import_module(f"mujoco.{name}").GLContext
     return mujoco.GLContext
@@ -37,7 +36,7 @@ class Offscreen:
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZERONEAR.value
         self._rect = mujoco.MjrRect(0, 0, self._width, self._height)
 
-    def _open(self, model: mujoco.MjModel) -> tuple[Any, mujoco.MjrContext]:
+    def _open(self, model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
         """Open MuJoCo's context; without display and MUJOCO_GL, whatever renders headless."""
         chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
         names = ["egl", "osmesa"] if not has_display() and not chosen else [chosen]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ SLIPPING = 0.1
 
 
 @functools.lru_cache
-def font(size: int, bold: bool = False) -> Any:
+def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
     """Return a font of a size [pixel]."""
     from matplotlib import get_data_path
 
@@ -91,7 +90,7 @@ class Plot:
             draw.text((at, bottom + 4), f"{value + 0.0:g}", font=font(11), fill=SOFT, anchor="mt")
         draw.rectangle(box, outline=SOFT)
 
-    def _at(self, x: Any, y: Any) -> tuple[Any, Any]:
+    def _at(self, x: Array | float, y: Array | float) -> tuple[Array, Array]:
         left, top, right, bottom = self._box
         across = (np.asarray(x) - self._x[0]) / (self._x[1] - self._x[0])
         up = (np.asarray(y) - self._y[0]) / (self._y[1] - self._y[0])

@@ -12,7 +12,7 @@ import io
 import socket
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -20,6 +20,9 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.render.push_view import DOWN, ONE, SPACE, UP, PushView, R
 from stiction_envs.errors import StictionError, missing_extra
+
+if TYPE_CHECKING:
+    import viser
 
 HOST = "127.0.0.1"
 """Only this machine may open the page, since it pushes joints."""
@@ -53,10 +56,10 @@ class PushPage:
         _check_port(port)
         self.view = view
         self._marks = mujoco.MjvScene(view.model, _MARKS)
-        self._lines: dict[float, Any] = {}  # by their width
+        self._lines: dict[float, viser.LineSegmentsHandle] = {}  # by their width
         self._open, self._panel_due = True, 0.0
         with _silence():
-            self._server: Any = viser.ViserServer(host=HOST, port=port, verbose=False)
+            self._server = viser.ViserServer(host=HOST, port=port, verbose=False)
         self.url = f"http://localhost:{self._server.get_port()}"
         self._add_scene()
         self._add_controls()
@@ -85,10 +88,10 @@ class PushPage:
         look.up, look.look_at, look.position = _UP, at, at - distance * view
         look.fov = float(np.deg2rad(model.vis.global_.fovy))
 
-    def _drawn(self) -> tuple[dict[float, list[Any]], list[Any]]:
+    def _drawn(self) -> tuple[dict[float, list[mujoco.MjvGeom]], list[mujoco.MjvGeom]]:
         """Return the shapes that are drawn about the arm: lines by their width, and balls."""
         self.view.draw(self._marks)
-        lines: dict[float, list[Any]] = {}
+        lines: dict[float, list[mujoco.MjvGeom]] = {}
         balls = []
         for geom in self._marks.geoms[: self._marks.ngeom]:
             if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE:
@@ -182,7 +185,7 @@ def _check_port(port: int) -> None:
         ) from None
 
 
-def _add_geom(page: Any, model: mujoco.MjModel, geom: int) -> None:
+def _add_geom(page: viser.SceneApi, model: mujoco.MjModel, geom: int) -> None:
     """Add one of the arm's geoms to its body's frame on the page."""
     kinds = mujoco.mjtGeom
     kind, size = kinds(int(model.geom_type[geom])), model.geom_size[geom]
@@ -216,7 +219,7 @@ def _add_geom(page: Any, model: mujoco.MjModel, geom: int) -> None:
         )
 
 
-def _colour(rgba: NDArray[Any]) -> tuple[int, int, int]:
+def _colour(rgba: NDArray[np.floating]) -> tuple[int, int, int]:
     red, green, blue = (int(x) for x in np.clip(255 * np.asarray(rgba[:3]), 0, 255).round())
     return red, green, blue
 

@@ -7,7 +7,6 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -58,7 +57,7 @@ def open_viewer(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     key_callback: Callable[[int], None] | None = None,
-) -> Any:
+) -> mujoco.viewer.Handle:
     """Return MuJoCo's viewer of a model, in a thread of its own.
 
     Args:
@@ -96,7 +95,7 @@ class Window:
         The other arguments and errors are those of `open_viewer`.
         """
         before = set(threading.enumerate())
-        self.viewer: Any = open_viewer(what, model, data, key_callback)
+        self.viewer = open_viewer(what, model, data, key_callback)
         self._threads = [t for t in threading.enumerate() if t not in before]
         heading = np.deg2rad(camera.azimuth)
         right = np.array([np.sin(heading), -np.cos(heading), 0.0])
@@ -108,7 +107,11 @@ class Window:
             look.azimuth, look.elevation = camera.azimuth, camera.elevation
 
     def show(
-        self, panel: NDArray[np.uint8], texts: tuple[Any, Any, str, str], *, bottom: int = 8
+        self,
+        panel: NDArray[np.uint8],
+        texts: tuple[int | None, int | None, str, str],
+        *,
+        bottom: int = 8,
     ) -> None:
         """Show the scene as it is now, a panel (height, width, 3), and texts.
 

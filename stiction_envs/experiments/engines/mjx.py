@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,8 +43,8 @@ class Mjx(Engine):
         state = jax.vmap(lambda q: blank.replace(qpos=q))(jnp.asarray(drive.qpos, jnp.float32))
 
         @jax.jit
-        def run(state: Any, applied: Any) -> Any:
-            def one(state: Any, now: Any) -> Any:
+        def run(state: mjx.Data, applied: jax.Array) -> tuple[mjx.Data, dict[str, jax.Array]]:
+            def one(state: mjx.Data, now: jax.Array) -> tuple[mjx.Data, dict[str, jax.Array]]:
                 go = jax.vmap(lambda d, f: mjx.step(model, d.replace(qfrc_applied=f)))
                 state = go(state, now)
                 return state, {name: getattr(state, name) for name in drive.record}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
@@ -12,6 +12,11 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.engines.base import Array, Bare, Drive, Engine, Refused
 from stiction_envs.experiments.engines.warp import driven
+
+if TYPE_CHECKING:
+    import warp as wp
+    from newton import Control
+    from newton.solvers import SolverMuJoCo
 
 
 class Newton(Engine):
@@ -70,7 +75,7 @@ class Newton(Engine):
         yield from driven(drive, step, restore, copies)
 
 
-def _only_friction(solver: Any, bare: Bare) -> None:
+def _only_friction(solver: SolverMuJoCo, bare: Bare) -> None:
     """Take limits, springs of tested hinges and actuators but ``dcmotor`` out of the solver."""
     model, host = solver.mjw_model, solver.mj_model
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
@@ -87,9 +92,9 @@ def _only_friction(solver: Any, bare: Bare) -> None:
 class _Copies:
     """Newton's state and control under the names that `driven` knows."""
 
-    def __init__(self, solver: Any, control: Any, shape: tuple[int, int]) -> None:
+    def __init__(self, solver: SolverMuJoCo, control: Control, shape: tuple[int, int]) -> None:
         self._solver = solver
         self.qfrc_applied = control.joint_f.reshape(shape)
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> wp.array:
         return getattr(self._solver.mjw_data, name)

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 import mujoco
 import numpy as np
 
 from stiction_envs.experiments.engines.base import Array, Drive, Engine, Refused, silent
+
+if TYPE_CHECKING:
+    import warp as wp
+
+
+class Copies(Protocol):
+    """An engine's copies: arrays of Warp by the names of `mujoco.MjData`."""
+
+    qfrc_applied: wp.array
 
 
 class Warp(Engine):
@@ -45,7 +54,7 @@ class Warp(Engine):
 
 
 def driven(
-    drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Any
+    drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Copies
 ) -> Iterator[dict[str, Array]]:
     """Yield what `Engine.simulate` does.
 

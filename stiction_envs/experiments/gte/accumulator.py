@@ -6,12 +6,10 @@ Everything is added sample by sample, arm by arm: the same bits however samples 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -152,7 +150,7 @@ class Accumulator:
         self.settling[rows, self._goals[rows] - 1] = self.last[rows]
 
     @property
-    def _sums(self) -> tuple[NDArray[Any], ...]:
+    def _sums(self) -> Arguments:
         """All that `_add_samples` writes, in its order."""
         return (
             *(self._moving, self.step_error, self.total_error),
@@ -223,7 +221,7 @@ def _add_samples(
     first: Index,
     motion_end: Array,
     tail_end: Array,
-    sums: tuple[NDArray[Any], ...],
+    sums: Arguments,
 ) -> None:
     """Add the samples of `Accumulator.feed`, the first of which are numbers ``first`` (N,)."""
     moving, step, total, absolute, squares, maximum, shaken, shaken_at_rest, work = sums

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -79,7 +77,7 @@ class ControllerModel:
             np.subtract(self._bias, self._true_bias, out=self.missing)
 
 
-def _entries(model: Any) -> tuple[Index, Index]:
+def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
     """Return (row, column) of every entry of MuJoCo's sparse inertia `M`."""
     count = np.asarray(model.M_rownnz)
     rows = np.repeat(np.arange(model.nv), count)

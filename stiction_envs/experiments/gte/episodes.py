@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import lcm
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -42,8 +41,10 @@ from stiction_envs.experiments.gte.protocol import (
     gte_reward_settings,
 )
 from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
+from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
+from stiction_envs.experiments.observation import Checked
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
@@ -66,9 +67,11 @@ class GTEArguments(Arguments):
     max_episode_steps: int = 400
 
 
-class GTEEpisodes(Episodes):
+class GTEEpisodes(Episodes[Key, Undithered]):
     """N episodes of the Generated Trajectory Experiment."""
 
+    experiment: GeneratedTrajectoryExperiment
+    rig: GTERig
     arguments = GTEArguments
     terms = ("settling", "tracking", "power", "torque_rate", "shaking")
     each = ("time", "goals_reached", "vibration")
@@ -172,7 +175,7 @@ class GTEEpisodes(Episodes):
 
     # ---- episodes ----------------------------------------------------------------------------
 
-    def check_reset(self, options: Sequence[Options | None]) -> list[dict[str, Any]]:
+    def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
         """As `Episodes.check_reset`; a trajectory takes the place of a fixed number, too."""
         checked = super().check_reset(options)
         for o, own in zip(checked, options, strict=True):
@@ -180,7 +183,7 @@ class GTEEpisodes(Episodes):
                 o.pop("path", None)
         return checked
 
-    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Key, ScatterKey]:
+    def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Key, ScatterKey]:
         trajectory = TRAJECTORIES[int(rng.integers(len(TRAJECTORIES)))]
         listed = episode_settings().stiffness
         stiffness = listed[int(rng.integers(len(listed)))]
@@ -201,7 +204,7 @@ class GTEEpisodes(Episodes):
             self._random |= {k: (p.path.name, p.stiffness) for k, p in found.items()}
         return [self._random[k] for k in numbers]
 
-    def _cases(self, options: Options) -> set[Key]:
+    def _cases(self, options: Checked) -> set[Key]:
         if "path" in options or options.get("trajectory") == RANDOM:
             drawn = [options["path"]] if "path" in options else range(self.random_paths)
             return {(t, options.get("stiffness", k)) for t, k in self._random_cases(drawn)}
@@ -290,7 +293,7 @@ class GTEEpisodes(Episodes):
         )
 
     @staticmethod
-    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+    def columns(measures: Mapping[str, Array]) -> dict[str, float]:
         """Return the columns that an episode's last measures fill in a table of evaluations."""
         out: dict[str, float] = {}
         for name in ("", "undithered_"):
@@ -329,7 +332,7 @@ class GTEEpisodes(Episodes):
         """Return how long the episode of simulation ``i`` lasts without dither [s]."""
         return float(self._base_duration[i])
 
-    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+    def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Return trajectory, number and stiffness (M, 3) of the episodes of ``ids``."""
         names = [self.case[i][0] for i in ids]
         numbers = [path_number(name) for name in names]

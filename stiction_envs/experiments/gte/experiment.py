@@ -353,7 +353,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             for i, case in enumerate(cases)
         ]
 
-    def dither_of(self, case: Case) -> dict[str, Array]:
+    def dither_of(self, case: Case) -> dict[str, NDArray[np.generic]]:
         """Return (n,) arguments of `GTERig.set_dither` for a case.
 
         Raises:

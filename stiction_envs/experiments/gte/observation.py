@@ -7,7 +7,6 @@ joints' angles and speeds, the commanded torque, the pose of the tool point and 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +29,7 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.observation import (
     DITHER,
     TORQUE,
+    Checked,
     Group,
     named_options,
     observation_bounds,
@@ -140,7 +140,7 @@ class GTEObserver:
         return pack(self._groups, values, len(ids), *self.bounds)
 
 
-def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
+def check_gte_options(options: Mapping[str, object] | None) -> Checked:
     """Return valid reset options: trajectory, path, stiffness, iteration.
 
     Raises:
@@ -169,7 +169,7 @@ def check_gte_options(options: Mapping[str, Any] | None) -> dict[str, Any]:
     return out
 
 
-def _number(name: str, value: Any) -> int:
+def _number(name: str, value: object) -> int:
     if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 0:
         raise StictionError(f"{name} {value!r}: expected a whole number from 0")
     return int(value)

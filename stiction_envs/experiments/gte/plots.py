@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from itertools import chain, cycle
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -24,6 +25,9 @@ from stiction_envs.experiments.gte.rows import CASES, case_name, thesis_window_s
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT, plain_axes
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d import Axes3D
 
 Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
@@ -123,7 +127,7 @@ def plot_path_3d(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: st
     save_full(figure, path)
 
 
-def draw_path_3d(axes: Any, runs: Sequence[Run], *, mean: bool = False) -> None:
+def draw_path_3d(axes: Axes3D, runs: Sequence[Run], *, mean: bool = False) -> None:
     """Draw the paths of one case in space on given axes of three dimensions."""
     _paths(axes, runs, (0, 1, 2), mean=mean)
     drawn = [r.actual[:, :, :3].reshape(-1, 3) for r in runs] + [published(runs[0])[1]]
@@ -141,7 +145,7 @@ def draw_path_3d(axes: Any, runs: Sequence[Run], *, mean: bool = False) -> None:
     axes.view_init(elev=32, azim=-60)
 
 
-def _paths(axes: Any, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool = False) -> Array:
+def _paths(axes: Axes, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool = False) -> Array:
     """Draw paths and reference; return the goals (G, 3) [m]."""
     for run in runs:
         actual = run.actual.mean(axis=0, keepdims=True) if mean else run.actual
@@ -219,7 +223,7 @@ def draw_error(axes: Axes, runs: Sequence[Run], k: int) -> None:
     axes.margins(x=0.01, y=0.08)
 
 
-def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Any], list[str]]:
+def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Artist], list[str]]:
     """Return handles and names of what `draw_error` has drawn."""
     handles, names = axes.get_legend_handles_labels()
     for run, style in zip(runs, _DOTS, strict=False):
@@ -229,7 +233,7 @@ def error_legend_entries(axes: Axes, runs: Sequence[Run]) -> tuple[list[Any], li
 
 
 # without dither, with it, the same with compensation
-_DOTS: tuple[Any, ...] = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
+_DOTS = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
 
 
 def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:

@@ -27,6 +27,9 @@ from stiction_envs.reporting.markdown import number, percent, plural, short, tab
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
+Row = Mapping[str, Any]
+"""Of ``errors.csv`` or ``runs.csv``, by column: `ErrorRow` or `RunRow` as a dict."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TrackingErrors(Result):
@@ -37,7 +40,7 @@ class TrackingErrors(Result):
     """One per case."""
     compared: bool
     """Whether the thesis's numbers of the same cases, where it has them, are shown too."""
-    provenance: dict[str, Any]
+    provenance: dict[str, object]
     note: str = ""
     """Stands at the top of the report."""
 
@@ -102,14 +105,14 @@ class TrackingErrors(Result):
         return describe(answer["rows"], answer["runs"])
 
 
-def describe(rows: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]]) -> str:
+def describe(rows: Sequence[Row], runs: Sequence[Row]) -> str:
     """Return errors as text: an axis in a line, then a line per case.
 
     Args:
         rows: of ``errors.csv`` with ``thesis_window_sum``, by column.
         runs: of ``runs.csv``.
     """
-    by_case: dict[str, list[Mapping[str, Any]]] = {}
+    by_case: dict[str, list[Row]] = {}
     for row in rows:
         by_case.setdefault(row["case"], []).append(row)
     base, *others = by_case.values()
@@ -127,7 +130,7 @@ def describe(rows: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]
     return "\n".join([*lines, *(_run_text(r) for r in runs)])
 
 
-def _change(row: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+def _change(row: Row, other: Row) -> str:
     """Return by how much an error differs; an arm may not move along an axis at all."""
     if row["window_sum"] == 0:
         return "–"
@@ -137,11 +140,11 @@ def _change(row: Mapping[str, Any], other: Mapping[str, Any]) -> str:
 _THESIS = {"no_dither": "thesis: without", "dither": "thesis: with"}
 
 
-def _words(row: Mapping[str, Any]) -> str:
+def _words(row: Row) -> str:
     return str(row["case"]).replace("_", " ")
 
 
-def _run_text(r: Mapping[str, Any]) -> str:
+def _run_text(r: Row) -> str:
     text = f"{_words(r)}: {r['duration_s']:.2f} s, "
     text += f"vibration {1e3 * r['vibration_m']:.3f} mm "
     text += f"({1e3 * r['vibration_at_rest_m']:.3f} mm at rest), "
@@ -154,7 +157,7 @@ def _run_text(r: Mapping[str, Any]) -> str:
     return text
 
 
-def _sum(row: Mapping[str, Any]) -> str:
+def _sum(row: Row) -> str:
     spread = "" if row["iterations"] == 1 else f" ± {row['window_sum_std']:.3f}"
     return f"{row['window_sum']:.3f}{spread}"
 

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.compiled import Arguments
 from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
@@ -36,6 +37,9 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
+
+if TYPE_CHECKING:
+    from stiction_envs.control.device.cycle import DeviceCycle
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -119,7 +123,7 @@ class GTERig(Rig):
         self.start_position, self.start_quaternion = self._nominal()
         self._watch: Callable[..., None] = _nothing
         self._count, self._row, self._hold_steps = 0, 0, self.interface.hold_steps
-        self._arrays: tuple[Any, ...] = ()
+        self._arrays: Arguments = ()
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
@@ -129,7 +133,7 @@ class GTERig(Rig):
         self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
-        self._device: Any = self._device_cycle() if self.plant.has_device else None
+        self._device = self._device_cycle() if self.plant.has_device else None
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -255,6 +259,7 @@ class GTERig(Rig):
                 later = range(self._count + 1, end)
                 stop = next((k for k in later if self._due(k)[0]), end)
             part = stop - self._count
+            assert self._device is not None
             self._device.follow(part, self.dither, watch=self._note, joints=joints)
             self._count = stop
 
@@ -296,7 +301,7 @@ class GTERig(Rig):
         # a slow controller takes at its next cycle what fell due since its last
         return step % self._model_period < hold, step % self._goal_period < hold
 
-    def _device_cycle(self) -> Any:
+    def _device_cycle(self) -> DeviceCycle:
         """Return the controllers of the engine's device, which is an extra."""
         from stiction_envs.control.device.cycle import DeviceCycle
 
@@ -353,7 +358,7 @@ class GTERig(Rig):
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
         control_step(due, row, self._arrays)
 
-    def _step_arrays(self, poses: tuple[Array, Array]) -> tuple[Any, ...]:
+    def _step_arrays(self, poses: tuple[Array, Array]) -> Arguments:
         """Return what `control_step` works on until the arms stop following."""
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)

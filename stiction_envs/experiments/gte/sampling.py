@@ -152,7 +152,7 @@ class RunLog(Sampler):
         self._protocol, self._sequencer = protocol, rig.sequencer
         self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
         self._previous = rig.applied.copy()
-        self._blocks: defaultdict[str, list[NDArray[Any]]] = defaultdict(list)
+        self._blocks: defaultdict[str, list[NDArray[np.generic]]] = defaultdict(list)
         self._watch = self._add_step
         self._clear()
 

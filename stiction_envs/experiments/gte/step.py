@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.control.compensation import compensate
 from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
 from stiction_envs.control.sensing_kernels import send
@@ -45,7 +45,7 @@ class SeenArrays(NamedTuple):
     """(N, n) [rad/s]."""
     torque: Array
     """(N, n) [N·m]."""
-    line: tuple[Any, ...]
+    line: Arguments
     """The last of `sensing_kernels.send`; what arrives is its last."""
 
 
@@ -67,7 +67,7 @@ class CompensationArrays(NamedTuple):
 
     active: bool
     """Whether any arm is compensated."""
-    arguments: tuple[Any, ...]
+    arguments: Arguments
     """The last of `compensate`, its result at the end."""
     added: Array
     """(N, n) dither and compensation together, written where active [N·m]."""
@@ -76,19 +76,19 @@ class CompensationArrays(NamedTuple):
 class StepArrays(NamedTuple):
     """All that a control step reads and writes; the same objects while arms follow."""
 
-    site: tuple[Any, ...]
+    site: Arguments
     """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
-    joints: tuple[Any, ...]
+    joints: Arguments
     """`JointArrays`."""
-    seen: tuple[Any, ...]
+    seen: Arguments
     """`SeenArrays`."""
     step: Index
     """(N,) control steps since the arm began to follow."""
-    dither: tuple[Any, ...]
+    dither: Arguments
     """`DitherArrays`."""
-    compensation: tuple[Any, ...]
+    compensation: Arguments
     """`CompensationArrays`."""
-    impedance: tuple[Any, ...]
+    impedance: Arguments
     """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
     path: tuple[Array, float, Array, Array, Array]
     """Of `pass_torque` between command and result."""
@@ -103,7 +103,7 @@ class StepArrays(NamedTuple):
 
 
 @compiled
-def control_step(due: bool, row: int, arrays: tuple[Any, ...]) -> None:
+def control_step(due: bool, row: int, arrays: Arguments) -> None:
     """Read the end effector and, where ``due``, compute the next command; pass the command on.
 
     One call of compiled code: called one by one from Python, these functions would spend half of
@@ -157,7 +157,7 @@ def control_step(due: bool, row: int, arrays: tuple[Any, ...]) -> None:
 
 @compiled
 def follow_steps(
-    steps: int, first: int, row: int, hold: int, arrays: tuple[Any, ...], loop: tuple[Any, ...]
+    steps: int, first: int, row: int, hold: int, arrays: Arguments, loop: Arguments
 ) -> None:
     """Follow for control steps in which Python has nothing to do.
 

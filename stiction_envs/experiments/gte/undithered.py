@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,14 +109,12 @@ def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
     return " ".join([*of, *(repr(float(k)) for k in stiffness)])
 
 
-def _of_store(values: dict[str, Any]) -> Undithered:
-    known: dict[str, Any] = {
-        k: np.array(x) if isinstance(x, list) else x for k, x in values.items()
-    }
+def _of_store(values: store.Values) -> Undithered:
+    known: store.Values = {k: np.array(x) if isinstance(x, list) else x for k, x in values.items()}
     return Undithered(**known)
 
 
-def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> dict[str, Any]:
+def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> store.Values:
     measures = measure(run, experiment.protocol)
     duration = measures.duration + experiment.protocol.tail
     total, left = measures.total_error.mean(axis=0), measures.left.mean(axis=0)

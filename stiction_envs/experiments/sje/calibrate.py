@@ -56,7 +56,7 @@ class Calibration:
     negative_load: tuple[int, ...]
     """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return JSON values: every base torque measured and simulated."""
         return {
             "robot": self.measured.robot,
@@ -81,7 +81,7 @@ class Calibration:
         *,
         base: str | Path | FrictionParameters | None,
         table: Path,
-        provenance: Mapping[str, Any],
+        provenance: Mapping[str, object],
     ) -> None:
         """Write the friction TOML, provenance inside.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from stiction_envs.experiments.episodes import (
     Outcome,
     ScatterKey,
 )
-from stiction_envs.experiments.observation import largest_stiction, observed_action, pack
+from stiction_envs.experiments.observation import Checked, largest_stiction, observed_action, pack
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.observation import GROUPS, check_sje_options
 from stiction_envs.experiments.sje.oscillation import Oscillation
@@ -28,7 +27,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     sje_reward_settings,
 )
-from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING
+from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING, SJERig
 from stiction_envs.experiments.sje.undithered import base_torques
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -51,9 +50,11 @@ class RampTrace:
     """Angle of the tested joint since its ramp started [rad]."""
 
 
-class SJEEpisodes(Episodes):
+class SJEEpisodes(Episodes[Configuration, float]):
     """N episodes of the Single Joint Experiment."""
 
+    experiment: SingleJointExperiment
+    rig: SJERig
     terms = ("breakaway", "torque", "power", "torque_rate", "shaking")
     each = ("torque", "displacement", "time", "vibration")
     final = ("shaking", "tau_sje", "tau_base", "reduction")
@@ -92,15 +93,15 @@ class SJEEpisodes(Episodes):
 
     # ---- episodes ----------------------------------------------------------------------------
 
-    def _check_options(self, options: Options | None) -> dict[str, Any]:
+    def _check_options(self, options: Options | None) -> Checked:
         return check_sje_options(options, self.n)
 
-    def _draw(self, rng: np.random.Generator, options: Options) -> tuple[Configuration, ScatterKey]:
+    def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Configuration, ScatterKey]:
         drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
         key = tuple(int(k) for k in rng.integers(2**32, size=2))
         return dataclasses.replace(drawn, **options), key
 
-    def _cases(self, options: Options) -> set[Configuration]:
+    def _cases(self, options: Checked) -> set[Configuration]:
         return {
             c
             for c in configurations(self.n)
@@ -180,7 +181,7 @@ class SJEEpisodes(Episodes):
         )
 
     @staticmethod
-    def columns(measures: Mapping[str, Any]) -> dict[str, float]:
+    def columns(measures: Mapping[str, Array]) -> dict[str, float]:
         """Return the columns that an episode's last measures fill in a table of evaluations."""
         return {
             "reduction": float(measures["reduction"]),
@@ -223,7 +224,7 @@ class SJEEpisodes(Episodes):
         space = self.observation_space
         return pack(GROUPS, values, len(ids), space.low, space.high)
 
-    def describe(self, ids: Index) -> dict[str, NDArray[Any]]:
+    def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Return joint (from 1), load and direction of the episodes of ``ids``."""
         rows = [self.configuration[i] for i in ids]
         return {

@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,7 +184,7 @@ class SingleJointExperiment(SJESetup):
         return SJERig(self, nsim, dither_all=dither_all)
 
     @property
-    def drive_record(self) -> dict[str, Any]:
+    def drive_record(self) -> dict[str, object]:
         """What a provenance says of servos; nothing where torques drive."""
         return {} if self.servos is None else {"servos": dataclasses.asdict(self.servos)}
 

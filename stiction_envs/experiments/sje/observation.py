@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from stiction_envs.errors import unknown
-from stiction_envs.experiments.observation import DITHER, TORQUE, Group, named_options
+from stiction_envs.experiments.observation import DITHER, TORQUE, Checked, Group, named_options
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 
 OPTIONS = ("joint", "load", "direction")
@@ -28,20 +27,20 @@ GROUPS = (
 """The observation, in order; bounds are assumed: wider than what occurs."""
 
 
-def check_sje_options(options: Mapping[str, Any] | None, n: int) -> dict[str, Any]:
+def check_sje_options(options: Mapping[str, object] | None, n: int) -> Checked:
     """Return valid reset options of an arm of ``n`` joints.
 
     Raises:
         StictionError: an option or a value that does not exist.
     """
-    expected: dict[str, tuple[Any, ...]] = {
+    expected: dict[str, tuple[object, ...]] = {
         "joint": tuple(range(1, n + 1)),
         "load": LOADS,
         "direction": DIRECTIONS,
     }
-    out: dict[str, Any] = {}
+    out: Checked = {}
     for name, value in named_options(options, OPTIONS).items():
-        kinds: Any = (int, np.integer) if name == "joint" else str
+        kinds = (int, np.integer) if name == "joint" else (str,)
         if isinstance(value, bool) or not isinstance(value, kinds) or value not in expected[name]:
             raise unknown(name, value, expected[name])
         out[name] = int(value) if name == "joint" else value

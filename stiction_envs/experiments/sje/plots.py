@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from matplotlib import colormaps
@@ -189,7 +189,7 @@ def _iterations(axes: Axes, m: Measurement, ramp_rate: float) -> None:
 
 def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
     direction = m.job.configuration.direction
-    colour: Any = colormaps[MAPS[direction]](0.75)
+    colour = colormaps[MAPS[direction]](0.75)
     torque, _, angle, spread = mean_ramp(m, ramp_rate)
     axes.fill_between(torque, angle - spread, angle + spread, color=colour, alpha=0.22, lw=0)
     axes.plot(

@@ -26,6 +26,9 @@ from stiction_envs.reporting.markdown import number, percent, signed, table_text
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
+Row = Mapping[str, Any]
+"""Of the table, by column: `SJERow` as a dict."""
+
 
 def is_base(m: Measurement) -> bool:
     """Whether the ramp was without dither and offset."""
@@ -101,7 +104,7 @@ class BreakawayTorques(Result):
     protocol: Protocol
     measurements: tuple[Measurement, ...]
     """By joint, pose and direction, base before dithered."""
-    provenance: dict[str, Any]
+    provenance: dict[str, object]
     file: str = "sje.csv"
     """Name of the table that `write` makes."""
     note: str = ""
@@ -149,7 +152,7 @@ class BreakawayTorques(Result):
         ]
         return f"stuck before the threshold was reached: {'; '.join(names)}" if names else ""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return robot, rows with the torque of every iteration, and what was stuck."""
         good = [m for m in self.measurements if not is_stuck(m)]
         return {
@@ -199,7 +202,7 @@ class BreakawayTorques(Result):
         return describe([asdict(r) for r in self.rows])
 
 
-def describe(rows: Sequence[Mapping[str, Any]]) -> str:
+def describe(rows: Sequence[Row]) -> str:
     """Return rows of an SJE table as text, a configuration in a line.
 
     Args:
@@ -227,11 +230,11 @@ def describe(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _key(row: Mapping[str, Any]) -> tuple[int, str, str]:
+def _key(row: Row) -> tuple[int, str, str]:
     return row["joint"], row["load"], row["direction"]
 
 
-def _torque(row: Mapping[str, Any] | None) -> str:
+def _torque(row: Row | None) -> str:
     if row is None:
         return "stuck"
     spread = "" if row["iterations"] == 1 else f" ± {row['std_nm']:.4f}"

@@ -93,7 +93,7 @@ class SJERig(Rig):
         self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
         self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
 
-    def place(self, ids: Index, configurations: list[Configuration]) -> None:
+    def place(self, ids: Index, configurations: Sequence[Configuration]) -> None:
         """Put arms into new configurations, displaced as after a ramp in the other direction."""
         joint = np.array([c.joint - 1 for c in configurations])
         load = np.array([c.index[1] for c in configurations])

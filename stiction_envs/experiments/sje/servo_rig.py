@@ -10,7 +10,6 @@ gravity until it has moved by the threshold, averaged over the dither.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +31,18 @@ assumed."""
 class ServoRig(SJERig):
     """N simulations of the experiment under position servos."""
 
-    def __init__(self, setup: SJESetup, nsim: int, servos: PositionServos, **options: Any) -> None:
+    def __init__(
+        self, setup: SJESetup, nsim: int, servos: PositionServos, *, dither_all: bool = False
+    ) -> None:
         """Make the rig; see `SJERig`. The setup's model is one of `put_under_servos`."""
-        super().__init__(setup, nsim, **options)
+        super().__init__(setup, nsim, dither_all=dither_all)
         self.drive = ServoDrive(servos, self.plant)
         self._servos.torque_limit = np.array(servos.torque_limit)
         self._sag = np.zeros((nsim, self.n))  # of the pose [rad]
         self._weight = np.zeros((nsim, 2))  # of the joint: at its ramp's start, and last [N·m]
         self._lead = np.zeros((nsim, 3))  # of `_largest_lead`
 
-    def place(self, ids: Index, configurations: list[Configuration]) -> None:
+    def place(self, ids: Index, configurations: Sequence[Configuration]) -> None:
         """See `SJERig`; commands hold the arm against gravity.
 
         Joints come from where their ramps lead: coming from behind, friction would hold a part of
