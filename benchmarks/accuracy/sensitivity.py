@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
@@ -246,6 +247,7 @@ def main() -> None:
     rows = STUDY.rows(options).fill(
         jobs, measure, processes=options.processes, minutes=options.minutes
     )
+    done = Counter(jobs[key][0] for key in rows)
     changed: dict[str, set[int]] = {}
     for key, row in rows.items():
         for name in row["changing"]:
@@ -259,9 +261,8 @@ def main() -> None:
         numbers=len(numbers()),
         changing=len({name.split(" × ")[0] for name in changed}),
         real=REAL.is_file(),
-        cases=len(cases),
-        missing=len(jobs) - len(rows),
-        groups=len(jobs),
+        done=[f"{done[c]} of number {c}" for c in cases if done[c]],
+        groups=len(jobs) // len(cases),
         group=options.group,
         table=table_text(["number", "times", "cases with another result", "which"], lines),
     )
