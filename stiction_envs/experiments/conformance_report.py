@@ -11,6 +11,7 @@ import numpy as np
 
 from stiction_envs.experiments.settings import ConformanceSettings
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 
 _BREAKAWAY = "breakaway_nm_at_"  # how the column of a ramp rate begins
@@ -65,7 +66,7 @@ class Report(Result):
     """Name and version of another engine than stock MuJoCo."""
     refused: str = ""
     """The engine's line if it does not take the model."""
-    provenance: dict[str, object] = field(compare=False)
+    provenance: Provenance = field(compare=False)
 
     @property
     def passed(self) -> bool:

@@ -24,7 +24,7 @@ from stiction_envs.friction.sticking import (
 )
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import table_text
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import render
 from stiction_envs.robots.registry import ARMS, arm_title
@@ -57,7 +57,7 @@ class ExportedModel(Result):
     """Input of the ``dcmotor``."""
     origin: Path | FrictionParameters
     """Where the friction is from."""
-    provenance: dict[str, object]
+    provenance: Provenance
 
     def to_json(self) -> dict[str, list[ExportedJoint]]:
         """Return friction [N·m] and kind of every joint."""

@@ -8,12 +8,13 @@ import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
 from urllib.parse import unquote
 
 from markdown_it import MarkdownIt
 from markdown_it.renderer import RendererHTML
 from markdown_it.token import Token
+from markdown_it.utils import EnvType as Env
+from markdown_it.utils import OptionsDict as Options
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
@@ -58,36 +59,36 @@ def slug(words: str) -> str:
 class _Renderer(RendererHTML):
     """CommonMark, with anchors of headings, included pictures and escaped HTML."""
 
-    def heading_open(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def heading_open(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         if tokens[k].tag != "h1":
             words = "".join(t.content for t in tokens[k + 1].children or ())
             tokens[k].attrSet("id", slug(words))
         return self.renderToken(tokens, k, options, env)
 
-    def image(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def image(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         path, alt = _picture(tokens[k], env["folder"]), html.escape(tokens[k].content, quote=True)
         if path is None:
             return html.escape(f"![{tokens[k].content}]({tokens[k].attrs['src']})")
         data = base64.b64encode(path.read_bytes()).decode()
         return f'<img alt="{alt}" src="data:image/png;base64,{data}">'
 
-    def paragraph_open(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def paragraph_open(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         return (
             "<figure>"
             if _pictures(tokens[k + 1], env["folder"])
             else self.renderToken(tokens, k, options, env)
         )
 
-    def paragraph_close(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def paragraph_close(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         if _pictures(tokens[k - 1], env["folder"]):
             return "</figure>\n"
         return self.renderToken(tokens, k, options, env)
 
-    def html_block(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def html_block(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         text = tokens[k].content
         return text if _ANCHOR.fullmatch(text) else html.escape(text, quote=False)
 
-    def html_inline(self, tokens: Sequence[Token], k: int, options: Any, env: Any) -> str:
+    def html_inline(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         # an anchor on its own line is two of these tokens
         text = "".join(t.content for t in tokens)
         return tokens[k].content if _ANCHOR.fullmatch(text) else html.escape(tokens[k].content)

@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from stiction_envs.reporting.atomic import write_text_atomic
 
+JsonRecord = Mapping[str, Any]
+"""JSON values by name, to be read: the types are known to who reads what it wrote."""
 
-def plain(value: Any) -> Any:
+
+def plain(value: object) -> Any:
     """Return JSON values: paths as text, numbers as Python's, what is not finite as None."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
@@ -24,11 +28,11 @@ def plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def to_text(value: Any) -> str:
+def to_text(value: object) -> str:
     """Return indented JSON of `plain` values."""
     return json.dumps(plain(value), indent=2, ensure_ascii=False, allow_nan=False)
 
 
-def write_json(path: str | os.PathLike[str], value: Any) -> None:
+def write_json(path: str | os.PathLike[str], value: object) -> None:
     """Write JSON with a line end."""
     write_text_atomic(path, to_text(value) + "\n")

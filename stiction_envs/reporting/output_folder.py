@@ -12,10 +12,12 @@ import os
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import is_part, remove_parts, write_text_atomic
+from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.provenance import Provenance
 
 NAME = "provenance.json"
 
@@ -51,7 +53,7 @@ class OutputFolder:
     """The folder of one run."""
 
     def __init__(
-        self, path: Path, found: dict[str, Any], *, force: bool = False, resumable: bool = False
+        self, path: Path, found: Provenance, *, force: bool = False, resumable: bool = False
     ) -> None:
         """Check the folder; nothing is written yet.
 
@@ -145,14 +147,14 @@ class OutputFolder:
                 if not any((self.path / folder).iterdir()):
                     (self.path / folder).rmdir()
 
-    def _read(self) -> dict[str, Any]:
+    def _read(self) -> JsonRecord:
         try:
             found = json.loads((self.path / NAME).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
 
-    def _run_files(self, before: dict[str, Any], there: set[str]) -> list[str]:
+    def _run_files(self, before: JsonRecord, there: set[str]) -> list[str]:
         """Return the files of an earlier run: those it listed, or all but what it found there."""
         if before.get("finished"):
             here = self.path.resolve()
@@ -163,7 +165,7 @@ class OutputFolder:
             ]
         return self._below(there - set(before["kept"]) - {NAME}) if "kept" in before else []
 
-    def _write(self, state: dict[str, Any]) -> None:
+    def _write(self, state: dict[str, object]) -> None:
         text = json.dumps(
             {**self.provenance, **state}, indent=2, ensure_ascii=False, sort_keys=True
         )

@@ -10,7 +10,7 @@ import subprocess
 from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from stiction_envs import version
 from stiction_envs.reporting.json_text import plain
@@ -18,6 +18,18 @@ from stiction_envs.reporting.json_text import plain
 PACKAGES = ("stiction-envs", "mujoco", "numpy", "scipy", "gymnasium", "optuna", "pin")
 OPTIONAL = ("cmaes", "numba", "scikit-learn", "torch")
 """Packages that decide results where they are installed."""
+
+
+class Provenance(TypedDict):
+    """What ``provenance.json`` says of a run, as `provenance` makes it."""
+
+    command: str
+    arguments: dict[str, object]
+    arguments_sha256: str
+    seed: int
+    inputs: dict[str, dict[str, str]]
+    git_commit: str | None
+    versions: dict[str, str | None]
 
 
 def package_folder() -> Path:
@@ -84,11 +96,11 @@ def sha256(path: Path) -> str:
 
 def provenance(
     command: str,
-    arguments: Mapping[str, Any],
+    arguments: Mapping[str, object],
     *,
     seed: int,
     inputs: Mapping[str, Path] | None = None,
-) -> dict[str, Any]:
+) -> Provenance:
     """Return the contents of ``provenance.json``.
 
     It has no time and no output folder: the same run gives the same text. ``arguments_sha256``

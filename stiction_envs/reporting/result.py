@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import abc
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.reporting.output_folder import OutputFolder
+from stiction_envs.reporting.provenance import Provenance
 
 
 class Result(abc.ABC):
     """A result that can be saved."""
 
-    provenance: dict[str, Any]
+    provenance: Provenance
     """Versions, commit, seed, arguments and hashes of inputs that made it."""
 
     @abc.abstractmethod
@@ -21,7 +22,7 @@ class Result(abc.ABC):
         """Write the files to an existing folder; `save` makes one."""
 
     @abc.abstractmethod
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> Mapping[str, object]:
         """Return what the command prints with ``--json``."""
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:

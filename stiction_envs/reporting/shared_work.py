@@ -10,10 +10,12 @@ import warnings
 from collections.abc import Callable, Sequence
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
-def shared(jobs: Sequence[Callable[[], Any]], threads: int = 0) -> list[Any]:
+def shared(jobs: Sequence[Callable[[], T]], threads: int = 0) -> list[T]:
     """Return what each job returns, half of them done by a copy of this process.
 
     What the copy could not do is done here. Without a second processor, in a program with threads,
@@ -49,7 +51,7 @@ def shared(jobs: Sequence[Callable[[], Any]], threads: int = 0) -> list[Any]:
         copy.join()
 
 
-def _do(jobs: Sequence[Callable[[], Any]], sender: Connection) -> None:
+def _do(jobs: Sequence[Callable[[], object]], sender: Connection) -> None:
     """Do jobs and send what they return; nothing if one fails."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the first process is interrupted, and ends this
     try:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
@@ -46,7 +45,7 @@ def render(template: Path, /, **values: object) -> str:
     return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
-def write_page(path: Path, template: Path, /, **values: Any) -> str:
+def write_page(path: Path, template: Path, /, **values: object) -> str:
     """Write a template's text to a file; return the text."""
     text = render(template, **values)
     write_text_atomic(path, text)
@@ -61,7 +60,7 @@ def write_md_and_html(
     /,
     *,
     note: str = "",
-    **values: Any,
+    **values: object,
 ) -> tuple[str, str]:
     """Write a template's text as Markdown and as one HTML file that includes its pictures.
 

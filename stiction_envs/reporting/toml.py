@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import tomli_w
 
@@ -13,7 +12,7 @@ _NUMBERS = re.compile(r"= (\[\n[^\"={}]*?\n\])$", re.MULTILINE)
 
 
 def toml_text(
-    table: Mapping[str, Any], *, head: str = "", comments: Mapping[str, str] | None = None
+    table: Mapping[str, object], *, head: str = "", comments: Mapping[str, str] | None = None
 ) -> str:
     """Return TOML that `tomllib` reads back as it was: floats to the last bit, inf and NaN too.
 

@@ -24,6 +24,7 @@ from stiction_envs.experiments.gte.rows import (
     write_trace,
 )
 from stiction_envs.reporting.markdown import number, percent, plural, short, table_text
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
@@ -40,7 +41,7 @@ class TrackingErrors(Result):
     """One per case."""
     compared: bool
     """Whether the thesis's numbers of the same cases, where it has them, are shown too."""
-    provenance: dict[str, object]
+    provenance: Provenance
     note: str = ""
     """Stands at the top of the report."""
 

@@ -23,6 +23,7 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.measured import BaseTable, SJERow, write_sje
 from stiction_envs.reporting.markdown import number, percent, signed, table_text
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
@@ -104,7 +105,7 @@ class BreakawayTorques(Result):
     protocol: Protocol
     measurements: tuple[Measurement, ...]
     """By joint, pose and direction, base before dithered."""
-    provenance: dict[str, object]
+    provenance: Provenance
     file: str = "sje.csv"
     """Name of the table that `write` makes."""
     note: str = ""
