@@ -31,14 +31,21 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, ClassVar, Protocol, TypeVar, get_type_hints
 
 import msgspec
 
 from stiction_envs.errors import StictionError
 
-T = TypeVar("T")
-Changes = Mapping[str, Any] | str | os.PathLike[str]
+
+class Dataclass(Protocol):
+    """Instances of any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+
+T = TypeVar("T", bound=Dataclass)
+Changes = Mapping[str, object] | str | os.PathLike[str]
 """Dotted names (or tables) with new values, or a TOML file of them."""
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0)]
@@ -61,7 +68,7 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
     Raises:
         StictionError: no such file or table, or a key that is unknown, missing or mistyped.
     """
-    node: Any = _read(path)
+    node: object = _read(path)
     for part in filter(None, table.split(".")):
         node = node.get(part) if isinstance(node, dict) else None
     if not isinstance(node, dict):
@@ -94,18 +101,20 @@ def override(settings: T, changes: T | Changes | None) -> T:
     else:
         expected = f"names and values, a TOML file, or {type(settings).__name__}"
         raise StictionError(f"settings {changes!r}: expected {expected}")
-    values = dataclasses.asdict(settings)  # type: ignore[call-overload]
+    values = dataclasses.asdict(settings)
     _merge(values, given, where)
     return _converted(type(settings), values, where)
 
 
-def fingerprint(settings: Any) -> str:
+def fingerprint(settings: Dataclass | Mapping[str, object]) -> str:
     """Return 16 hexadecimal digits that change with any name or value; the same everywhere."""
     text = json.dumps(dict(sorted(flat(settings))), ensure_ascii=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
-def flat(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
+def flat(
+    settings: Dataclass | type[Dataclass] | Mapping[str, object], above: str = ""
+) -> Iterator[tuple[str, object]]:
     """Yield dotted names and values of all numbers, nested ones included."""
     if not isinstance(settings, Mapping):
         settings = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
@@ -116,7 +125,7 @@ def flat(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{above}{name}", value
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> dict[str, object]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -126,9 +135,9 @@ def _read(path: Path) -> dict[str, Any]:
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
-def _values(table: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _values(table: Mapping[str, object], where: str) -> dict[str, object]:
     """Return a table of the room's TOML without units and sources, which every entry must have."""
-    out = {}
+    out: dict[str, object] = {}
     for name, entry in table.items():
         if isinstance(entry, dict) and not ENTRY & set(entry):
             out[name] = _values(entry, f"{where}{name}.")
@@ -143,24 +152,27 @@ def _values(table: Mapping[str, Any], where: str) -> dict[str, Any]:
     return out
 
 
-def _merge(into: dict[str, Any], given: Mapping[str, Any], where: str) -> None:
+def _merge(into: dict[str, object], given: Mapping[str, object], where: str) -> None:
     """Put changes into tables in tables; a name may be dotted, a value ``{ value = … }``."""
     for name, value in given.items():
         *tables, last = str(name).split(".")
-        node: Any = into
+        node = into
         for part in tables:
-            node = node.setdefault(part, {})
-            if not isinstance(node, dict):
-                raise StictionError(f"{where}{name}: no such setting: {part} is {node!r}, no table")
+            inner = node.setdefault(part, {})
+            if not isinstance(inner, dict):
+                raise StictionError(
+                    f"{where}{name}: no such setting: {part} is {inner!r}, no table"
+                )
+            node = inner
         if isinstance(value, Mapping) and "value" in value:
             value = value["value"]
-        if isinstance(value, Mapping) and isinstance(node.get(last), dict):
-            _merge(node[last], value, f"{where}{name}.")
+        if isinstance(value, Mapping) and isinstance(table := node.get(last), dict):
+            _merge(table, value, f"{where}{name}.")
         else:  # numpy's numbers count as Python's
             node[last] = value.tolist() if hasattr(value, "tolist") else value
 
 
-def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:
+def _converted(cls: type[T], values: Mapping[str, object], where: str) -> T:
     """Return checked settings: names, types, ranges, and every number finite.
 
     Raises:
@@ -183,7 +195,7 @@ def _converted(cls: type[T], values: Mapping[str, Any], where: str) -> T:
         raise StictionError(f"{where}{text[:1].lower()}{text[1:]}") from None
 
 
-def _leaves(value: Any) -> Iterator[Any]:
+def _leaves(value: object) -> Iterator[object]:
     """Yield the values in lists in lists."""
     if isinstance(value, list | tuple):
         for inner in value:
@@ -192,7 +204,7 @@ def _leaves(value: Any) -> Iterator[Any]:
         yield value
 
 
-def _check_names(cls: Any, values: Any, where: str) -> None:
+def _check_names(cls: type[Dataclass], values: object, where: str) -> None:
     """Raise for an unknown or a missing name: msgspec accepts unknown names of dataclasses."""
     kinds = get_type_hints(cls)
     names = [f.name for f in dataclasses.fields(cls)]
