@@ -19,6 +19,8 @@ from stiction_envs.reporting.atomic import write_text_atomic
 
 FIRST_BYTES = 65_536
 """Bytes of a file in which its header must end; assumed."""
+Cells = Sequence[Any]
+"""Of a row: texts, and numbers as `float` takes them."""
 
 
 class Line:
@@ -167,14 +169,12 @@ def header_of(path: str | os.PathLike[str]) -> list[str]:
     return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
 
 
-def write_lines(
-    path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Sequence[Any]]
-) -> None:
+def write_lines(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Cells]) -> None:
     """Write a table at once; floats by ``repr``, so that they read back bit for bit."""
     write_text_atomic(path, table_text(header, rows))
 
 
-def table_text(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def table_text(header: Sequence[str], rows: Iterable[Cells]) -> str:
     """Return the text of a table, as `write_lines` writes it."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")

@@ -40,6 +40,7 @@ import yaml
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import Line, check_columns, read_text
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import JsonRecord
 
 ENDS = (".yaml", ".yml")
 NODE, PARAMETERS, GROUP, JOINTS = "/**", "ros__parameters", "dither", "joints"
@@ -54,7 +55,7 @@ class Group:
     """Rows that a file holds under one name."""
 
     name: str
-    rows: Sequence[Mapping[str, Any]]
+    rows: Sequence[JsonRecord]
     """Cells by column, ``joint`` among them."""
     shared: Mapping[str, str] = field(default_factory=dict)
     """What is said once for all joints."""
@@ -72,10 +73,10 @@ def write_parameters(
         groups: as they follow in the file.
         names: of joints 1 to n.
     """
-    tree: dict[str, Any] = {}
+    tree: dict[str, object] = {}
     for group in groups:
         joints = [names[row["joint"] - 1] for row in group.rows]
-        own: dict[str, Any] = {**group.shared, JOINTS: joints}
+        own: dict[str, object] = {**group.shared, JOINTS: joints}
         tree[group.name] = own
         for name, row in zip(joints, group.rows, strict=True):
             own[name] = {k: v if isinstance(v, int | str) else float(v) for k, v in row.items()}
@@ -135,7 +136,7 @@ def is_parameters(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in ENDS
 
 
-def _get(tree: Any, *keys: str) -> Any:
+def _get(tree: object, *keys: str) -> Any:
     for key in keys:
         tree = tree.get(key) if isinstance(tree, dict) else None
     return tree

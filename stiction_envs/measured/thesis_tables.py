@@ -21,6 +21,8 @@ from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
 THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
+Cells = dict[str, Any]
+"""A printed row: the kind of a cell goes by its column (`tables.typed_cell`)."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class DitheredRow:
     """True for the one reading that its own repetition refutes (4.7, joint 2 load −, 30 Hz)."""
 
 
-def thesis_table(number: str) -> list[dict[str, Any]]:
+def thesis_table(number: str) -> list[Cells]:
     """Rows of a printed table, such as ``"4.6"`` or ``"A.1"``, in the units its columns name.
 
     ``joint`` is an int, ``final_set_by_hand`` a bool, names are text, everything else is a float.
@@ -95,7 +97,7 @@ def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
 
 
 def _dithered(
-    row: dict[str, Any],
+    row: Cells,
     table: str,
     base: float,
     frequency: float,
@@ -117,7 +119,7 @@ def _dithered(
     )
 
 
-def _key(row: dict[str, Any]) -> tuple[str, int, str, str]:
+def _key(row: Cells) -> tuple[str, int, str, str]:
     return our_name(row["robot"]), row["joint"], row["load"], row["direction"]
 
 

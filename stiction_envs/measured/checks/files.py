@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.checks.tables import check_tables, read_rows
@@ -24,7 +23,7 @@ from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.timing import IGNORED
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
 
@@ -55,14 +54,14 @@ class Findings(Result):
     files: tuple[str, ...]
     findings: tuple[Finding, ...]
     """In the order of the files, tables first."""
-    provenance: dict[str, Any]
+    provenance: Provenance
 
     @property
     def defects(self) -> tuple[Finding, ...]:
         """Findings without the remarks."""
         return tuple(x for x in self.findings if x.kind != REMARK)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return files and findings."""
         return {"files": list(self.files), "findings": [asdict(x) for x in self.findings]}
 

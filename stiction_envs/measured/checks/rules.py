@@ -13,12 +13,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from statistics import median
-from typing import Any
+from typing import TypeVar
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.thesis_robots import our_name
 
-Row = Mapping[str, Any]
+Item = TypeVar("Item")
+Key = TypeVar("Key")
+Row = Mapping[str, str]
 Setting = tuple[str, int, str, str]
 """Robot by our name, joint from 1, pose and direction."""
 Bases = Mapping[Setting, str]
@@ -105,9 +107,9 @@ def sign_of(row: Row) -> tuple[int, str]:
     return (1, "> 0") if row["direction"] == "+" else (-1, "< 0")
 
 
-def grouped(items: Iterable[Any], key: Callable[[Any], Any]) -> dict[Any, list[Any]]:
+def grouped(items: Iterable[Item], key: Callable[[Item], Key]) -> dict[Key, list[Item]]:
     """Items by their key, in the order in which the keys first occur."""
-    groups: dict[Any, list[Any]] = {}
+    groups: dict[Key, list[Item]] = {}
     for item in items:
         groups.setdefault(key(item), []).append(item)
     return groups

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -93,7 +93,14 @@ def read_poses(
 
 
 def _log(
-    raw: RawLog, rows: Rows, corrections: list[Correction], warnings: list[str], **more: Any
+    raw: RawLog,
+    rows: Rows,
+    corrections: list[Correction],
+    warnings: list[str],
+    *,
+    breaks: tuple[int, ...] = (),
+    date: float | None = None,
+    static: bool = False,
 ) -> JointLog:
     """Return the log of corrected rows, and what was found before."""
     data = dict(rows.data)
@@ -107,7 +114,9 @@ def _log(
         corrections=(*raw.notes, *corrections),
         warnings=(*ignored(raw), *warnings),
         side=raw.side,
-        **more,
+        breaks=breaks,
+        date=date,
+        static=static,
     )
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.files import is_log
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
+from stiction_envs.reporting.provenance import Provenance
 
 Log = str | Path | RobotLog
 SIDES = ("motor", "link")
@@ -29,7 +29,7 @@ class LogSources:
     in_memory: dict[str, str]
     """SHA-256 of the numbers of those that are not."""
 
-    def hashes(self, provenance: Mapping[str, Any]) -> dict[str, str]:
+    def hashes(self, provenance: Provenance) -> dict[str, str]:
         """Return the SHA-256 of every log.
 
         Args:

@@ -15,7 +15,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +76,7 @@ def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
     return {str(k): _range(f"{where}, {str(k)[:40]!r}", v, wanted) for k, v in motors.items()}
 
 
-def _range(where: str, motor: Any, wanted: str) -> MotorRange:
+def _range(where: str, motor: object, wanted: str) -> MotorRange:
     values = [motor.get(k) for k in _KEYS] if isinstance(motor, dict) else []
     whole = [v for v in values if type(v) is int and abs(v) < 10**6]
     if len(whole) < len(_KEYS) or whole[1] >= whole[2]:

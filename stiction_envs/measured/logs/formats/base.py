@@ -33,6 +33,8 @@ MOST_VALUES = 70_000_000
 joints."""
 MOST_LINE_BYTES = 2**16
 """Most bytes of one line of text; assumed."""
+Arrays = dict[str, NDArray[Any]]
+"""Arrays of any kind of value, by name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,7 +137,7 @@ class ColumnFile(LogFormat):
     """A kind of file that holds named columns."""
 
     @abstractmethod
-    def columns(self, where: str) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> Arrays:
         """Read columns (T,), or matrices (T, n) by the name of their channel."""
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
@@ -160,9 +162,9 @@ def check_size(where: str, rows: int, per_row: int) -> None:
         )
 
 
-def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _flat(arrays: Arrays) -> Arrays:
     """Return columns, those of matrices by channel and joint."""
-    flat: dict[str, NDArray[Any]] = {}
+    flat: Arrays = {}
     for name, array in arrays.items():
         if array.ndim == 2 and array.shape[1] < 100:
             flat.update({f"{name}{j + 1}": array[:, j] for j in range(array.shape[1])})
@@ -171,7 +173,7 @@ def _flat(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return flat
 
 
-def _from_columns(where: str, arrays: dict[str, NDArray[Any]], wanted: Wanted) -> RawLog:
+def _from_columns(where: str, arrays: Arrays, wanted: Wanted) -> RawLog:
     flat, time = _flat(arrays), wanted.time
     names = list(flat)
     columns = sort_columns(where, names, wanted.n_joints, time=time, drive=wanted.drive)

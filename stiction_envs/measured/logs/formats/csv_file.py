@@ -5,7 +5,8 @@ from __future__ import annotations
 import gzip
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar
+from io import BufferedReader
+from typing import ClassVar
 
 import numpy as np
 
@@ -81,7 +82,7 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
                 )
             if not packed and start == b"\x1f\x8b":
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
-            stream: Any = gzip.GzipFile(fileobj=file) if packed else file
+            stream = gzip.GzipFile(fileobj=file) if packed else file
             for block in _blocks(where, stream):
                 if rows is None:
                     header, block, line = decode_header(where, block, line, MOST_LINE_BYTES)
@@ -144,7 +145,7 @@ def _check_unnamed(where: str, naming: Naming) -> None:
             )
 
 
-def _blocks(where: str, stream: Any) -> Iterator[bytes]:
+def _blocks(where: str, stream: gzip.GzipFile | BufferedReader) -> Iterator[bytes]:
     """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
 
     Lines before a damage of the file come first, so that the error can name the place.

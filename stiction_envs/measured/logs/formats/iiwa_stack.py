@@ -16,7 +16,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size
+from stiction_envs.measured.logs.formats.messages import Message
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -155,7 +156,7 @@ def _stream(where: str, reader: AnyReader, topic: str) -> Stream:
     connections = [c for c in reader.connections if c.topic == topic]
     stamps, times, values = array("q"), array("q"), array("d")
     for connection, time, raw in reader.messages(connections=connections):
-        message: Any = reader.deserialize(raw, connection.msgtype)
+        message: Message = reader.deserialize(raw, connection.msgtype)
         axes = getattr(message, topic.rpartition("Joint")[2].lower())
         values.extend(float(getattr(axes, a)) for a in JOINTS)
         stamps.append(int(message.header.stamp.sec) * _NS + int(message.header.stamp.nanosec))

@@ -19,7 +19,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,10 @@ from stiction_envs.measured.logs.units import (
     recognised,
     to_radians,
 )
+from stiction_envs.reporting.json_text import JsonRecord
+
+if TYPE_CHECKING:
+    from pyarrow import ChunkedArray
 
 INFO = Path("meta", "info.json")
 """In every such folder."""
@@ -145,7 +149,7 @@ class _Features:
         self.action = _by_channel(path, action).get("q", {})
 
 
-def _names(feature: Any) -> list[str]:
+def _names(feature: JsonRecord) -> list[str]:
     """Return the names of a feature's columns; their numbers where it has none."""
     names = feature.get("names")
     if isinstance(names, dict):  # version 2: {"motors": [...]}
@@ -213,7 +217,7 @@ def _table(where: str, features: _Features) -> dict[str, Array]:
     return {name: array[order] for name, array in whole.items()}
 
 
-def _numbers(column: Any, width: int) -> Array:
+def _numbers(column: ChunkedArray, width: int) -> Array:
     """Return a column of numbers, or of lists of ``width`` numbers, as (T, width)."""
     flat = column.combine_chunks()
     while hasattr(flat.type, "value_type"):

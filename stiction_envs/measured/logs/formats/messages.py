@@ -26,9 +26,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Message = Any
+"""A message of ROS, or a part of one: rosbags makes their classes at run time."""
 
 LINK_SIDE = re.compile(r"(panda|fr3|fp3|lbr|iiwa)\d*_?")
 """Names of joints of Franka's and KUKA's arms, whose torques are measured behind the gear."""
@@ -60,7 +62,7 @@ class Kind:
     """The field that is read as torque."""
     link_side: bool
     """Whether that is always measured behind the gear."""
-    read: Callable[[Any], Sample]
+    read: Callable[[Message], Sample]
     """Convert a message."""
 
 
@@ -70,15 +72,15 @@ def side_of(kind: Kind, names: Sequence[str]) -> str | None:
     return "link" if kind.link_side or named else None
 
 
-def _stamp(header: Any) -> int:
+def _stamp(header: Message) -> int:
     return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
 
 
-def _array(values: Any) -> Array:
+def _array(values: ArrayLike) -> Array:
     return np.asarray(values, np.float64).reshape(-1)
 
 
-def _joint_state(message: Any) -> Sample:
+def _joint_state(message: Message) -> Sample:
     return Sample(
         tuple(message.name),
         _stamp(message.header),
@@ -88,17 +90,17 @@ def _joint_state(message: Any) -> Sample:
     )
 
 
-def _franka_state(message: Any) -> Sample:
+def _franka_state(message: Message) -> Sample:
     tau = message.tau_J if hasattr(message, "tau_J") else message.tau_j
     return Sample(None, _stamp(message.header), _array(message.q), _array(message.dq), _array(tau))
 
 
-def _franka_robot_state(message: Any) -> Sample:
+def _franka_robot_state(message: Message) -> Sample:
     of = _joint_state(message.measured_joint_state)
     return Sample(of.names, _stamp(message.header), of.q, of.dq, of.tau)
 
 
-def _lbr_state(message: Any) -> Sample:
+def _lbr_state(message: Message) -> Sample:
     tau = message.measured_torque if hasattr(message, "measured_torque") else message.torque
     stamp = int(message.time_stamp_sec) * 10**9 + int(message.time_stamp_nano_sec)
     return Sample(None, stamp, _array(message.measured_joint_position), np.zeros(0), _array(tau))

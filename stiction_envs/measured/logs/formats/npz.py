@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import zipfile
-from typing import IO, Any, ClassVar
+from typing import IO, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.formats.base import MOST_BYTES, ColumnFile
+from stiction_envs.measured.logs.formats.base import MOST_BYTES, Arrays, ColumnFile
 
 
 class NumpyArchive(ColumnFile):
@@ -17,9 +16,9 @@ class NumpyArchive(ColumnFile):
 
     ends: ClassVar = (".npz",)
 
-    def columns(self, where: str) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> Arrays:
         """Read the arrays."""
-        arrays: dict[str, NDArray[Any]] = {}
+        arrays: Arrays = {}
         member = ""
         try:
             with zipfile.ZipFile(where) as archive:

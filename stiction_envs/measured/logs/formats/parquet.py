@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
-
-from numpy.typing import NDArray
+from typing import ClassVar
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.measured.logs.formats.base import ColumnFile, check_size
+from stiction_envs.measured.logs.formats.base import Arrays, ColumnFile, check_size
 
 
 class Parquet(ColumnFile):
@@ -15,7 +13,7 @@ class Parquet(ColumnFile):
 
     ends: ClassVar = (".parquet",)
 
-    def columns(self, where: str) -> dict[str, NDArray[Any]]:
+    def columns(self, where: str) -> Arrays:
         """Read the columns."""
         try:
             from pyarrow import parquet  # here: few logs need it, and it takes a moment
