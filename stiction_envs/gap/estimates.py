@@ -183,7 +183,7 @@ def _profiled(
 
 def _interval(
     samples: Array, value: Array, neutral: float, s: EstimateSettings, reached: Sequence[Array] = ()
-) -> Any:
+) -> list[float] | list[list[float]]:
     """Return [low, high] about a value, or one pair per number; it contains ``reached``.
 
     The interval uses Student's t with as many degrees of freedom as blocks, since percentiles of 12

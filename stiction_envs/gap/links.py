@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,10 +63,10 @@ class LinkErrors:
         variance = np.einsum("nia,nab,nib->ni", slope, own, slope)
         return np.stack([after - moment / mass, WIDTH * np.sqrt(variance)], axis=2)
 
-    def to_json(self) -> list[dict[str, Any]]:
+    def to_json(self) -> list[dict[str, object]]:
         """Return ``links`` of ``diagnosis.json``."""
 
-        def estimate(value: Array) -> dict[str, Any]:
+        def estimate(value: Array) -> dict[str, object]:
             low, high = value[..., 0] - value[..., 1], value[..., 0] + value[..., 1]
             return {
                 "value": value[..., 0].tolist(),

@@ -299,7 +299,7 @@ def _matrix(table: Any, path: Path) -> Array:
 
 def dump(nominal: Nominal) -> str:
     """Return the TOML tables ``[arm]`` and ``[[cause]]``; floats read back exactly."""
-    arm: dict[str, Any] = {
+    arm: dict[str, object] = {
         "robot": nominal.robot or "",
         "payload": [float(x) for x in nominal.payload or ()],
         "tilt": [float(x) for x in nominal.tilt],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
@@ -13,14 +13,44 @@ from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.sources import Log, log_sources
+from stiction_envs.measured.logs.sources import Log, LogSources, log_sources
 from stiction_envs.method_settings import Changes, fingerprint
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
 
 TABLES, SERVO_LOGS, JOINT_LOGS = "torque tables", "servo logs", "joint logs"
 """Kinds of data."""
+
+
+class Origin(TypedDict):
+    """Fields of `DiagnosisResult` that say what it was made from."""
+
+    nominal_name: str
+    sources: LogSources
+    provenance: Provenance
+    threads: int
+
+
+class LogOptions(TypedDict, total=False):
+    """Arguments of `diagnose` that a rehearsal takes too."""
+
+    torque: str | None
+    joints: Sequence[str]
+    topic: str | None
+    units: str | None
+    calibration: str | Path | None
+    nominal: str | Path | FrictionParameters | Nominal | None
+    drive: str | None
+    servo_stiffness: Sequence[float] | None
+    servo_damping: Sequence[float] | None
+    same_servo: bool
+    payload: Sequence[float] | None
+    tilt: Sequence[float] | None
+    chain: Sequence[str] | None
+    cutoff_hz: float | None
+    seed: int
+    settings: GapSettings | Changes | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +112,7 @@ class Options:
             "servo damping": self.servo_damping is not None,
         }
 
-    def identify(self, arm: Arm, side: str, settings: GapSettings) -> dict[str, Any]:
+    def identify(self, arm: Arm, side: str, settings: GapSettings) -> Origin:
         """Return the fields of `DiagnosisResult` that say what it was made from.
 
         Args:
@@ -101,7 +131,7 @@ class Options:
             "threads": self.threads,
         }
 
-    def _arguments(self, arm: Arm, side: str) -> dict[str, Any]:
+    def _arguments(self, arm: Arm, side: str) -> dict[str, object]:
         """Return what changes the result, but for newer options."""
         return {
             "logs": [_name(x) for x in self.given],
@@ -118,7 +148,7 @@ class Options:
             "method": self.method,
         }
 
-    def _newer(self, settings: GapSettings) -> dict[str, Any]:
+    def _newer(self, settings: GapSettings) -> dict[str, object]:
         """Return those newer options that are used: digests of runs without them stay."""
         newer = {
             "drive": self.drive,
@@ -151,5 +181,5 @@ def _name(log: Log) -> str:
     return log.source if isinstance(log, RobotLog) else str(log)
 
 
-def _listed(values: Sequence[Any] | None) -> list[Any] | None:
+def _listed(values: Sequence[object] | None) -> list[object] | None:
     return None if values is None else list(values)

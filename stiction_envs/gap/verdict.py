@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ class NamedCause:
     """The measurement that tells it from each of `confused_with`; None where `what_to_record` of
     both does."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return an entry of ``causes``.
 
         Parameters are those of the arm or of the strongest joint, then those of every joint.
@@ -50,7 +49,7 @@ class NamedCause:
             str(j): {k: plain(asdict(e)) for k, e in found.items()}
             for j, found in self.parameters.items()
         }
-        parameters: dict[str, Any] = dict(next(iter(by_joint.values())))
+        parameters: dict[str, object] = dict(next(iter(by_joint.values())))
         if len(by_joint) > 1:
             parameters["by_joint"] = by_joint
         return {
@@ -144,7 +143,9 @@ def verdict_of(
     return "partly explained" if (far | structured).any() else "explained"
 
 
-def structured(library: RegressorLibrary, terms: Sequence[Candidate], left: Array) -> Any:
+def structured(
+    library: RegressorLibrary, terms: Sequence[Candidate], left: Array
+) -> NDArray[np.bool_]:
     """Return (n,) whether a cause that is not in the model takes much of what it leaves of a joint.
 
     Args:

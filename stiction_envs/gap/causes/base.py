@@ -17,7 +17,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -318,7 +319,7 @@ class Cause(ABC):
         """
         return None
 
-    def parameters_of(self, part: Part) -> dict[str, Any]:
+    def parameters_of(self, part: Part) -> JsonRecord:
         """Return the parameters of a part as in ``diagnosis.json``."""
         return self.values(np.array(part.coefficients), part.shape)
 

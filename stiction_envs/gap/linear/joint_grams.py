@@ -7,7 +7,7 @@ priors, and random effects that are eliminated once for all models.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, wraps
 from typing import Any, TypeVar, cast
@@ -20,7 +20,7 @@ from stiction_envs.gap.linear.grams import Gathered, Gram
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-Method = TypeVar("Method", bound=Callable[..., Any])
+Method = TypeVar("Method", bound=Callable[..., object])
 MOST_SUMS = 128
 """Number of sums of a joint's columns that are kept [-]; assumed: hundreds of kB each."""
 
@@ -70,7 +70,7 @@ def _kept(method: Method) -> Method:
     """Keep the result of a method of `JointGrams` for each model: the search repeats models."""
 
     @wraps(method)
-    def kept(self: JointGrams, model: ModelColumns, weight: Array | None = None) -> Any:
+    def kept(self: JointGrams, model: ModelColumns, weight: Array | None = None) -> object:
         if weight is not None:
             return method(self, model, weight)
         key = method.__name__, model
@@ -137,7 +137,7 @@ class JointGrams:
         self._eliminated: dict[tuple[float, ...], Eliminated] = {}
         self._sums: dict[tuple[int, tuple[int, ...], int], Gathered] = {}
         self._around: tuple[ModelColumns, Surroundings] | None = None
-        self.gains: dict[Any, Any] = {}
+        self.gains: dict[Hashable, Any] = {}
         """What `selection.gain` found of these sums: a search asks again and again."""
 
     def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:

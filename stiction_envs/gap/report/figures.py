@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,7 +21,8 @@ from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
-LINES: tuple[tuple[str, Any], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
+Style = str | tuple[int, tuple[int, int]]
+LINES: tuple[tuple[str, Style], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
 DOTS = 1500
 """Samples drawn per panel [-]; assumed."""
 BINS = 36

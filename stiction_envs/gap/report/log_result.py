@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,7 +102,7 @@ class LogDiagnosis(DiagnosisResult):
         """The thesis's least squares; None if they are not reported."""
         return least_squares(self.diagnosis.logs, self.diagnosis.base) if self.with_lines else None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``; validates the model forward, which takes some seconds."""
         answer = self.diagnosis.to_json()
         if self.lines is not None:
@@ -121,7 +120,7 @@ class LogDiagnosis(DiagnosisResult):
         say("forward validation", 0.0)
         _ = self.forward
 
-    def page(self, plots: Path) -> dict[str, Any]:
+    def page(self, plots: Path) -> dict[str, object]:
         """Draw the report's pictures into a folder; return the variables of its template."""
         from stiction_envs.gap.report.pages import log_page
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +37,7 @@ def section(
     units: Mapping[str, str],
     what_would: Mapping[str, str],
     picture: Picture | None = None,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Return a cause's section of the report.
 
     ``parameters`` are by joint, ``what_would`` are the measurements that tell it from others.
@@ -87,7 +86,7 @@ def by_joint(header: Sequence[str], *columns: Array, joints: Sequence[int] = ())
 # ---- torque tables -------------------------------------------------------------------------------
 
 
-def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
+def table_page(d: TableDiagnosis, plots: Path, *, headline: str) -> dict[str, object]:
     """Draw the picture of a report of torque tables; return its template's variables."""
     errors = d.nominal, d.extended, d.noise_floor
     pictures = {"summary": ""}
@@ -128,10 +127,10 @@ def log_page(
     left_out: LeftOutMotion | None = None,
     lines: LeastSquares | None = None,
     threads: int = 0,
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Draw the pictures of a report of logs into ``plots``; return its template's variables."""
     pictures = _drawn(d, plots, forward, check, threads)
-    page: dict[str, Any] = {}
+    page: dict[str, object] = {}
     if isinstance(forward, ForwardValidation):
         page["forward_errors"] = _forward_errors(forward)
     if check is not None:

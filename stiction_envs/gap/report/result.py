@@ -5,10 +5,10 @@ from __future__ import annotations
 import abc
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis
@@ -19,8 +19,9 @@ from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.gap.viewers.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import plain, write_json
+from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
 from stiction_envs.reporting.markdown import joints, listed, number, table_text
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
 
@@ -55,7 +56,7 @@ class DiagnosisResult(Result):
     nominal_name: str
     """The nominal model: "rigid", "shipped", a file's name, or "given"."""
     sources: LogSources
-    provenance: dict[str, Any]
+    provenance: Provenance
     threads: int = 0
 
     @property
@@ -78,7 +79,7 @@ class DiagnosisResult(Result):
         """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
         return self.diagnosis.gain_percent
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``."""
         return dict(plain(self.diagnosis.to_json()))
 
@@ -107,7 +108,7 @@ class DiagnosisResult(Result):
         """The model with its causes."""
 
     @abc.abstractmethod
-    def page(self, plots: Path) -> dict[str, Any]:
+    def page(self, plots: Path) -> dict[str, object]:
         """Draw the report's pictures into a folder; return the variables of its template."""
 
     def series(self) -> Series:
@@ -203,7 +204,7 @@ def where(numbers: tuple[int, ...]) -> str:
     return joints(numbers) if numbers else "whole arm"
 
 
-def describe(verdict: str, summary: str, causes: Iterable[Mapping[str, Any]]) -> str:
+def describe(verdict: str, summary: str, causes: Iterable[JsonRecord]) -> str:
     """Return verdict and causes, entries of ``diagnosis.json``, as readable lines."""
     lines = [f"{verdict}: {summary}", ""]
     for cause in causes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,6 +13,7 @@ from stiction_envs.gap.report.result import Picture, where
 from stiction_envs.gap.report.score_figures import draw_summary
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.parameters import FAR, INDEX, PARAMETERS
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_small
 
@@ -43,7 +43,7 @@ WOULD = {
 OTHERWISE = "a motion in which the two act differently"
 
 
-def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, Any]:
+def servo_page(d: ServoDiagnosis, plots: Path, *, headline: str) -> dict[str, object]:
     """Draw the pictures of a report of servo logs; return its template's variables."""
     n = len(d.noise)
     mrad = 1e3 * d.nominal_rms, 1e3 * d.extended_rms, 1e3 * d.noise
@@ -118,7 +118,7 @@ def _draw_joint(d: ServoDiagnosis, j: int, path: Path) -> Picture:
     return Picture(path.name, text)
 
 
-def _busiest(d: ServoDiagnosis, j: int) -> tuple[Any, float]:
+def _busiest(d: ServoDiagnosis, j: int) -> tuple[ServoLog, float]:
     """Return the log and the start of the stretch in which a joint's command moves most."""
     best, found = -1.0, (d.logs[0], float(d.logs[0].t[0]))
     for log in d.logs:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -95,7 +94,7 @@ class ServoResult(DiagnosisResult):
         """See `DiagnosisResult.series`."""
         return servo_series(self.diagnosis, self.arm, self.summary)
 
-    def page(self, plots: Path) -> dict[str, Any]:
+    def page(self, plots: Path) -> dict[str, object]:
         """Draw the report's pictures into a folder; return the variables of its template."""
         from stiction_envs.gap.report.servo_page import servo_page
 

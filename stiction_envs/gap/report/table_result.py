@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -64,7 +63,7 @@ class TableResult(DiagnosisResult):
             left_out=np.zeros((0, arm.n)),
         )
 
-    def page(self, plots: Path) -> dict[str, Any]:
+    def page(self, plots: Path) -> dict[str, object]:
         """Draw the report's picture into a folder; return the variables of its template."""
         from stiction_envs.gap.report.pages import table_page
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,9 +89,9 @@ class ServoDiagnosis:
         share = self.extended_rms / np.maximum(self.nominal_rms, 1e-12)
         return float(100.0 * (1.0 - share.mean())) if self.causes else 0.0
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``."""
-        out: dict[str, Any] = {
+        out: dict[str, object] = {
             "robot": self.robot,
             "drive": "position",
             "verdict": self.verdict,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +35,7 @@ class ServoCheck:
         """``holds`` or ``does not hold``."""
         return "does not hold" if self.worse_joints else "holds"
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the entry ``check``."""
         return {
             "nominal_rms_rad": self.nominal_rms.tolist(),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,7 @@ class TableDiagnosis:
     reason: str = ""
     """Why the tables are not, or not fully, explained; empty otherwise."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
 
         def by_joint(values: Array) -> dict[str, float | None]:

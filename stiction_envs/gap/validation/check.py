@@ -28,7 +28,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,7 +119,7 @@ class Check:
         """Names of causes whose presence makes a joint worse."""
         return tuple(x.name for x in self.transfers if x.fails)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``check`` of ``diagnosis.json``."""
         return {
             "nominal_rms_nm": self.nominal_rms.tolist(),

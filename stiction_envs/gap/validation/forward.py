@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -91,10 +90,10 @@ class ForwardValidation:
     unstable: str = ""
     """Which model is unstable there, and by what measure."""
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``forward`` of ``diagnosis.json``."""
         both = {"nominal": self.nominal, "extended": self.extended}
-        out: dict[str, Any] = {
+        out: dict[str, object] = {
             "windows": len(self.start),
             "replay_rad": {k: x.position_rms for k, x in both.items()},
             "tracking_nm": {k: x.torque_rms for k, x in both.items()},

@@ -17,7 +17,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ class LeftOutMotion:
     """(n,) over all [N·m]."""
     causes: tuple[CauseElsewhere, ...]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return ``left_out_motion`` of ``diagnosis.json``."""
         return {
             "motions": list(self.motions),

@@ -17,13 +17,18 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import missing_extra
 from stiction_envs.gap.viewers.series import Series
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys.store import Typestore
 
 Array = NDArray[np.float64]
 JOINT_STATE, BOOL, STRING = (
@@ -79,17 +84,17 @@ def mcap_bytes(s: Series) -> bytes:
         return (path / "diagnosis.mcap").read_bytes()
 
 
-def _write(s: Series, writer: Any, known: Any) -> None:
+def _write(s: Series, writer: Writer, known: Typestore) -> None:
     """Write all messages in the order of their time."""
     joint_state, header, stamp = (
         known.types[x] for x in (JOINT_STATE, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
     )
     names = list(s.arm.joint_names)
 
-    def connect(topic: str, kind: str) -> Any:
+    def connect(topic: str, kind: str) -> Connection:
         return writer.add_connection(topic, kind, typestore=known)
 
-    def send(connection: Any, time: int, message: Any) -> None:
+    def send(connection: Connection, time: int, message: object) -> None:
         writer.write(connection, time, known.serialize_cdr(message, connection.msgtype))
 
     of = topics(s)

@@ -14,6 +14,8 @@ from stiction_envs.gap.viewers.links import Shape, body_poses, shapes
 from stiction_envs.gap.viewers.series import Series
 
 Array = NDArray[np.float64]
+Rerun = Any
+"""Its objects, and arrays for them: its types are there with the extra only, and refuse some."""
 POSES = 4000
 """Most poses of an arm in 3-D [-]; assumed."""
 TIMELINE = "time"
@@ -84,7 +86,7 @@ def lines(s: Series) -> dict[str, dict[str, tuple[Array, Colour]]]:
 
 
 def _send_lines(
-    recording: Any, path: str, time: Array, drawn: dict[str, tuple[Array, Colour]]
+    recording: Rerun, path: str, time: Array, drawn: dict[str, tuple[Array, Colour]]
 ) -> None:
     """Send (T,) values of lines that are drawn together, and how."""
     import rerun as rr
@@ -109,7 +111,7 @@ def _pose_note(s: Series) -> str:
     return drawn and f"{drawn}\n"
 
 
-def _send_arm(recording: Any, s: Series, name: str, q: Array, colour: Colour) -> None:
+def _send_arm(recording: Rerun, s: Series, name: str, q: Array, colour: Colour) -> None:
     """Send the shapes of an arm's links and where they are at (T, n) angles."""
     import rerun as rr
 
@@ -128,18 +130,18 @@ def _send_arm(recording: Any, s: Series, name: str, q: Array, colour: Colour) ->
         recording.log(f"{links[x.link]}/shape_{k}", *_archetypes(x, colour), static=True)
 
 
-def _archetypes(x: Shape, colour: Colour) -> list[Any]:
+def _archetypes(x: Shape, colour: Colour) -> list[Rerun]:
     """Return how Rerun draws a shape."""
     import rerun as rr
 
-    turn: Any = np.roll(x.turn, -1)
+    turn: Rerun = np.roll(x.turn, -1)
     fill = "solid" if len(colour) == 3 else "transparentfillmajorwireframe"
-    look: dict[str, Any] = {"colors": [colour], "quaternions": [turn], "fill_mode": fill}
+    look: dict[str, Rerun] = {"colors": [colour], "quaternions": [turn], "fill_mode": fill}
     if x.vertices is not None and x.faces is not None:
-        corners: Any = x.vertices[x.faces]
+        corners: Rerun = x.vertices[x.faces]
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-        normals: Any = np.repeat(across, 3, axis=0)  # without them a mesh has no shade
+        normals: Rerun = np.repeat(across, 3, axis=0)  # without them a mesh has no shade
         place = rr.Transform3D(translation=x.place, quaternion=turn)
         mesh = {"vertex_positions": corners.reshape(-1, 3), "vertex_normals": normals}
         return [place, rr.Mesh3D(**mesh, albedo_factor=colour)]
@@ -158,11 +160,11 @@ def _archetypes(x: Shape, colour: Colour) -> list[Any]:
     ]
 
 
-def _blueprint(s: Series) -> Any:
+def _blueprint(s: Series) -> Rerun:
     """Return the layout of the viewer: arm and words beside a tab for each joint."""
     import rerun.blueprint as rrb
 
-    def joint(j: int) -> Any:
+    def joint(j: int) -> Rerun:
         of = f"joint_{j + 1}"
         groups = [(s.quantity, f"{s.quantity} [{s.unit}]"), ("residual", f"residual [{s.unit}]")]
         if s.causes:
