@@ -20,7 +20,6 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,8 +37,8 @@ from stiction_envs.identification.excitation_search import FINE, Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, identification_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import write_json
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.json_text import JsonRecord, write_json
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
 
@@ -76,7 +75,7 @@ class Excitation(Result):
     notes: tuple[str, ...]
     rate_hz: float
     """Of the samples of ``trajectory.csv`` [Hz]."""
-    provenance: dict[str, Any]
+    provenance: Provenance
 
     @property
     def robot(self) -> str:
@@ -132,7 +131,7 @@ class Excitation(Result):
         lines += [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([t, q, dq])]
         write_text_atomic(Path(path), "\n".join(lines) + "\n")
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return JSON values."""
         return {
             "robot": self.robot,
@@ -179,7 +178,7 @@ class Excitation(Result):
         return describe(self.to_json())
 
 
-def describe(answer: dict[str, Any]) -> str:
+def describe(answer: JsonRecord) -> str:
     """Return the `Excitation.to_json` of a motion as readable lines."""
     random = answer["random_condition"]
     used = ", ".join(f"{k} {100 * v:.0f} %" for k, v in answer["used"].items())

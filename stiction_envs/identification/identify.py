@@ -17,10 +17,9 @@ causes (`mixed_fit`), keeps links near the nominal ones and physically consisten
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,9 +48,9 @@ from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources, torque_side
 from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.json_text import JsonRecord, write_json
 from stiction_envs.reporting.markdown import sentence, table
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
@@ -105,7 +104,7 @@ class Identification(Result):
     """Base parameters (from 0) that the logs hardly excite: their error changes torques over the
     range by more than `POOR`, or a joint does not move as its friction needs. The links follow the
     nominal there."""
-    provenance: dict[str, Any]
+    provenance: Provenance
     notes: tuple[str, ...] = ()
     """How the signals were made, and whether the torques had the opposite sign."""
 
@@ -134,7 +133,7 @@ class Identification(Result):
         """Return the arm with the identified links."""
         return with_inertias(self.nominal, self.phi)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return JSON values."""
         least = np.linalg.eigvalsh(pseudo_inertia(self.phi))[:, 0]
         friction = {"coulomb_nm": self.coulomb, "viscous_nms": self.viscous}
@@ -226,10 +225,10 @@ class Identification(Result):
         return "\n".join(lines).rstrip("\n") + "\n"
 
 
-def describe(answer: dict[str, Any]) -> str:
+def describe(answer: JsonRecord) -> str:
     """Return the `Identification.to_json` of an arm as readable lines."""
 
-    def row(values: Any) -> str:
+    def row(values: Iterable[float]) -> str:
         return "".join(f"{x:>9.3g}" for x in values)
 
     joints = range(1, len(answer["links"]) + 1)

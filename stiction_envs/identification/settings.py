@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
@@ -57,7 +56,7 @@ class ExcitationSettings:
         """Period of the series [s]."""
         return 1.0 / self.base_frequency
 
-    def replace(self, **changes: Any) -> ExcitationSettings:
+    def replace(self, **changes: float) -> ExcitationSettings:
         """Return a copy with some numbers changed."""
         return override(self, changes)
 
