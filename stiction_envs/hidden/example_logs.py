@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
@@ -41,7 +40,7 @@ def write_example(folder: Path, *, seconds: float = 26.0, second: float = 20.0) 
     known = case.nominal
     assert isinstance(known, FrictionParameters)
     (payload,) = case.hidden
-    truth: dict[str, Any] = {
+    truth: dict[str, object] = {
         "payload": payload.values,
         "coulomb_friction": {"coulomb_nm": known.stiction[:, 0].tolist()},
         "viscous_friction": {"viscous_nms": known.viscous[:, 0].tolist()},

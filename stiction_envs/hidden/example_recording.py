@@ -15,7 +15,6 @@ import sysconfig
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -145,7 +144,7 @@ def _write_dataset(folder: Path, q: Array, q_cmd: Array, names: Sequence[str]) -
 
     columns = {"observation.state": _as_lerobot(q), "action": _as_lerobot(q_cmd)}
     frames, of = np.arange(len(q)), [f"{name}.pos" for name in names]
-    numbers: dict[str, NDArray[Any]] = {
+    numbers: dict[str, NDArray[np.float32] | NDArray[np.int64]] = {
         "timestamp": (frames / FPS).astype(np.float32),
         "frame_index": frames,
         "episode_index": 0 * frames,

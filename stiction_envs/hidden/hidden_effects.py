@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,8 +143,17 @@ EFFECTS: dict[str, Effect] = {}
 """By name, in the order of the contract; an effect of another name follows its cause."""
 
 
+class Traits(TypedDict, total=False):
+    """Fields of `Effect`."""
+
+    joints: tuple[int, ...]
+    needs_friction: bool
+    arm_wide: bool
+    excludes: frozenset[str]
+
+
 def effect(
-    name: str, *motions: str, cause: str = "", **traits: Any
+    name: str, *motions: str, cause: str = "", **traits: Unpack[Traits]
 ) -> Callable[[Callable[[World, Draw], Values]], Callable[[World, Draw], Values]]:
     """Enter a function that hides a cause into `EFFECTS`; its traits are fields of `Effect`."""
 

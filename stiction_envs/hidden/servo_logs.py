@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +84,7 @@ class HiddenServoLog:
         return Servo(stiffness=self.stiffness, damping=self.damping)
 
     @property
-    def options(self) -> dict[str, Any]:
+    def options(self) -> dict[str, list[float]]:
         """The same as options of `diagnose`."""
         return {
             "servo_stiffness": self.stiffness.tolist(),

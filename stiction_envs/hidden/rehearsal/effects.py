@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import TypedDict, Unpack
 
 import numpy as np
 import pinocchio as pin
@@ -133,7 +133,15 @@ def dry_friction(replay: Replay, level: Array) -> Array:
     return level * along(replay, plain_law(replay, replay.friction)) / replay.friction
 
 
-def refined(law: Callable[[Replay, Array], LuGre], **traits: Any) -> ReplayedEffect:
+class Traits(TypedDict, total=False):
+    """Fields of `ReplayedEffect`."""
+
+    start: float
+    largest: float
+    shown: Callable[[Replay, Array], Array]
+
+
+def refined(law: Callable[[Replay, Array], LuGre], **traits: Unpack[Traits]) -> ReplayedEffect:
     """Return an effect that refines dry friction: hidden is what its law adds to the arm's own."""
 
     def more(replay: Replay, size: Array) -> Array:

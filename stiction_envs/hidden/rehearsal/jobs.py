@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed
 
 NOTHING = "nothing"
 """Key of the run in which nothing is hidden."""
-Run = dict[str, Any]
-"""``sizes``: parameter by joint; ``named``: name, joints and what it is confused with, of each."""
+
+
+class Run(TypedDict):
+    """What a diagnosis says of a log in which a cause was hidden."""
+
+    sizes: dict[str, float]
+    """Parameter by joint."""
+    named: list[list[Any]]
+    """Name, joints and what it is confused with, of each cause."""
+    minor: list[str]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,12 +21,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import Cause, cause_named, registered
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.model_file import changed_arm
+from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
@@ -46,7 +47,7 @@ from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
-from stiction_envs.reporting.provenance import provenance
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
 
@@ -65,7 +66,7 @@ class Plan:
     order: tuple[str, ...]
     """Names of causes, in the order of their rows."""
     seed: int
-    provenance: dict[str, Any]
+    provenance: Provenance
 
     def run(
         self,
@@ -107,24 +108,26 @@ def rehearse(
     data: Log | Sequence[Log],
     robot: str | Path | Arm,
     *,
+    causes: Sequence[str] | None = None,
     threads: int = 1,
     progress: Callable[[str, float], None] | None = None,
-    **options: Any,
+    **options: Unpack[LogOptions],
 ) -> Rehearsal:
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
         data: a joint log or servo log, or several, as of `diagnose`.
         robot: name, model file or arm.
+        causes: names of the causes to hide; None for all that are registered.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: ``causes``, names of those to hide, and options of `diagnose`; see `plan`.
+        options: of `diagnose`; see `plan`.
 
     Raises:
         StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
     """
-    planned = plan(data, robot, progress=progress, **options)
+    planned = plan(data, robot, causes=causes, progress=progress, **options)
     return planned.run(threads=threads, progress=progress)
 
 
@@ -134,7 +137,7 @@ def plan(
     *,
     causes: Sequence[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-    **options: Any,
+    **options: Unpack[LogOptions],
 ) -> Plan:
     """Diagnose logs as they are, and plan what to hide in them.
 
@@ -157,8 +160,12 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    named: dict[str, Any] = {k: options.get(k) for k in ("topic", "units", "calibration")}
-    naming = Naming(joints=tuple(options.get("joints", ())), **named)
+    naming = Naming(
+        joints=tuple(options.get("joints", ())),
+        topic=options.get("topic"),
+        units=options.get("units"),
+        calibration=options.get("calibration"),
+    )
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
         servo_effect_of(name) if kind == POSITION else cause_named(name)
@@ -167,7 +174,7 @@ def plan(
     )
     settings = override(gap_settings(), options.get("settings"))
     subject, jobs, reasons, order = _planned(own, causes, settings)
-    arguments = {**own.provenance["arguments"], "rehearse": True}
+    arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
     inputs = {**own.sources.files, **({} if isinstance(robot, Arm) else robot_files(robot))}

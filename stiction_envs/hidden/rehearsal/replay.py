@@ -35,6 +35,8 @@ from stiction_envs.gap.signals.spectra import resample
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
+Fields = dict[str, Any]
+"""Arrays (T, ...) by field of `Recording`, and what is left of torques and angles."""
 LEAST_ROWS = 16
 """Shorter segments are left out [-]; assumed."""
 LEAST_FRICTION = 5.0
@@ -141,7 +143,7 @@ def replay_of(own: Diagnosis) -> Replay:
     whole = [x for x in parts if x is not None]
     if not whole:
         raise StictionError(f"{own.logs[0].source}: no segment is long enough to rehearse")
-    joined: dict[str, Any] = {k: np.concatenate([x[k] for x in whole]) for k in whole[0]}
+    joined: Fields = {k: np.concatenate([x[k] for x in whole]) for k in whole[0]}
     left, taken_off = joined.pop("left"), joined.pop("taken_off")
     even = replace(recording, dt=step, cutoff=np.inf, **joined)
     noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
@@ -161,7 +163,7 @@ def replay_of(own: Diagnosis) -> Replay:
     )
 
 
-def _evened(own: Diagnosis, run: slice, remaining: Array, step: float) -> dict[str, Any] | None:
+def _evened(own: Diagnosis, run: slice, remaining: Array, step: float) -> Fields | None:
     """Return fields of `Recording` of one segment at every row of its log; None if too short."""
     recording = own.data.recording
     at, number = recording.t[run], int(recording.log[run.start])

@@ -7,13 +7,14 @@ import io
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
 from stiction_envs.hidden.rehearsal.runs import RUNS, line
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed, plural, short
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 
 CSV = "rehearsal.csv"
@@ -95,9 +96,9 @@ class Rehearsal(Result):
     """Causes that were named where nothing was hidden."""
     runs: dict[str, list[Run]]
     """By key of their job."""
-    provenance: dict[str, Any]
+    provenance: Provenance
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return the rows, and what was named with nothing hidden."""
         rows = [
             {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(r).items()}
@@ -151,7 +152,7 @@ class Rehearsal(Result):
         return describe(self.to_json())
 
 
-def describe(found: dict[str, Any]) -> str:
+def describe(found: JsonRecord) -> str:
     """Return a rehearsal's JSON as readable lines: smallest sizes, then what is not shown."""
     lines, rows = [found["summary"], ""], found["rehearsal"]
     for cause in dict.fromkeys(r["cause"] for r in rows):
@@ -183,7 +184,7 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _sizes(rows: list[dict[str, Any]], which: str) -> str:
+def _sizes(rows: list[JsonRecord], which: str) -> str:
     """Return the sizes of some rows, each with its joint."""
     return ", ".join(
         (f"joint {r['joint']} " if r["joint"] else "") + short(r[which], 3) for r in rows

@@ -9,7 +9,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def measured(
 
 
 @contextmanager
-def _pool(processes: int, shared: tuple[Any, ...]) -> Iterator[Executor]:
+def _pool(processes: int, shared: tuple[Subject, int, Sequence[Cause]]) -> Iterator[Executor]:
     """Make processes of one thread each; after an interruption none begins anything."""
     context = get_context("spawn")
     pool = ProcessPoolExecutor(processes, context, initializer=_begin, initargs=shared)
@@ -90,7 +90,7 @@ def _pool(processes: int, shared: tuple[Any, ...]) -> Iterator[Executor]:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-_there: list[Any] = []
+_there: list[tuple[Subject, int]] = []
 """Subject and seed of a process."""
 
 
@@ -100,11 +100,11 @@ def _begin(subject: Subject, seed: int, causes: Sequence[Cause]) -> None:
     for cause in causes:
         if cause.name not in known:
             register(cause)
-    _there[:] = [subject, seed]
+    _there[:] = [(subject, seed)]
 
 
 def _measure_there(job: Job) -> list[Run]:
-    return measure(job, *_there)
+    return measure(job, *_there[0])
 
 
 def measure(job: Job, subject: Subject, seed: int) -> list[Run]:

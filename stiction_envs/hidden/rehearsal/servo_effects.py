@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,20 +98,24 @@ def _effect(
     what_to_record: str,
     law: Law,
     *,
+    largest: float,
+    shown_as: Callable[[ServoJoint, float], float] | None = None,
+    on_friction: bool = False,
     arm_wide: bool = False,
-    **traits: Any,
 ) -> ServoEffect:
-    """Return an effect; ``traits`` are further fields of `ServoEffect`."""
+    """Return an effect, from fields of `ServoEffect` and of `Hideable`."""
     what = Hideable(
         name=name,
         parameter=parameter,
         unit=unit,
         what_to_record=what_to_record,
-        expected=("coulomb_friction",) if traits.get("on_friction") else (),
+        expected=("coulomb_friction",) if on_friction else (),
         part_of=(SERVO_LAG,) if name in LAG else (),
         arm_wide=arm_wide,
     )
-    return ServoEffect(what=what, law=law, **traits)
+    return ServoEffect(
+        what=what, law=law, largest=largest, shown_as=shown_as, on_friction=on_friction
+    )
 
 
 def effect_of(name: str) -> ServoEffect:
