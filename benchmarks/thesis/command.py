@@ -12,6 +12,7 @@ from typing import Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 
 GAP = "gap"
 """The target that is no table or figure of the thesis."""
@@ -132,7 +133,7 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     return {"out": str(folder.path), GAP: found}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the results as readable tables."""
     if "items" in result:
         lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.reporting.json_text import JsonRecord
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Calibrate and write the friction TOML."""
     arm = common.read_arm(args)
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"command": "calibrate", "out": str(out), **result.to_json(), "robot": arm.name}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a readable table."""
     from stiction_envs.experiments.sje.calibrate import describe
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.cli import common
+from stiction_envs.reporting.json_text import JsonRecord
 
 EXIT_CODES = (
     "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
@@ -14,7 +14,7 @@ EXIT_CODES = (
 )
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -46,7 +46,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Check; write ``findings.csv`` where asked to."""
     from stiction_envs.measured.checks.files import check
 
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the findings, one in a line."""
     from stiction_envs.measured.checks.files import describe
 

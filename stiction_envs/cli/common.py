@@ -9,14 +9,16 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict
 
 from stiction_envs.errors import StictionError, one_line
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.cli.progress import Progress
     from stiction_envs.envs.render.film import Film
     from stiction_envs.reporting.output_folder import OutputFolder
+    from stiction_envs.reporting.provenance import Provenance
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
@@ -24,6 +26,9 @@ IDEAL = "ideal"
 """Senses where none are given."""
 IN_FOLDER = Path("in --out")
 """Value of ``--video`` without a file."""
+
+Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
+"""Of the main parser; argparse has no public name for them."""
 
 
 class Failed(RuntimeError):
@@ -89,15 +94,30 @@ def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], fl
     return convert
 
 
-PAYLOAD: dict[str, Any] = {"nargs": 4, "type": number(), "metavar": ("MASS", "X", "Y", "Z")}
+class Numbers(TypedDict):
+    """Options of `add_argument` for several numbers."""
+
+    nargs: int
+    type: Callable[[str], float]
+    metavar: tuple[str, ...]
+
+
+PAYLOAD: Numbers = {"nargs": 4, "type": number(), "metavar": ("MASS", "X", "Y", "Z")}
 """Options of a payload and of an inclination, but for their help."""
-TILT: dict[str, Any] = {"nargs": 2, "type": number(), "metavar": ("ROLL", "PITCH")}
+TILT: Numbers = {"nargs": 2, "type": number(), "metavar": ("ROLL", "PITCH")}
 
 # ---- options -------------------------------------------------------------------------------------
 
 
 def add_command(
-    subparsers: Any, name: str, *, summary: str, example: str, interrupted: str, **functions: Any
+    subparsers: Subparsers,
+    name: str,
+    *,
+    summary: str,
+    example: str,
+    interrupted: str,
+    run: Callable[[argparse.Namespace], dict[str, object]],
+    show: Callable[[JsonRecord], str],
 ) -> Parser:
     """Add a command's parser.
 
@@ -107,12 +127,13 @@ def add_command(
         summary: one sentence.
         example: a call that works.
         interrupted: what is left after Ctrl-C, and how to go on.
-        functions: ``run`` and ``show`` of the command.
+        run: of the command.
+        show: of the command.
     """
-    parser: Parser = subparsers.add_parser(
+    parser = subparsers.add_parser(
         name, help=summary, description=summary, epilog=f"example:\n  {example}"
     )
-    parser.set_defaults(interrupted=interrupted, **functions)
+    parser.set_defaults(interrupted=interrupted, run=run, show=show)
     return parser
 
 
@@ -126,7 +147,7 @@ def robot_help() -> str:
     )
 
 
-def add_chain_option(parser: Any) -> None:
+def add_chain_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--chain``, which selects one arm of a bigger robot."""
     parser.add_argument(
         "--chain",
@@ -386,7 +407,7 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
 
 def write_video(
     path: Path | None, make_film: Callable[[], Film], progress: Progress
-) -> tuple[dict[str, Any], str | None]:
+) -> tuple[dict[str, object], str | None]:
     """Write a video after all else has been written.
 
     Returns:
@@ -418,7 +439,7 @@ def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
     return found
 
 
-def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> dict[str, Any]:
+def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> Provenance:
     """Return the provenance of a command line's result."""
     from stiction_envs.measured.logs.files import is_log
     from stiction_envs.reporting.provenance import provenance

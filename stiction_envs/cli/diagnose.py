@@ -9,7 +9,10 @@ from typing import Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 
+Given = dict[str, Any]
+"""Options by their names, as the parser checked them."""
 NEWER = ("drive", "units", "calibration", "servo_stiffness", "servo_damping", "same_servo")
 """Options that are in the run's identity only where they are given."""
 
@@ -17,7 +20,7 @@ VIEWERS = ("rrd", "mcap")
 """Options of files for viewers."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -119,9 +122,9 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
-    newer = {name: getattr(args, name) for name in NEWER}
+    newer: Given = {name: getattr(args, name) for name in NEWER}
     inputs = common.calibration_input(args)
     for name, value in newer.items():
         if not value:  # digests are those of versions without the option
@@ -188,15 +191,13 @@ def _viewer_files(args: argparse.Namespace, folder: Path) -> dict[str, Path]:
     return asked
 
 
-def _about_the_logs(args: argparse.Namespace) -> dict[str, Any]:
+def _about_the_logs(args: argparse.Namespace) -> Given:
     """Return the arguments that a diagnosis and a rehearsal share."""
     same = ("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed")
     return {name: getattr(args, name) for name in same} | {"cutoff_hz": args.cutoff}
 
 
-def _rehearse(
-    args: argparse.Namespace, newer: dict[str, Any], inputs: dict[str, Path]
-) -> dict[str, Any]:
+def _rehearse(args: argparse.Namespace, newer: Given, inputs: dict[str, Path]) -> dict[str, object]:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
 
     Args:
@@ -245,7 +246,7 @@ def _rehearse(
     return {"command": "diagnose", "out": str(folder.path), **result.to_json()}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the verdict and the causes as readable lines."""
     if "rehearsal" in result:
         from stiction_envs.hidden.rehearsal import result as rehearsal

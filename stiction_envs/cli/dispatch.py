@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from importlib.metadata import entry_points
-from typing import Any
+from typing import Protocol
 
 from stiction_envs.cli import (
     calibrate,
@@ -22,26 +23,43 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Failed, Parser
+from stiction_envs.cli.common import Failed, Parser, Subparsers
 from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
-from stiction_envs.reporting.json_text import to_text
+from stiction_envs.reporting.json_text import JsonRecord, to_text
 from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
-COMMANDS = (sje, gte, calibrate, excite, identify, check, diagnose, export, view, conformance)
-"""Modules with `add_parser(subparsers)`, `run(args) -> dict` and `show(result) -> str`."""
+
+
+class Command(Protocol):
+    """What a command's module has."""
+
+    def add_parser(self, subparsers: Subparsers) -> None:
+        """Add the command's parser."""
+
+    def run(self, args: argparse.Namespace) -> dict[str, object]:
+        """Do the work; return the result, as JSON if it is asked for."""
+
+    def show(self, result: JsonRecord) -> str:
+        """Return the result as readable text."""
+
+
+COMMANDS: tuple[Command, ...] = (
+    *(sje, gte, calibrate, excite, identify),
+    *(check, diagnose, export, view, conformance),
+)
 GROUP = "stiction_envs.commands"
 """Entry points of other packages' modules of that kind."""
 
 
-def all_commands() -> list[Any]:
+def all_commands() -> list[Command]:
     """Return the modules of all commands: ours, then those of installed packages."""
     return [*COMMANDS, *(point.load() for point in entry_points(group=GROUP))]
 
 
-def build_parser(commands: Iterable[Any]) -> Parser:
+def build_parser(commands: Iterable[Command]) -> Parser:
     """Return the parser of these commands."""
     parser = Parser(
         prog="stiction",
@@ -57,7 +75,7 @@ def build_parser(commands: Iterable[Any]) -> Parser:
     return parser
 
 
-def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = None) -> int:
+def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None = None) -> int:
     """Run one command.
 
     Args:
@@ -79,7 +97,7 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Any] | None = Non
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _show_warning
-            result: dict[str, Any] = args.run(args)
+            result: dict[str, object] = args.run(args)
         text = to_text(result) if args.json else args.show(result)
         with naming("standard output"):  # a file on a full disk, it may be
             _print(text)

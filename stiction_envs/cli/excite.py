@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.reporting.json_text import JsonRecord
 
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -53,7 +53,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/excite-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Search; write ``trajectory.csv``, ``excitation.json``, a plot and provenance."""
     arm = common.read_arm(args)
 
@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"command": "excite", "out": str(folder.path), **motion.to_json()}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as readable lines."""
     from stiction_envs.identification.excitation import describe
 

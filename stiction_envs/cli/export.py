@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 
 KINDS = ("dcmotor", "frictionloss")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -48,7 +48,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/export-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Write ``model.xml``, what Menagerie has beside it, and provenance."""
     from stiction_envs.errors import unknown
     from stiction_envs.experiments.engines import ENGINES
@@ -95,7 +95,7 @@ def _friction(given: list[str]) -> tuple[Path | None, str | None]:
     return next(iter(files), None), next(iter(kinds), None)
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a readable table."""
     from stiction_envs.friction.export import describe
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.film import Film
@@ -29,7 +30,7 @@ NEEDS = {
 """Options that need another one: the latter, with its values, comes first."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     from stiction_envs.dither.waveforms import WAVEFORMS
 
@@ -140,7 +141,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the experiment; write tables, plots and provenance."""
     arm = common.read_arm(args)
 
@@ -252,7 +253,7 @@ def _read_controller_model(args: argparse.Namespace) -> Arm | None:
     )
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a readable table."""
     from stiction_envs.experiments.gte.results import describe
 

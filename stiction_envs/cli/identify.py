@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.reporting.json_text import JsonRecord
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -25,7 +25,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Identify; write ``identification.json``, report, model, a plot and provenance."""
     from stiction_envs.robots import load_arm
     from stiction_envs.robots.registry import robot_files
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"command": "identify", "out": str(folder.path), **result.to_json()}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as readable lines."""
     from stiction_envs.identification.identify import describe
 

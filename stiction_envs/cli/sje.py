@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.film import Film
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -78,7 +79,7 @@ def add_parser(subparsers: Any) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/sje-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the experiment; write ``sje.csv``, plots and provenance.
 
     A configuration with a stuck iteration has no torque: it is left out of ``sje.csv``, named in
@@ -142,7 +143,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a readable table."""
     from stiction_envs.experiments.sje.results import describe
 

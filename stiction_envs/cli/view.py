@@ -6,9 +6,10 @@ import argparse
 import importlib.util
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.push_page import PushPage
@@ -23,7 +24,7 @@ PORT = 8080
 """Default port of the page; assumed, a usual one for local servers."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -66,7 +67,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Show the window until it is closed, or the page until Ctrl-C."""
     arm = common.read_arm(args)
 
@@ -124,6 +125,6 @@ def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     return list(proportional_table(stiction, MOST * arm.limits.torque))
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a line."""
     return f"{result['robot']}: {result['simulated_s']:.0f} s simulated"
