@@ -11,6 +11,7 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from tuning.policies.task import Task
@@ -24,7 +25,7 @@ GTE_ONLY = ("trajectory", "stiffness")
 ACTIONS = ("dither", "dither+push")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -109,7 +110,7 @@ def add_task_options(parser: common.Parser) -> None:
     )
 
 
-def read_task(args: argparse.Namespace, **more: Any) -> Task:
+def read_task(args: argparse.Namespace, **more: object) -> Task:
     """Return the environment of `add_task_options`.
 
     Args:
@@ -147,7 +148,7 @@ def read_task(args: argparse.Namespace, **more: Any) -> Task:
     )
 
 
-def read_options(args: argparse.Namespace) -> dict[str, Any]:
+def read_options(args: argparse.Namespace) -> dict[str, object]:
     """Return the reset options that the user gave."""
     given = {name: getattr(args, name) for name in GTE_ONLY if getattr(args, name) is not None}
     if given and args.experiment != "gte":
@@ -167,7 +168,7 @@ def _named(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.evaluation import check, evaluate_all
 
@@ -218,7 +219,7 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     return files
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the means as a readable table."""
     from tuning.policies.report import means_table
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 from tuning.commands import evaluate
 
 # as the packages have them; written out, so that --help does not load them
 ALGORITHMS = ("sac", "ppo", "td3")
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -62,7 +62,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Train; write policy, curve, evaluation, plots and provenance."""
     from stiction_envs.measured import AmplitudeRow, read_amplitudes
     from stiction_envs.method_settings import override
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as readable lines."""
     rate = result["steps_per_second"]
     speed = "" if rate is None else f", {rate:.0f} steps/s"

@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
+    from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load them
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
@@ -34,7 +36,7 @@ WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
 """Options of the search that tuning on a real robot has too."""
 
 
-def add_parser(subparsers: Any) -> None:
+def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
     parser = common.add_command(
         subparsers,
@@ -92,7 +94,7 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def _add_search_options(parser: Any) -> None:
+def _add_search_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("with --protocol search")
     group.add_argument(
         "--objective",
@@ -187,7 +189,7 @@ def _add_search_options(parser: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> dict[str, object]:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
@@ -233,7 +235,7 @@ def _check_options(args: argparse.Namespace) -> None:
             raise StictionError("--sensing: not with --ask or --tell")
 
 
-def _folder(args: argparse.Namespace, arm: Any, inputs: dict[str, Path | None]) -> OutputFolder:
+def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) -> OutputFolder:
     """Check the output folder; its provenance has no password of a storage."""
     from tuning.study.storage import shown
 
@@ -244,7 +246,7 @@ def _folder(args: argparse.Namespace, arm: Any, inputs: dict[str, Path | None]) 
     )
 
 
-def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+def _search(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
     from tuning.search.search import search
 
     given = {
@@ -285,7 +287,7 @@ def _search(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
     return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
+def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
     from stiction_envs.reporting.output_folder import default_folder
     from tuning.robot.session import Session
 
@@ -312,7 +314,7 @@ def _beside_a_robot(args: argparse.Namespace, arm: Any) -> dict[str, Any]:
     return {"command": "tune", "out": str(out), **state.to_json(), **told}
 
 
-def show(result: dict[str, Any]) -> str:
+def show(result: JsonRecord) -> str:
     """Return the result as a readable table."""
     if "ask" in result:
         from tuning.robot.report import describe as describe_robot

@@ -27,6 +27,7 @@ from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.json_text import JsonRecord
 from tuning.settings import SharedSettings, tuning_settings
 from tuning.study.storage import (
     is_shared,
@@ -39,6 +40,7 @@ from tuning.study.storage import (
 )
 
 Parameters = dict[str, Any]
+"""Setting of a trial by name: numbers, and choices of whatever kind a list has."""
 Space = Mapping[str, BaseDistribution]
 CONSTRAINTS = "constraints"
 """User attribute of a trial: its constraints, feasible where all are at most 0."""
@@ -58,7 +60,7 @@ class Outcome:
     """Objectives, all minimised; None where nothing could be measured (a joint that stuck)."""
     constraints: tuple[float, ...] = ()
     """Feasible where all are at most 0."""
-    measures: Mapping[str, Any] = field(default_factory=dict)
+    measures: JsonRecord = field(default_factory=dict)
     """Other results to store: numbers, strings, lists of them."""
 
 
@@ -71,7 +73,7 @@ class Record:
         name: str,
         *,
         objectives: int = 1,
-        about: Mapping[str, Any],
+        about: Mapping[str, object],
         settings: SharedSettings | None = None,
     ) -> None:
         """Open the study, or create it.
@@ -114,7 +116,7 @@ class Record:
         if known != fingerprint:
             raise StictionError(f"study {name!r}: {self._difference(about)}")
 
-    def _difference(self, about: Mapping[str, Any]) -> str:
+    def _difference(self, about: Mapping[str, object]) -> str:
         """Return how the stored study's definition differs."""
         known = self.study.user_attrs
         if "fingerprint" not in known:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import optuna
 from optuna.storages import (
@@ -150,7 +150,7 @@ def _shown(url: URL) -> str:
 @cache
 def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
     """Return the storage of a database server, one for all studies to use few connections."""
-    connect: dict[str, Any] = {}
+    connect: dict[str, object] = {}
     if url.get_backend_name() == "postgresql":
         connect = {"connect_timeout": int(settings.connect_s)}
         if url.get_driver_name() == "psycopg":

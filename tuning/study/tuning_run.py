@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import optuna
 
@@ -29,7 +28,7 @@ class TuningRun:
     """Folder and studies of a run; those of another run are refused."""
 
     folder: OutputFolder
-    about: Mapping[str, Any]
+    about: Mapping[str, object]
     """Definition of the run."""
     storage: str
     """URL or journal file of the studies."""
@@ -72,16 +71,16 @@ def open_run(
     name: str,
     protocol: str,
     experiment: SingleJointExperiment,
-    defining: Mapping[str, Any],
+    defining: Mapping[str, object],
     *,
     out: str | Path | OutputFolder | None,
     force: bool,
     storage: str | None,
     study: str | None,
     settings: SharedSettings,
-    inputs: Mapping[str, Any],
+    inputs: Mapping[str, object],
     database: str = "study.db",
-    **others: Any,
+    **others: object,
 ) -> TuningRun:
     """Check the output folder of a run; nothing is written yet.
 

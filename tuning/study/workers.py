@@ -232,7 +232,7 @@ class _BySlot(BaseSampler):
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
+    ) -> dict[str, object]:
         return self._made[trial.number].sample_relative(study, trial, search_space)
 
     def sample_independent(
@@ -241,7 +241,7 @@ class _BySlot(BaseSampler):
         trial: FrozenTrial,
         param_name: str,
         param_distribution: BaseDistribution,
-    ) -> Any:
+    ) -> object:
         sampler = self._made[trial.number]
         return sampler.sample_independent(study, trial, param_name, param_distribution)
 
