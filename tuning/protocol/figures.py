@@ -23,6 +23,8 @@ from tuning.protocol.stages import ThesisTuner
 
 Final = Mapping[Configuration, Measurement]
 """Measurements with the final amplitudes."""
+Look = dict[str, Any]
+"""Options of `Axes.bar`."""
 SIMULATED, MEASURED = "#1f5fa8", "#d1701a"
 SCALE_STYLE = [":", "-", "--", "-."]
 
@@ -31,7 +33,7 @@ def _bars(
     cs: Sequence[Configuration],
     ylabel: str,
     title: str,
-    bars: Sequence[tuple[float, Sequence[float], dict[str, Any]]],
+    bars: Sequence[tuple[float, Sequence[float], Look]],
     path: Path,
 ) -> None:
     """Draw bars of the configurations: at an offset, their heights and how they look."""

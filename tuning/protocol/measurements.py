@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Job, Measurement
+from stiction_envs.reporting.json_text import JsonRecord
 
 TRACE_POINTS = 150
 """Most points kept of a trace (assumed)."""
@@ -17,7 +16,7 @@ def change(m: Measurement, base: Measurement) -> float:
     return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
 
 
-def as_data(m: Measurement) -> dict[str, Any]:
+def as_data(m: Measurement) -> dict[str, object]:
     """Return the results of a measurement for JSON, without its job."""
     longest = max(len(t) for t in m.traces)
     stride = max(1, -(-longest // TRACE_POINTS))
@@ -32,7 +31,7 @@ def as_data(m: Measurement) -> dict[str, Any]:
     }
 
 
-def from_data(job: Job, data: dict[str, Any]) -> Measurement:
+def from_data(job: Job, data: JsonRecord) -> Measurement:
     """Return the measurement of a job."""
     return Measurement(
         job=job,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from stiction_envs.measured import (
     thesis_robots,
     thesis_table,
 )
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures
@@ -67,11 +67,11 @@ def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
 
 def _dithered(
     number: str, rows: Sequence[DitheredRow], tuner: ThesisTuner, verified: Verified
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """One of Tables 4.5–4.8 and 4.10: a line per configuration, a column per setting."""
     key = "amplitude_set" if number == "4.10" else "frequency_hz"
     columns = list(dict.fromkeys(getattr(r, key) for r in rows))
-    lines: dict[Configuration, dict[Any, str]] = {}
+    lines: dict[Configuration, dict[str | float, str]] = {}
     differences = []
     for r in rows:
         place = Configuration(r.joint, r.load, r.direction)
@@ -97,7 +97,7 @@ def _dithered(
 
 
 def _choices(tuner: ThesisTuner, choices: list[Choice], robot: str | None) -> str:
-    by_joint: dict[int, dict[str, Any]] = {}
+    by_joint: dict[int, JsonRecord] = {}
     if robot in thesis_robots("4.9"):
         by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
     header = ["joint", "f [Hz]", "scale", "intermediate: load +, −; no load +, − [N·m]"]
@@ -152,7 +152,7 @@ def _reductions(tuner: ThesisTuner, final: Mapping[Configuration, Measurement]) 
     return {joint: float(np.mean(values)) for joint, values in each.items()}
 
 
-def _draw(path: Path, draw: Callable[..., None], *data: Any) -> None:
+def _draw(path: Path, draw: Callable[..., None], *data: object) -> None:
     """Draw a plot, unless it was drawn before an interruption: the folder belongs to one run."""
     if not path.exists():
         draw(*data, path)
@@ -165,7 +165,7 @@ def write_report(
     *,
     table: BaseTable | None,
     warnings: list[str],
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Write report.md and its plots; return the summary that ``--json`` prints."""
     sticking = tuner.experiment.sticking
     robot = sticking.arm.name

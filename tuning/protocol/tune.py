@@ -10,10 +10,9 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,9 @@ from stiction_envs.friction.sticking import Friction, Robot, friction_origin
 from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.output_folder import OutputFolder
+from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from tuning.protocol.report import write_report
 from tuning.protocol.rules import frequencies_of
@@ -56,20 +57,20 @@ def _check(
 class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
 
-    summary: dict[str, Any]
+    summary: dict[str, object]
     """What ``stiction tune --json`` prints."""
     final: tuple[AmplitudeRow, ...]
     """Dither of every joint, the rows of ``final.csv``."""
     folder: Path
     """Where its tables, report and plots are."""
-    provenance: dict[str, Any]
+    provenance: Provenance
 
     @property
     def robot(self) -> str:
         """Name of the arm."""
         return str(self.summary["robot"])
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return final table, reductions, warnings and the path of the report."""
         return self.summary
 
@@ -85,7 +86,7 @@ class Tuning(Result):
         return describe(self.summary)
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: JsonRecord) -> str:
     """Return the summary of a tuning as a readable table."""
     lines: list[str] = []
     if gains := summary.get("compensation"):
@@ -101,7 +102,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _dither_lines(summary: Mapping[str, Any]) -> list[str]:
+def _dither_lines(summary: JsonRecord) -> list[str]:
     servos = any("amplitude_rad" in r for r in summary["final"])
     lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
     lines[0] += f"{'of command [mrad]':>20}" if servos else ""

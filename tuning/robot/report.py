@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,6 +16,7 @@ from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import write_md_and_html
@@ -95,12 +95,12 @@ class State:
     """Shown at the top of the report."""
 
     @property
-    def asked(self) -> list[dict[str, Any]]:
+    def asked(self) -> list[dict[str, float]]:
         """Settings to measure next, each with its number (1, 2, …) within its joint."""
         numbered = [(k, j.row(s)) for j in self.joints for k, s in enumerate(j.asked, 1)]
         return [{**_cells(row), "setting": k} for k, row in numbered]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return what ``stiction tune --ask --json`` prints."""
         return {
             "robot": self.robot,
@@ -159,7 +159,7 @@ def state_of(
     )
 
 
-def describe(summary: Mapping[str, Any]) -> str:
+def describe(summary: JsonRecord) -> str:
     """Return the rows of ask.csv and a line of advice."""
     rows, lines = summary["ask"], []
     if rows:
@@ -181,13 +181,13 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
 
-def _ask_columns(rows: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _ask_columns(rows: Sequence[JsonRecord]) -> tuple[str, ...]:
     """Columns of ask.csv: an amplitude table; the number within the joint if there are several."""
     several = max(r["setting"] for r in rows) > 1
     return (*AMPLITUDE_COLUMNS, "setting") if several else AMPLITUDE_COLUMNS
 
 
-def _cells(row: AmplitudeRow) -> dict[str, Any]:
+def _cells(row: AmplitudeRow) -> dict[str, float]:
     """Return a setting by `AMPLITUDE_COLUMNS`."""
     return {name: getattr(row, name) for name in AMPLITUDE_COLUMNS}
 
@@ -202,7 +202,8 @@ def _write_asked(folder: Path, state: State) -> None:
     header = _ask_columns(asked)
     write_lines(folder / "ask.csv", header, [tuple(r[c] for c in header) for r in asked])
     open_joints = {r["joint"] for r in asked}
-    rows = [(*cell, 0.0, 0.0) for cell in state.missing if cell[0] in open_joints]
+    missing = [cell for cell in state.missing if cell[0] in open_joints]
+    rows: list[tuple[str | float, ...]] = [(*cell, 0.0, 0.0) for cell in missing]
     for j in state.joints:
         done = j.readings.done(len(j.candidates))
         for s in j.asked:
@@ -254,7 +255,7 @@ def draw(state: State, path: Path) -> None:
     save_full(figure, path)
 
 
-def _words(state: State) -> dict[str, Any]:
+def _words(state: State) -> dict[str, object]:
     """Return the variables of the report's template."""
     s = state.settings
     best = []

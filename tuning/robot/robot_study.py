@@ -10,13 +10,13 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import optuna
 from optuna.distributions import FloatDistribution, IntDistribution
 from optuna.trial import TrialState
 
+from stiction_envs.reporting.json_text import JsonRecord
 from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
 from tuning.robot.measured_table import MeasuredRow
 from tuning.study.record import Record
@@ -46,7 +46,7 @@ class Predicted:
         best = int(apart.argmin())
         return best if apart[best] <= same else None
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return JSON values; floats read back exactly."""
         names = (
             *("frequency_hz", "amplitude_nm", "predicted", "deviation"),
@@ -62,7 +62,7 @@ class Predicted:
         }
 
     @classmethod
-    def of_json(cls, found: Mapping[str, Any]) -> Predicted:
+    def of_json(cls, found: JsonRecord) -> Predicted:
         """Return what `to_json` wrote."""
         return cls(
             candidates={
@@ -130,7 +130,7 @@ def add_measured(
     return len(new)
 
 
-def measured_trials(record: Record) -> list[dict[str, Any]]:
+def measured_trials(record: Record) -> list[JsonRecord]:
     """Return the attributes of all measured trials, in order."""
     trials = record.study.get_trials(deepcopy=False)
     return [t.user_attrs for t in trials if "rows" in t.user_attrs]

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -41,7 +41,7 @@ from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record
 from tuning.study.tuning_run import open_run
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
+Array = NDArray[np.float64]
 Progress = Callable[[str, float, float], None]
 
 
@@ -97,25 +97,27 @@ class Session:
         else:
             read = read_amplitudes(limit, n_joints=arm.n, torque_limit=arm.limits.torque)
             self.limits = tuple(read)
-        options: dict[str, Any] = {
-            "out": out,
-            "storage": storage,
-            "study": study,
-            "settings": self.settings.shared,
-            "inputs": {"bounds": bounds, "limit": limit},
-        }
         defining = {
             "bounds": self.bounds.to_json(),
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
         }
+        open_it = partial(
+            open_run,
+            *("ask", "search --ask", e, defining),
+            out=out,
+            storage=storage,
+            study=study,
+            settings=self.settings.shared,
+            inputs={"bounds": bounds, "limit": limit},
+        )
         try:
-            self.run = open_run("ask", "search --ask", e, defining, force=False, **options)
+            self.run = open_it(force=False)
         except StictionError:
             if not force:
                 raise
             # only now: `force` would also delete the study of this session
-            self.run = open_run("ask", "search --ask", e, defining, force=True, **options)
+            self.run = open_it(force=True)
         self._outside, self._progress = storage is not None, progress
         self._study = study or f"{arm.name}-robot"
 

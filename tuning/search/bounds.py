@@ -12,7 +12,6 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow
 from tuning.settings import BoundsSettings, tuning_settings
+from tuning.study.record import Parameters
 
 Array = NDArray[np.float64]
 OPTIONS = ("waveform", "offset")
@@ -61,7 +61,7 @@ class Bounds:
         """Number of joints."""
         return len(self.torque_rate)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return JSON values."""
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
 
@@ -92,7 +92,7 @@ class Bounds:
             out["offset_nm"] = FloatDistribution(-most, most)
         return out
 
-    def setting(self, joint: int, parameters: Mapping[str, Any]) -> AmplitudeRow:
+    def setting(self, joint: int, parameters: Parameters) -> AmplitudeRow:
         """Return the dither that parameters of `space` describe."""
         frequency = float(parameters["frequency_hz"])
         low, high = self.amplitude_nm[joint - 1, 0], self.largest(joint, frequency)
@@ -259,26 +259,26 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
     )
 
 
-def _check_names(table: Mapping[str, Any], where: str, kind: str, known: Sequence[str]) -> None:
+def _check_names(table: Mapping[str, object], where: str, kind: str, known: Sequence[str]) -> None:
     for name in table:
         if name not in known:
             raise StictionError(f"{where}{unknown(kind, name, known)}")
 
 
-def _number(value: Any, where: str) -> float:
+def _number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise StictionError(f"{where} is {value!r}: expected a finite number")
     return float(value)
 
 
-def _positive(value: Any, where: str) -> float:
+def _positive(value: object, where: str) -> float:
     number = _number(value, where)
     if number <= 0:
         raise StictionError(f"{where} is {number:g}: expected more than 0")
     return number
 
 
-def _pair(value: Any, where: str) -> tuple[float, float]:
+def _pair(value: object, where: str) -> tuple[float, float]:
     if not isinstance(value, list) or len(value) != 2:
         raise StictionError(f"{where} is {value!r}: expected [low, high]")
     low, high = (_number(x, where) for x in value)
@@ -287,7 +287,7 @@ def _pair(value: Any, where: str) -> tuple[float, float]:
     return low, high
 
 
-def _bands(value: Any, where: str) -> tuple[tuple[float, float], ...]:
+def _bands(value: object, where: str) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list):
         raise StictionError(f"{where} is {value!r}: expected a list of [low, high]")
     return tuple(_pair(band, where) for band in value)

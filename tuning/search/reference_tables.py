@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from stiction_envs.dither.tables import HERE
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.reporting.json_text import JsonRecord
 from tuning.protocol.rules import frequencies_of
 from tuning.search.bounds import Bounds, base_torques
 from tuning.settings import TuningSettings
@@ -56,9 +56,7 @@ def grid_rows(
     )
 
 
-def best_of_grid(
-    n: int, rows: Sequence[AmplitudeRow], measured: Sequence[Mapping[str, Any]]
-) -> Table:
+def best_of_grid(n: int, rows: Sequence[AmplitudeRow], measured: Sequence[JsonRecord]) -> Table:
     """Return the best allowed setting of every joint; no dither where none is allowed.
 
     Args:

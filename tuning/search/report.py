@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.search import figures
@@ -31,7 +31,7 @@ Records = Mapping[str, Sequence[Record]]
 COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
 
 
-def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict[str, Any]:
+def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict[str, object]:
     """Write verification.csv, comparison.csv, plots and report.md; return the summary."""
     objective, final = found.options.objective, found.final
     searched = {k: group for k, group in found.records.items() if k != "grid"}
@@ -40,13 +40,14 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     _write_comparison(folder / "comparison.csv", verified)
     _draw(found, searched, folder, verified)
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
-    summary: dict[str, Any] = {
+    gains = _gains(found)
+    summary: dict[str, object] = {
         "robot": found.sje.sticking.arm.name,
         "objective": objective,
         "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
         "final": [{**asdict(r), "bounds_met": met.get(r.joint, [])} for r in final],
         "mean_reduction_percent": _mean_reduction(found, verified, chosen),
-        "compensation": _gains(found),
+        "compensation": gains,
         "comparison": {
             name: _comparison(found, verified, name)
             for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
@@ -63,7 +64,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         summary=summary,
         objective=objective,
         final=_final(found, final) if final else "",
-        gains=_gains_table(summary["compensation"]),
+        gains=_gains_table(gains),
         met={j: words for j, words in met.items() if words},
         better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
         treatments=_treatment_table(found, verified),
@@ -96,18 +97,20 @@ def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
     return 100.0 * float(np.mean(each))
 
 
-def _comparison(found: Stages, verified: Verified, name: str) -> dict[str, Any]:
+def _comparison(found: Stages, verified: Verified, name: str) -> dict[str, object]:
     """Return the summary of a table."""
-    out: dict[str, Any] = {}
+    out: dict[str, object] = {}
     if name in verified.breakaway:
         out["mean_reduction_percent"] = _mean_reduction(found, verified, name)
     for path, result in verified.tracking.get(name, {}).items():
-        out[path] = {f"{k}_left": getattr(result, k)[0] for k in LEFT}
-        out[path] |= {k: getattr(result, k) for k in ("vibration_m", "vibration_at_rest_m")}
+        out[path] = {
+            **{f"{k}_left": getattr(result, k)[0] for k in LEFT},
+            **{k: getattr(result, k) for k in ("vibration_m", "vibration_at_rest_m")},
+        }
     return out
 
 
-def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, Any]]:
+def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, object]]:
     """Return the compensations that leave less error than the table found, at no more vibration."""
     out, tuned = [], verified.tracking[chosen]
     for name, paths in verified.tracking.items():
@@ -124,7 +127,7 @@ def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, An
     return out
 
 
-def _winner(found: Stages, verified: Verified) -> dict[str, Any]:
+def _winner(found: Stages, verified: Verified) -> dict[str, object]:
     """Return the treatment that is recommended, what it leaves on unseen paths, and the next."""
     ranked = [(name, found.left(verified, name)) for name in found.ranking(verified)]
     if not ranked:
@@ -198,7 +201,7 @@ def _write_verification(path: Path, found: Stages, verified: Verified, name: str
 
 
 def _write_comparison(path: Path, verified: Verified) -> None:
-    lines: list[tuple[Any, ...]] = []
+    lines: list[tuple[str | float, ...]] = []
     for name, joints in verified.breakaway.items():
         for j, joint in joints.items():
             place = (name, "sje", f"joint {j}")
@@ -230,7 +233,7 @@ def _final(found: Stages, final: Table) -> str:
     return table_text(header, rows)
 
 
-def _gains(found: Stages) -> dict[str, Any] | None:
+def _gains(found: Stages) -> JsonRecord | None:
     """Return kind and numbers of the compensation that was found, per joint by their columns."""
     c = found.compensation
     if c is None:
@@ -240,7 +243,7 @@ def _gains(found: Stages) -> dict[str, Any] | None:
     return {"kind": c.kind, **{name: [row[name] for row in rows] for name in columns}}
 
 
-def _gains_table(gains: Mapping[str, Any] | None) -> str:
+def _gains_table(gains: JsonRecord | None) -> str:
     """Return `_gains` as a table."""
     columns = {name: x for name, x in (gains or {}).items() if name != "kind"}
     rows = zip(*columns.values(), strict=True)

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.errors import StictionError
@@ -130,16 +130,17 @@ def search(
     where = bounds_of(sje, bounds, s.bounds)
     if options.objective != "sje":
         _check_vibration(where, s)
-    read: dict[str, Any] = {
-        "n_joints": arm.n,
-        "torque_limit": arm.limits.torque,
-        "controller_rate_hz": sje.interface.controller_rate_hz,
-    }
+    read = partial(
+        read_amplitudes,
+        n_joints=arm.n,
+        torque_limit=arm.limits.torque,
+        controller_rate_hz=sje.interface.controller_rate_hz,
+    )
     tables = reference_tables(sje, where, s)
     limits = next(iter(tables.values()))
     if limit is not None:
-        limits = tuple(read_amplitudes(limit, **read))
-    tables |= {Path(p).stem: tuple(read_amplitudes(p, **read)) for p in beside}
+        limits = tuple(read(limit))
+    tables |= {Path(p).stem: tuple(read(p)) for p in beside}
     run = open_run(
         "search",
         "search",

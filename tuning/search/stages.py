@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
@@ -31,6 +31,7 @@ from tuning.search.trials import best, front, score, write_trials
 from tuning.search.verify import (
     NOTHING,
     PathResult,
+    Unseen,
     Verified,
     another_start,
     measured_once,
@@ -78,7 +79,7 @@ class Stages:
     """What was found on paths, by the name of its treatment, or ``search gte``."""
     chosen: str = ""
     """Name of the treatment that is the result of the search on paths."""
-    limit: dict[str, Any] = dataclasses.field(default_factory=dict)
+    limit: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
     """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
 
     def __post_init__(self) -> None:
@@ -302,11 +303,12 @@ class Stages:
             return Treatment(dither=tuple(AmplitudeRow(j, 0.0, 0.0) for j in objective.joints))
         return objective.treatment(chosen.params)
 
-    def _gte(self, seed: int, **options: Any) -> GeneratedTrajectoryExperiment:
+    def _gte(self, seed: int, start: ArrayLike | None = None) -> GeneratedTrajectoryExperiment:
         """Return the experiment of this arm."""
         sje = self.sje
-        options |= {"sensing": sje.sensing, "threads": sje.threads}
-        return GeneratedTrajectoryExperiment(sje.sticking, seed=seed, **options)
+        return GeneratedTrajectoryExperiment(
+            sje.sticking, start=start, sensing=sje.sensing, seed=seed, threads=sje.threads
+        )
 
     # ---- what was found ----------------------------------------------------------------------
 
@@ -355,7 +357,7 @@ class Stages:
         return verify_tracking(unseen, out, random=random, **self._unseen)
 
     @cached_property
-    def _unseen(self) -> dict[str, Any]:
+    def _unseen(self) -> Unseen:
         """What both repeated measurements have in common."""
         s, parameters = self.search, self.sje.sticking.parameters
         draws = frictions(parameters, s.verify_draws, spread=s.spread, seed=self.seed + UNSEEN)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,9 +211,7 @@ class TrackingObjective:
         if self._believed is not None:
             factor, n = parameters["compensation"], self._believed.n
             names = [*self._usual(), *(["load"] if self._loaded else [])]
-            more: dict[str, Any] = {
-                name: (parameters[f"compensation_{name}"],) * n for name in names
-            }
+            more: Parameters = {name: (parameters[f"compensation_{name}"],) * n for name in names}
             compensation = dataclasses.replace(self._believed.times(factor), **more)
         return Treatment(dither=self.table(parameters), compensation=compensation)
 

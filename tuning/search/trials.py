@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from optuna.trial import FrozenTrial, TrialState
@@ -58,13 +57,13 @@ def write_trials(
         records: studies of every stage.
         chosen: which trials of a study are written; default all.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, str | float]] = []
     found = [
         (k, r.name, t) for k, group in records.items() for r in group for t in chosen(r.trials)
     ]
     for stage, study, t in found:
         measures = {k: v for k, v in t.user_attrs.items() if isinstance(v, int | float | str)}
-        row: dict[str, Any] = {"stage": stage, "study": study, "trial": t.number}
+        row: dict[str, str | float] = {"stage": stage, "study": study, "trial": t.number}
         row |= {"state": t.state.name.lower(), "allowed": int(bool(t.values) and allowed(t))}
         row |= {f"value_{k}": v for k, v in enumerate(t.values or ())}
         rows.append(row | {f"parameter_{k}": v for k, v in t.params.items()} | measures)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
+from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
@@ -78,9 +79,19 @@ class Verified:
         return tuple(next(iter(self.tracking.values()), ()))
 
 
-def digest(things: Any) -> str:
+def digest(things: object) -> str:
     """Return a short digest of what is measured."""
     return hashlib.sha256(repr(things).encode()).hexdigest()[:12]
+
+
+class Unseen(TypedDict):
+    """Arguments that both repeated measurements have in common."""
+
+    bounds: Bounds
+    frictions: Sequence[FrictionParameters]
+    settings: SearchSettings
+    record: MakeRecord
+    progress: Progress | None
 
 
 def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
@@ -179,7 +190,7 @@ def verify_tracking(
     for (name, path), attributes in zip(cases, known, strict=True):
         names = ("vibration_m", "vibration_at_rest_m", "power_w", "torque_rate_nm_s")
         shaken = {k: attributes[k] for k in names}
-        left: dict[str, Any] = {k: _left(attributes[k]) for k in LEFT}
+        left: JsonRecord = {k: _left(attributes[k]) for k in LEFT}
         result[name][path] = PathResult(**left, **shaken)
     return result
 
@@ -195,7 +206,7 @@ def measured_once(
     things: Sequence[T],
     measure: Callable[[list[T]], list[Outcome]],
     progress: Progress | None,
-) -> list[dict[str, Any]]:
+) -> list[JsonRecord]:
     """Measure things once each, in one batch; return what was measured."""
     if not things:
         return []
