@@ -38,6 +38,8 @@ try:
 except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
+SB3 = Any
+"""Its arguments and objects: they take and have more than the types that it declares."""
 Settings = PPOSettings | SACSettings | TD3Settings
 ALGORITHMS = ("sac", "ppo", "td3")
 """Names of the algorithms."""
@@ -85,8 +87,8 @@ def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorith
     are not faster with more.
     """
     torch.set_num_threads(1)
-    network: dict[str, Any] = {"net_arch": list(settings.network)}
-    arguments: dict[str, Any] = {
+    network: dict[str, SB3] = {"net_arch": list(settings.network)}
+    arguments: dict[str, SB3] = {
         "learning_rate": settings.learning_rate,
         "batch_size": settings.batch_size,
         "gamma": settings.gamma,
@@ -161,7 +163,9 @@ def packages() -> dict[str, str]:
 # ---- the actor as numbers ------------------------------------------------------------------------
 
 
-def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None = None) -> Policy:
+def export(
+    model: BaseAlgorithm, task: Task, training: Mapping[str, object] | None = None
+) -> Policy:
     """Return a model of Stable-Baselines3, its normalisation included, as a numeric policy.
 
     Args:
@@ -179,9 +183,9 @@ def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None 
     names = {torch.nn.Tanh: "tanh", torch.nn.ReLU: "relu"}
     if len(between) > 1 or not between <= set(names):
         raise StictionError(f"layers {between}: expected one of Tanh, ReLU between linear ones")
-    batch: Any = model.get_env().unwrapped.env.unwrapped  # type: ignore[union-attr]
+    batch: SB3 = model.get_env().unwrapped.env.unwrapped  # type: ignore[union-attr]
     size = batch.single_observation_space.shape
-    normal: Any = model.get_vec_normalize_env()
+    normal: SB3 = model.get_vec_normalize_env()
     used = normal is not None and normal.norm_obs
     return Policy(
         card=Card(
@@ -205,9 +209,9 @@ def export(model: BaseAlgorithm, task: Task, training: Mapping[str, Any] | None 
     )
 
 
-def _layers(model: BaseAlgorithm) -> tuple[list[Any], str]:
+def _layers(model: BaseAlgorithm) -> tuple[list[SB3], str]:
     """Return the actor's layers in order, the last linear, and how the action is bounded."""
-    policy: Any = model.policy
+    policy: SB3 = model.policy
     if isinstance(model, PPO):
         return [*policy.mlp_extractor.policy_net, policy.action_net], "clip"
     if isinstance(model, SAC):
@@ -217,5 +221,5 @@ def _layers(model: BaseAlgorithm) -> tuple[list[Any], str]:
     raise StictionError(f"{type(model).__name__}: expected one of PPO, SAC, TD3")
 
 
-def _numbers(tensor: Any) -> NDArray[np.float64]:
+def _numbers(tensor: torch.Tensor) -> NDArray[np.float64]:
     return np.asarray(tensor.detach().cpu().numpy(), dtype=float)

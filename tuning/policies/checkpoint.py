@@ -29,8 +29,11 @@ from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import naming
-from stiction_envs.reporting.json_text import plain
+from stiction_envs.reporting.json_text import JsonRecord, plain
 
+SB3 = Any
+"""Its objects: they have more than the types that it declares."""
+Arrays = dict[str, NDArray[Any]]
 PART = "next"
 """Name of a checkpoint that is being written."""
 _REPLAY = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
@@ -41,8 +44,8 @@ _COUNTERS = ("num_timesteps", "_n_updates", "_episode_num", "_current_progress_r
 def save(
     folder: Path,
     model: BaseAlgorithm,
-    identity: Mapping[str, Any],
-    more: Mapping[str, Any],
+    identity: Mapping[str, object],
+    more: Mapping[str, object],
     best: Path,
     *,
     finished: bool = False,
@@ -64,7 +67,7 @@ def save(
     if isinstance(model, OffPolicyAlgorithm) and not finished:
         arrays |= _replay(model)
     # Stable-Baselines3 draws from numpy's global generator
-    legacy: Any = np.random.get_state(legacy=False)  # noqa: NPY002
+    legacy = np.random.get_state(legacy=False)  # noqa: NPY002
     state = {
         "identity": identity,
         "finished": finished,
@@ -109,14 +112,14 @@ def newest(folder: Path) -> Path | None:
     return found[-1] if found else None
 
 
-def read_state(place: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
+def read_state(place: Path, identity: Mapping[str, object]) -> JsonRecord:
     """Return the counters and the other state of a checkpoint.
 
     Raises:
         StictionError: it belongs to another training, or cannot be read.
     """
     try:
-        state: dict[str, Any] = json.loads((place / "state.json").read_text(encoding="utf-8"))
+        state: JsonRecord = json.loads((place / "state.json").read_text(encoding="utf-8"))
         theirs = state["identity"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise StictionError(f"checkpoint {place}: cannot be read: {error}") from None
@@ -131,7 +134,7 @@ def read_state(place: Path, identity: Mapping[str, Any]) -> dict[str, Any]:
     return state
 
 
-def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None:
+def restore(place: Path, state: JsonRecord, model: BaseAlgorithm) -> None:
     """Restore a new model of the same training, and its environments, to the saved state.
 
     A finished training cannot be continued.
@@ -165,9 +168,9 @@ def restore(place: Path, state: Mapping[str, Any], model: BaseAlgorithm) -> None
 # ---- environments and replay buffer --------------------------------------------------------------
 
 
-def _arrays_of(model: BaseAlgorithm) -> dict[str, tuple[Any, str]]:
+def _arrays_of(model: BaseAlgorithm) -> dict[str, tuple[object, str]]:
     """Return where each array is kept: an object and the name of its attribute."""
-    normal: Any = model.get_vec_normalize_env()
+    normal: SB3 = model.get_vec_normalize_env()
     monitor = normal.venv
     return {
         "last_obs": (model, "_last_obs"),
@@ -182,9 +185,9 @@ def _arrays_of(model: BaseAlgorithm) -> dict[str, tuple[Any, str]]:
     }
 
 
-def _environment(model: BaseAlgorithm) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
+def _environment(model: BaseAlgorithm) -> tuple[Arrays, list[dict[str, object]]]:
     """Return all arrays of a model's environments, and the random generators of their episodes."""
-    normal: Any = model.get_vec_normalize_env()
+    normal: SB3 = model.get_vec_normalize_env()
     start, actions = normal.venv.venv.snapshot()
     arrays = {name: np.array(getattr(*place)) for name, place in _arrays_of(model).items()}
     arrays["lengths"] = np.array([len(a) for a in actions])
@@ -193,9 +196,9 @@ def _environment(model: BaseAlgorithm) -> tuple[dict[str, NDArray[Any]], list[di
 
 
 def _restore_environment(
-    model: BaseAlgorithm, arrays: Mapping[str, NDArray[Any]], start: list[dict[str, Any]]
+    model: BaseAlgorithm, arrays: Arrays, start: list[dict[str, object]]
 ) -> None:
-    normal: Any = model.get_vec_normalize_env()
+    normal: SB3 = model.get_vec_normalize_env()
     ends = np.cumsum(arrays["lengths"])[:-1]
     observation = normal.venv.venv.restore(start, np.split(arrays["actions_since"], ends))
     if not np.array_equal(observation, arrays["old_obs"]):
@@ -209,15 +212,15 @@ def _restore_environment(
     model._last_original_obs = normal.old_obs
 
 
-def _replay(model: OffPolicyAlgorithm) -> dict[str, NDArray[Any]]:
-    buffer: Any = model.replay_buffer
+def _replay(model: OffPolicyAlgorithm) -> Arrays:
+    buffer: SB3 = model.replay_buffer
     filled = buffer.buffer_size if buffer.full else buffer.pos
     arrays = {f"replay_{name}": getattr(buffer, name)[:filled] for name in _REPLAY}
     return {**arrays, "replay_at": np.array([buffer.pos, int(buffer.full)])}
 
 
-def _restore_replay(model: OffPolicyAlgorithm, arrays: Mapping[str, NDArray[Any]]) -> None:
-    buffer: Any = model.replay_buffer
+def _restore_replay(model: OffPolicyAlgorithm, arrays: Arrays) -> None:
+    buffer: SB3 = model.replay_buffer
     for name in _REPLAY:
         kept = arrays[f"replay_{name}"]
         getattr(buffer, name)[: len(kept)] = kept

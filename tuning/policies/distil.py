@@ -18,14 +18,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from stiction_envs.envs.agents import GatedTable
+from stiction_envs.envs.evaluation import Policy as Agent
 from stiction_envs.envs.evaluation import write_rows
+from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.actions import DITHERED
 from stiction_envs.measured import AmplitudeRow, write_final
@@ -65,14 +67,14 @@ class Fit:
 class DistilledRule(GatedTable):
     """A table, gated by speed, whose amplitudes also grow with the torque up to a threshold."""
 
-    def __init__(self, env: Any, fits: Sequence[Fit]) -> None:
+    def __init__(self, env: ArmVectorEnv, fits: Sequence[Fit]) -> None:
         """Create it for an environment of the project."""
         top = env.unwrapped.core.action_space.high
         rows = [_row(f.joint, f.frequency_hz, f.rule_nm, f.rule_gate_rad_s, top) for f in fits]
         super().__init__(env, [r for r in rows if r is not None], speed=np.inf)
         self.threshold = np.array([f.rule_threshold for f in fits])
 
-    def _factor(self, observation: NDArray[Any]) -> Array:
+    def _factor(self, observation: NDArray[np.floating]) -> Array:
         gated = super()._factor(observation)
         return gated * _pushed(np.abs(self.torque(observation)), self.threshold)
 
@@ -114,7 +116,7 @@ class Distilled:
         write_rows(folder / "rule.csv", [asdict(f) for f in self.fits])
         write_rows(folder / "distilled.csv", self.evaluated.rows)
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """Return fits, losses and the means of the evaluation."""
         return {
             "joints": [asdict(f) for f in self.fits],
@@ -125,7 +127,7 @@ class Distilled:
 
 def distil(
     task: Task,
-    policy: Any,
+    policy: Agent,
     *,
     episodes: int | None = None,
     seed: int = 0,
@@ -161,7 +163,7 @@ def distil(
     return Distilled(fits=tuple(fits), table=table, joint_names=names, evaluated=evaluated)
 
 
-def watch(env: Any, policy: Any, seed: int) -> tuple[Array, Array, Array, Array]:
+def watch(env: VectorEnv, policy: Agent, seed: int) -> tuple[Array, Array, Array, Array]:
     """Return a policy's inputs and actions until each arm of a batch has ended an episode.
 
     Returns:
@@ -189,7 +191,7 @@ def fit(
     amplitude: Array,
     frequency: Array,
     *,
-    top: NDArray[Any],
+    top: NDArray[np.floating],
     settings: DistilSettings,
 ) -> list[Fit]:
     """Return the table and the rule of every joint.
@@ -280,7 +282,7 @@ def _fitted(
     return amplitude, gate, threshold, r2
 
 
-def _pushed(torque: Array, threshold: Any) -> Array:
+def _pushed(torque: Array, threshold: Array | float) -> Array:
     """Return min(1, |τ| / θ), or 1 without threshold."""
     with np.errstate(divide="ignore", invalid="ignore"):
         share = np.minimum(1.0, torque / threshold)
@@ -288,7 +290,7 @@ def _pushed(torque: Array, threshold: Any) -> Array:
 
 
 def _row(
-    joint: int, frequency: float, amplitude: float, gate: float, top: NDArray[Any]
+    joint: int, frequency: float, amplitude: float, gate: float, top: NDArray[np.floating]
 ) -> AmplitudeRow | None:
     """Return the row of a joint; None if it is not dithered."""
     if amplitude == 0:

@@ -9,14 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
+from stiction_envs.envs.evaluation import Policy as Agent
 from stiction_envs.envs.evaluation import evaluate, write_rows
+from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from tuning.policies.policy import Policy
@@ -26,6 +27,7 @@ from tuning.policies.task import Task
 NAMED = ("none", "gated", "random", "rule")
 """Policies that need no file."""
 _TOGETHER = 64  # arms at once: the fastest number (measured)
+Array = NDArray[np.floating]
 Progress = Callable[[str, float, float], None]
 """Called with a policy's name, episodes done and episodes in all."""
 
@@ -34,7 +36,7 @@ Progress = Callable[[str, float, float], None]
 class Evaluated:
     """Rows and means of every policy."""
 
-    rows: tuple[dict[str, Any], ...]
+    rows: tuple[dict[str, object], ...]
     """One per policy and episode; `stiction_envs.envs.evaluation.evaluate` explains the columns."""
 
     def save(self, folder: str | Path) -> None:
@@ -67,11 +69,11 @@ class Evaluated:
 
 def evaluate_all(
     task: Task,
-    policies: Sequence[str | tuple[str, Any]],
+    policies: Sequence[str | tuple[str, Agent]],
     *,
     episodes: int | None = None,
     seed: int = 0,
-    options: Mapping[str, Any] | None = None,
+    options: Mapping[str, object] | None = None,
     progress: Progress | None = None,
 ) -> Evaluated:
     """Evaluate every policy on the same episodes.
@@ -91,7 +93,7 @@ def evaluate_all(
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     each = [_held_out(options, k) for k in range(episodes)]
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for name, agent in agents:
         for start in range(0, episodes, env.num_envs):
             part = range(start, min(episodes, start + env.num_envs))
@@ -107,7 +109,7 @@ def evaluate_all(
     return Evaluated(rows=tuple(rows))
 
 
-def check(task: Task, policies: Sequence[str], options: Mapping[str, Any] | None = None) -> None:
+def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | None = None) -> None:
     """Raise a StictionError if an evaluation has invalid arguments; nothing is run."""
     if len(set(policies)) < len(policies):
         raise StictionError(f"policies {', '.join(policies)}: expected each once")
@@ -118,7 +120,7 @@ def check(task: Task, policies: Sequence[str], options: Mapping[str, Any] | None
     env.close()
 
 
-def read_agent(name: str, task: Task, env: Any) -> Any:
+def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
     """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
 
     Args:
@@ -156,7 +158,7 @@ def read_agent(name: str, task: Task, env: Any) -> Any:
     return ConstantTable(env, path)
 
 
-def best_gated(robot: str, env: Any) -> GatedTable:
+def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
     """Return the best gated table shipped for an arm, clipped to the environment's amplitudes.
 
     The Panda's is the best of 1600 tables with one gate that ``stiction tune panda --protocol
@@ -177,9 +179,9 @@ def gated_file(robot: str) -> Path | None:
     return path if path.is_file() else None
 
 
-def within_bounds(env: Any, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow, ...]:
+def within_bounds(env: ArmVectorEnv, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow, ...]:
     """Return a table with amplitudes clipped to those of the environment's action."""
-    top = env.unwrapped.single_action_space.high
+    top = env.unwrapped.core.action_space.high
     return tuple(
         replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in table
     )
@@ -188,23 +190,23 @@ def within_bounds(env: Any, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow
 class _WithinBounds:
     """A policy with actions clipped to the bounds of another friction than it was trained with."""
 
-    def __init__(self, policy: Policy, env: Any) -> None:
-        space = env.single_action_space
+    def __init__(self, policy: Policy, env: ArmVectorEnv) -> None:
+        space = env.core.action_space
         self._policy, self._low, self._high = policy, space.low, space.high
 
     def predict(
         self,
-        observation: NDArray[Any],
-        state: Any = None,
-        episode_start: Any = None,
+        observation: Array,
+        state: object = None,
+        episode_start: object = None,
         deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
+    ) -> tuple[Array, None]:
         """Return the policy's action, clipped."""
         action, state = self._policy.predict(observation, state, episode_start, deterministic)
         return np.clip(action, self._low, self._high), state
 
 
-def _held_out(options: Mapping[str, Any] | None, episode: int) -> dict[str, Any]:
+def _held_out(options: Mapping[str, object] | None, episode: int) -> dict[str, object]:
     """Return the options of an episode; its random path is one that no training draws."""
     out = dict(options or {})
     if out.get("trajectory") == "random" and "path" not in out:

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.envs.evaluation import Policy as Agent
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.episodes import GTEEpisodes
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -39,7 +39,7 @@ class PathRunner:
     def __init__(
         self,
         experiment: GeneratedTrajectoryExperiment,
-        agent: Any,
+        agent: Agent,
         *,
         interval: float | None = None,
     ) -> None:

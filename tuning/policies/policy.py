@@ -7,10 +7,10 @@ action, _ = policy.predict(observation)                    # [N·m, Hz]
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Self
 
 import msgspec
 import numpy as np
@@ -20,14 +20,14 @@ from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.method_settings import Positive
-from tuning.policies.policy_file import read_archive, write_archive
+from stiction_envs.reporting.json_text import JsonRecord
+from tuning.policies.policy_file import Array, read_archive, write_archive
 
 FORMAT = "stiction-envs policy 1"
 ACTIVATIONS = ("tanh", "relu")
 """Activations of the hidden layers."""
 OUTPUTS = ("tanh", "clip")
 """How an action is limited to [-1, 1] of its range."""
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ class Card:
     """Added to the variance in the normalisation."""
     action: str = DITHERED
     """Name of the action space, one of `experiments.actions.ACTIONS`."""
-    training: Mapping[str, Any]
+    training: JsonRecord
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
 
@@ -82,8 +82,8 @@ class Policy:
     def predict(
         self,
         observation: ArrayLike,
-        state: Any = None,
-        episode_start: Any = None,
+        state: object = None,
+        episode_start: object = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float64], None]:
         """Return the mean action in the units of the environment; interface of Stable-Baselines3.
@@ -229,7 +229,7 @@ class Policy:
 _VECTORS = ("low", "high", "mean", "variance")
 
 
-def _checked_card(path: Path, raw: Mapping[str, Any]) -> Card:
+def _checked_card(path: Path, raw: JsonRecord) -> Card:
     if raw.get("format") != FORMAT:
         raise StictionError(f"{path}: format {raw.get('format')!r}: expected {FORMAT!r}")
     try:

@@ -13,7 +13,6 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,13 +24,14 @@ from tuning.policies.settings import FileSettings, policy_settings
 
 CARD = "policy.json"
 """The entry that describes the file."""
+Array = NDArray[np.floating]
 KINDS = ("<f4", "<f8")
 """Types that the numbers of an array may have."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
 _SB3 = {"_stable_baselines3_version", "policy.pth", "data"}
 
 
-def write_archive(path: Path, card: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> None:
+def write_archive(path: Path, card: Mapping[str, object], arrays: Mapping[str, Array]) -> None:
     """Write a card and arrays of float32 or float64 in one step."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
@@ -43,7 +43,7 @@ def write_archive(path: Path, card: Mapping[str, Any], arrays: Mapping[str, NDAr
     write_bytes_atomic(path, out.getvalue())
 
 
-def read_archive(path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+def read_archive(path: Path) -> tuple[dict[str, object], dict[str, Array]]:
     """Return card and arrays (new) of a file from any source.
 
     Raises:
@@ -95,7 +95,7 @@ def _unpacked(file: zipfile.ZipFile, name: str) -> bytes:
         return entry.read(file.getinfo(name).file_size)
 
 
-def _read_card(path: Path, data: bytes) -> dict[str, Any]:
+def _read_card(path: Path, data: bytes) -> dict[str, object]:
     try:
         card = json.loads(data.decode())
     except (ValueError, RecursionError) as error:
@@ -105,7 +105,7 @@ def _read_card(path: Path, data: bytes) -> dict[str, Any]:
     return card
 
 
-def _read_array(path: Path, name: str, data: bytes) -> NDArray[Any]:
+def _read_array(path: Path, name: str, data: bytes) -> Array:
     """Return an array by its header: `numpy.load` would allocate whatever size that claims."""
     part = io.BytesIO(data)
     expected = "a numpy array of float32 or float64 in order of rows"
@@ -123,7 +123,7 @@ def _read_array(path: Path, name: str, data: bytes) -> NDArray[Any]:
     rest = data[part.tell() :]
     if math.prod(shape) * kind.itemsize != len(rest) or min(shape, default=1) < 0:
         raise StictionError(f"{path}: {name}: {len(rest)} bytes do not fit shape {shape}")
-    out: NDArray[Any] = np.frombuffer(rest, kind).reshape(shape).copy()
+    out: Array = np.frombuffer(rest, kind).reshape(shape).copy()
     if not np.isfinite(out).all():
         raise StictionError(f"{path}: {name}: holds numbers that are not finite")
     return out

@@ -8,7 +8,7 @@ Replaying takes as long as the longest unfinished episode did.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -17,7 +17,10 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.sb3 import SB3VecEnv
 
-States = list[dict[str, Any]]
+if TYPE_CHECKING:
+    from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
+
+States = list[dict[str, object]]
 _SPARE = 1000  # steps that no episode needs any more, before they are dropped (assumed)
 
 
@@ -45,7 +48,7 @@ class ResumableVecEnv(SB3VecEnv):
         self._played, self._since = [], np.zeros(self.num_envs, dtype=np.int64)
         return observation
 
-    def step_wait(self) -> Any:
+    def step_wait(self) -> VecEnvStepReturn:
         """Step all environments."""
         self._actions = np.array(self._actions, dtype=np.float32)
         self._played.append(self._actions)
@@ -82,7 +85,7 @@ class ResumableVecEnv(SB3VecEnv):
         return list(self._start), actions
 
     def restore(
-        self, start: Sequence[Mapping[str, Any]], actions: Sequence[NDArray[np.float32]]
+        self, start: Sequence[Mapping[str, object]], actions: Sequence[NDArray[np.float32]]
     ) -> NDArray[np.float32]:
         """Bring all arms to the state of `snapshot`; return the observations (N, …) there."""
         lengths = np.array([len(a) for a in actions])

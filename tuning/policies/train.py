@@ -16,7 +16,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +96,7 @@ class Training:
         """Whether it starts from dither or gains that are known."""
         return bool(self.start) or self.task.arguments.get("action", DITHERED) != DITHERED
 
-    def identity(self) -> dict[str, Any]:
+    def identity(self) -> dict[str, object]:
         """Return what distinguishes a training from another."""
         task, settings = self.task, self.settings
         return {
@@ -279,7 +278,7 @@ def first_action(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64
         StictionError: a table that the environment cannot execute.
     """
     env = task.make(1)
-    space: Any = env.single_action_space
+    space = env.core.action_space
     table = ConstantTable(env, rows)
     env.close()
     dither = np.concatenate([table.amplitude, table.frequency])

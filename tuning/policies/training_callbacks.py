@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
@@ -14,6 +13,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize, sync_envs_normalization
 
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.json_text import JsonRecord
 
 Say = Callable[[str, int], None]
 """Called with the current activity and the steps so far."""
@@ -126,15 +126,15 @@ class Evaluations(BaseCallback):
 
     # ---- to disk and back --------------------------------------------------------------------
 
-    def state(self) -> dict[str, Any]:
+    def state(self) -> dict[str, object]:
         """Return the state for a checkpoint, JSON."""
         return {"points": [asdict(p) for p in self.points], "ended": self._ended}
 
-    def restore(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: JsonRecord) -> None:
         """Continue from a checkpoint."""
         for row in state["points"]:
             # JSON has no NaN
-            values: dict[str, Any] = {k: np.nan if v is None else v for k, v in row.items()}
+            values: JsonRecord = {k: np.nan if v is None else v for k, v in row.items()}
             self.points.append(CurvePoint(**values))
         self._ended = list(state["ended"])
 
