@@ -11,12 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict
 
-from stiction_envs.errors import StictionError, one_line
+from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
-    from stiction_envs.cli.progress import Progress
-    from stiction_envs.envs.render.film import Film
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.reporting.provenance import Provenance
     from stiction_envs.robots import Arm
@@ -24,9 +22,6 @@ if TYPE_CHECKING:
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 IDEAL = "ideal"
 """Senses where none are given."""
-IN_FOLDER = Path("in --out")
-"""Value of ``--video`` without a file."""
-
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
 """Of the main parser; argparse has no public name for them."""
 
@@ -316,18 +311,6 @@ def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> Non
     )
 
 
-def add_video_option(parser: Parser, what: str) -> None:
-    """Add ``--video [FILE.mp4]``; ``what`` is the beginning of its help."""
-    parser.add_argument(
-        "--video",
-        nargs="?",
-        const=IN_FOLDER,
-        type=Path,
-        metavar="FILE.mp4",
-        help=f"{what} as an mp4 (default: COMMAND.mp4 in --out; needs OpenGL and the extra video)",
-    )
-
-
 # ---- input ---------------------------------------------------------------------------------------
 
 NOT_RECORDED = {
@@ -381,47 +364,6 @@ def output_folder(
         force=args.force,
         resumable=resumable,
     )
-
-
-def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
-    """Return where the video goes, None for no video; nothing is written yet.
-
-    Raises:
-        StictionError: no video can be made here, or not at this place.
-    """
-    if args.video is None:
-        return None
-    from stiction_envs.envs.render.film import check_film
-    from stiction_envs.reporting.output_folder import check_file
-
-    path: Path = args.video
-    if path == IN_FOLDER:
-        path = folder.path / f"{args.command}.mp4"
-    else:
-        check_file(path, ".mp4", force=args.force)
-        if not path.parent.is_dir():
-            raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
-    check_film()
-    return path
-
-
-def write_video(
-    path: Path | None, make_film: Callable[[], Film], progress: Progress
-) -> tuple[dict[str, object], str | None]:
-    """Write a video after all else has been written.
-
-    Returns:
-        ``video`` of the command's result, if one was asked for, and why there is none, if so.
-    """
-    if path is None:
-        return {}, None
-    from stiction_envs.envs.render.film import write_film
-
-    try:
-        write_film(make_film(), path, progress=lambda k, n: progress.set("video", k, n, "frames"))
-    except (StictionError, OSError) as error:
-        return {"video": None}, f"no video: {one_line(error)}; all else is written"
-    return {"video": str(path)}, None
 
 
 def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:

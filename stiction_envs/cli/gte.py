@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.json_text import JsonRecord
 
@@ -137,7 +138,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="inclination in the controller's model [rad] (default: the true one)",
     )
     common.add_experiment_options(parser)
-    common.add_video_option(parser, "show the first iteration of every case")
+    add_video_option(parser, "show the first iteration of every case")
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
 
 
@@ -188,7 +189,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         factor = 1.0 if args.compensation_factor is None else args.compensation_factor
         compensation = bench.compensation(args.compensation, factor, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
-    video = common.video_file(args, folder)
+    video = video_file(args, folder)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),
@@ -212,7 +213,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     with common.working(), Progress() as progress, folder:
         result.write(folder.path)
-        filmed, no_video = common.write_video(video, make_film, progress)
+        filmed, no_video = write_video(video, make_film, progress)
     lost = result.unfinished
     unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
     return {

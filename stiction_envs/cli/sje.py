@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="N",
         help="most simulations at once (default: %(default)s)",
     )
-    common.add_video_option(
+    add_video_option(
         parser,
         "show the first iteration of the first configuration that is dithered, or of the first,",
     )
@@ -89,7 +90,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     folder = common.output_folder(
         args, arm.name, {**common.model_files(args), "dither": args.dither}
     )
-    video = common.video_file(args, folder)
+    video = video_file(args, folder)
 
     from stiction_envs.control.torque_path import TorqueInterface
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -131,7 +132,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        filmed, no_video = common.write_video(video, make_film, progress)
+        filmed, no_video = write_video(video, make_film, progress)
     failed = [f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None, no_video]
     return {
         "command": "sje",

@@ -1,0 +1,72 @@
+"""The option ``--video``: where the video of an experiment goes, and how it is written."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stiction_envs.cli.common import Parser
+from stiction_envs.errors import StictionError, one_line
+
+if TYPE_CHECKING:
+    from stiction_envs.cli.progress import Progress
+    from stiction_envs.envs.render.film import Film
+    from stiction_envs.reporting.output_folder import OutputFolder
+
+IN_FOLDER = Path("in --out")
+"""Value of ``--video`` without a file."""
+
+
+def add_video_option(parser: Parser, what: str) -> None:
+    """Add ``--video [FILE.mp4]``; ``what`` is the beginning of its help."""
+    parser.add_argument(
+        "--video",
+        nargs="?",
+        const=IN_FOLDER,
+        type=Path,
+        metavar="FILE.mp4",
+        help=f"{what} as an mp4 (default: COMMAND.mp4 in --out; needs OpenGL and the extra video)",
+    )
+
+
+def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
+    """Return where the video goes, None for no video; nothing is written yet.
+
+    Raises:
+        StictionError: no video can be made here, or not at this place.
+    """
+    if args.video is None:
+        return None
+    from stiction_envs.envs.render.film import check_film
+    from stiction_envs.reporting.output_folder import check_file
+
+    path: Path = args.video
+    if path == IN_FOLDER:
+        path = folder.path / f"{args.command}.mp4"
+    else:
+        check_file(path, ".mp4", force=args.force)
+        if not path.parent.is_dir():
+            raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
+    check_film()
+    return path
+
+
+def write_video(
+    path: Path | None, make_film: Callable[[], Film], progress: Progress
+) -> tuple[dict[str, object], str | None]:
+    """Write a video after all else has been written.
+
+    Returns:
+        ``video`` of the command's result, if one was asked for, and why there is none, if so.
+    """
+    if path is None:
+        return {}, None
+    from stiction_envs.envs.render.film import write_film
+
+    try:
+        write_film(make_film(), path, progress=lambda k, n: progress.set("video", k, n, "frames"))
+    except (StictionError, OSError) as error:
+        return {"video": None}, f"no video: {one_line(error)}; all else is written"
+    return {"video": str(path)}, None
