@@ -38,6 +38,24 @@ def test_pose_and_jacobian_are_mujocos(robot):
         assert (found * turned.inv()).magnitude() < 1e-9
 
 
+def test_the_tool_moves_with_the_hand():
+    """Laws checked: x = p + R r and v = ṗ + ω × R r, for a tool off all three axes."""
+    model = sticking_model("panda")
+    plant = Plant(model, 3, threads=1, closed_loop=True)
+    tool = (0.03, -0.07, 0.11)
+    hand, tip = EndEffector(model, plant.batch), EndEffector(model, plant.batch, tool)
+    q = model.arm.rest + np.random.default_rng(0).uniform(-0.5, 0.5, (3, model.n))
+    plant.reset(np.arange(3), q)
+    hand.read()
+    tip.read()
+    arm = Rotation.from_quat(hand.quaternion, scalar_first=True).apply(tool)
+    np.testing.assert_allclose(tip.position, hand.position + arm, atol=1e-12)
+    turning = np.swapaxes(hand.jacobian[:, 3:], 1, 2)
+    moved = np.swapaxes(np.cross(turning, arm[:, None]), 1, 2)
+    np.testing.assert_allclose(tip.jacobian[:, :3], hand.jacobian[:, :3] + moved, atol=1e-12)
+    np.testing.assert_array_equal(tip.jacobian[:, 3:], hand.jacobian[:, 3:])
+
+
 @pytest.mark.parametrize("robot", ["panda", "iiwa7", "tilted", "three.xml", "two.urdf"])
 def test_measured_angles_have_the_engines_pose(robot, tmp_path):
     """Own kinematics of the angles are the engine's, elastic joints and fixed bodies included."""
