@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from stiction_envs.envs.evaluation import AnyEnv, State
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.episodes import Episodes
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 from stiction_envs.method_settings import Positive, load_settings
@@ -69,12 +68,7 @@ class Agent(ABC):
         Raises:
             StictionError: another environment.
         """
-        base = env.unwrapped
-        if not isinstance(base, (ArmEnv, ArmVectorEnv)):
-            raise StictionError(
-                f"{type(self).__name__}: {type(base).__name__}: expected an environment of "
-                "stiction_envs"
-            )
+        base = _own(env, type(self).__name__)
         names = list(base.observation_names)
         self.n = n = int(base.core.n)
         one = base.core.action_space
@@ -177,7 +171,7 @@ class ConstantTable(Agent):
             rows = read_amplitudes(Path(table), n_joints=self.n)
         else:
             rows = table
-        waveform = _core(env).waveform
+        waveform = _own(env, "usual table").core.waveform
         amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
         gate = np.full(self.n, np.inf)
         for row in rows:
@@ -289,16 +283,20 @@ AGENTS: dict[str, type[Agent]] = {
 
 def usual_table(env: AnyEnv) -> tuple[AmplitudeRow, ...]:
     """Return Table 4.9 of the thesis for its Panda; other arms get its proportions (assumed)."""
-    core = _core(env)
+    core = _own(env, "usual table").core
     if core.arm.registered_name in thesis_robots("4.9"):
         return thesis_final_dither()
     return proportional_table(core.stiction, core.action_space.high[: core.n].astype(float))
 
 
-def _core(env: AnyEnv) -> Episodes:
-    own = env.unwrapped
-    assert isinstance(own, ArmEnv | ArmVectorEnv)
-    return own.core
+def _own(env: AnyEnv, what: str) -> ArmEnv | ArmVectorEnv:
+    """Return an environment of this package without its wrappers; refuse others."""
+    base = env.unwrapped
+    if not isinstance(base, ArmEnv | ArmVectorEnv):
+        raise StictionError(
+            f"{what}: {type(base).__name__}: expected an environment of stiction_envs"
+        )
+    return base
 
 
 def proportional_table(stiction: Array, most: Array) -> tuple[AmplitudeRow, ...]:

@@ -23,8 +23,8 @@ from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
 from stiction_envs.robots.tables import (
-    ArmFields,
     Limits,
+    Table,
     hand_yaw,
     lookup,
     on_floor,
@@ -229,7 +229,7 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
     return mass, x, y, z
 
 
-def _shipped(files: ArmFiles) -> ArmFields:
+def _shipped(files: ArmFiles) -> Table:
     """Fields as of `read_user_arm`; the package's MJCF is bare and taken as it is, bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
@@ -273,7 +273,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
     return chain[0], chain[1]
 
 
-def _user_arm(robot: str | Path, chain: Chain | None) -> ArmFields:
+def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
     """Fields of an arm that is not registered, as of `read_user_arm`."""
     path = Path(find_model(robot)).expanduser()
     if path.suffix.lower() not in MODEL_FILES:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,22 +43,6 @@ class Limits:
             array = np.array(getattr(self, field.name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, field.name, array)
-
-
-class ArmFields(TypedDict):
-    """Fields of an `arm.Arm`, all but payload, tilt and registered."""
-
-    name: str
-    xml: str
-    joint_names: tuple[str, ...]
-    link_names: tuple[str, ...]
-    end_effector: str
-    hand_yaw: float
-    limits: Limits
-    rest: NDArray[np.float64]
-    controller_rate_hz: float
-    lowpass_hz: float
-    on_floor: bool
 
 
 def read_toml(path: Path) -> Table:

@@ -30,8 +30,8 @@ from stiction_envs.robots.chain import (
 from stiction_envs.robots.mjcf import free_name
 from stiction_envs.robots.overlapping_links import exclude_overlapping
 from stiction_envs.robots.tables import (
-    ArmFields,
     Limits,
+    Table,
     check_range,
     generic,
     hand_yaw,
@@ -51,7 +51,7 @@ _HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
-def read_user_arm(path: Path, chain: Chain | None = None) -> ArmFields:
+def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     """Fields of an ``Arm`` from a user's file.
 
     Args:

@@ -118,6 +118,8 @@ def test_usual_tables():
     rows = usual_table(env)
     assert [r.joint for r in rows] == list(range(1, 8))
     assert [r.amplitude_nm for r in rows] == pytest.approx(1.5 * env.unwrapped.core.stiction)
+    with pytest.raises(StictionError, match="usual table: PendulumEnv: expected an environment"):
+        usual_table(gym.make("Pendulum-v1"))
 
 
 @pytest.mark.parametrize(
