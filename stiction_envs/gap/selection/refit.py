@@ -16,7 +16,7 @@ from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.links import with_found_links
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.selection.whole_models import likelier
+from stiction_envs.gap.selection.whole_models import likelier, with_likely_size
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 
@@ -48,6 +48,7 @@ def refit(
     """
     before, causes, least = library.data, library.causes, evidence(library, terms)
     known, tried, found = (library.inflation, library.scale), library.candidates, terms
+    again = False
     for _ in range(ROUNDS):
         if (given := given_arm_causes(library, found, before, causes)) is None:
             break
@@ -67,6 +68,10 @@ def refit(
         found = refitted
         if same:
             break
+        again = True
+    if again and library.scale > 0:
+        # what was not given yet looked like noise, and like larger errors of links
+        found = with_likely_size(library, found)
     return library, found
 
 
