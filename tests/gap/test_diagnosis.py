@@ -132,9 +132,8 @@ def test_a_payload_and_the_tilt_of_its_base_are_found_in_turn(seed: int) -> None
 
 @pytest.mark.slow
 def test_causes_that_only_stand_out_together_survive_a_refit() -> None:
-    case = make_case(
-        2135, ("link_parameters", "external_spring"), motion="fourier", joint=3, known=True
-    )
+    """The link's mass and the spring on its joint: a search from nothing finds neither."""
+    case = make_case(2135, ("link_parameters", "external_spring"), joint=3, size=0.7314895233319627)
     assert {c.name for c in solved(case).causes} == {"link_parameters", "external_spring"}
 
 
