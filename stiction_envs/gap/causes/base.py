@@ -30,6 +30,7 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.floating]
+"""Torque per unit of coefficients; in single precision where several causes share an array."""
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
 

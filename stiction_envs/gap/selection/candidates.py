@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
-from stiction_envs.gap.selection.joint_columns import Columns, JointColumns
+from stiction_envs.gap.selection.joint_columns import JointColumns, Kept
 from stiction_envs.gap.selection.row_weights import (
     certain,
     dependent_rows,
@@ -131,14 +131,12 @@ class RegressorLibrary:
         x = np.concatenate(parts, axis=1)
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
-    def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Columns]]]:
+    def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Kept]]]:
         """Return the candidates of a joint with their columns."""
         left = self._cleaned(joint)
         return [x for cause in causes for x in self._offered(cause, joint, left)]
 
-    def _offered(
-        self, cause: Cause, joint: int, left: Array
-    ) -> list[tuple[Candidate, list[Columns]]]:
+    def _offered(self, cause: Cause, joint: int, left: Array) -> list[tuple[Candidate, list[Kept]]]:
         if (before := self._before) is not None and before._holds(cause, self.data):
             if reason := before.not_identifiable.get((cause.name, joint)):
                 self.not_identifiable[cause.name, joint] = reason
@@ -187,7 +185,7 @@ class RegressorLibrary:
             return list(range(self.data.n))
         return [term.joint]
 
-    def _rows(self, term: Candidate) -> list[Columns]:
+    def _rows(self, term: Candidate) -> list[Kept]:
         """Return the (k, T) columns on each joint that a candidate acts on, each in one piece.
 
         They are copied where they are not: a view would keep the whole array in memory.
@@ -216,7 +214,7 @@ class RegressorLibrary:
             if not t.small
         )
 
-    def _add(self, term: Candidate, rows: list[Columns]) -> None:
+    def _add(self, term: Candidate, rows: list[Kept]) -> None:
         self._sizes[term] = len(rows[0])
         for joint, columns in zip(self.affected_joints(term), rows, strict=True):
             self._at[term, joint] = self._columns.add(joint, columns)
@@ -233,13 +231,13 @@ class RegressorLibrary:
     def _sums(self, grams: list[Gram]) -> JointGrams:
         return JointGrams(grams, self.inflation)
 
-    def _gram(self, joint: int, parts: Sequence[Columns]) -> Gram:
+    def _gram(self, joint: int, parts: Sequence[Kept]) -> Gram:
         """Return the sums of columns on a joint, in parts (k, T)."""
         d = self.data
         weight = self.weight[:, joint] / d.noise[joint] ** 2
         return Gram.of_parts(parts, self.residual[:, joint], d.block, weight, d.blocks)
 
-    def _parts(self, terms: Sequence[Candidate], joint: int) -> list[Columns]:
+    def _parts(self, terms: Sequence[Candidate], joint: int) -> list[Kept]:
         """Return the columns of a model on a joint, in parts (k, T), the first without columns."""
         some = [t for t in terms if joint in self.affected_joints(t)]
         kept = (self._columns.at(joint, self._at[t, joint]) for t in some)
@@ -251,7 +249,7 @@ class RegressorLibrary:
         new = self._columns.width[joint] - gram.xr.shape[1]
         if not new:
             return gram
-        before, more = list(self._columns.parts[joint]), list[Columns]()
+        before, more = list(self._columns.parts[joint]), list[Kept]()
         while new > sum(len(x) for x in more):
             more.insert(0, before.pop())
         weight = self.weight[:, joint] / d.noise[joint] ** 2

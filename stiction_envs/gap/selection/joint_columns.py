@@ -11,7 +11,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-Columns = NDArray[np.float32]
+Kept = NDArray[np.float32]
+"""(k, T) columns of one candidate."""
 
 
 class JointColumns:
@@ -19,14 +20,14 @@ class JointColumns:
 
     def __init__(self, joints: int, rows: int) -> None:
         self._nothing = np.empty((0, rows), dtype=np.float32)
-        self.parts: list[list[Columns]] = [[self._nothing] for _ in range(joints)]
+        self.parts: list[list[Kept]] = [[self._nothing] for _ in range(joints)]
         """Parts of each joint, (k, T) each, in their order, the first without columns; not to be
         changed."""
         self.width = [0] * joints
         """Number of columns of each joint."""
-        self._part_of: list[dict[int, Columns]] = [{} for _ in range(joints)]
+        self._part_of: list[dict[int, Kept]] = [{} for _ in range(joints)]
 
-    def add(self, joint: int, columns: Columns) -> tuple[int, ...]:
+    def add(self, joint: int, columns: Kept) -> tuple[int, ...]:
         """Keep (k, T) columns, which must not change; return their numbers."""
         start = self.width[joint]
         self.parts[joint].append(columns)
@@ -34,7 +35,7 @@ class JointColumns:
         self.width[joint] += len(columns)
         return tuple(range(start, self.width[joint]))
 
-    def at(self, joint: int, numbers: tuple[int, ...]) -> Columns:
+    def at(self, joint: int, numbers: tuple[int, ...]) -> Kept:
         """Return (k, T) columns that were added together; not to be changed."""
         return self._part_of[joint][numbers[0]]
 
