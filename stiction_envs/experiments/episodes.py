@@ -151,6 +151,8 @@ class Episodes(ABC, Generic[Case, Unit]):
             raise StictionError(
                 f"max_episode_steps {a.max_episode_steps}: expected a whole number from 1"
             )
+        if a.threads < 0:
+            raise StictionError(f"{a.threads} threads: expected whole numbers from 0")
         self.weights = self._weights(a)
         """Of the reward's terms, by the argument's name [-]."""
         self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)

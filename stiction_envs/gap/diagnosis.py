@@ -244,6 +244,7 @@ def _conclude(
 ) -> Diagnosis:
     data, grams, chosen = library.data, library.grams, terms
     terms = with_set_up(library, chosen)
+    library.keep(terms)
     count = np.array([g.count.sum() for g in grams.joints])
 
     def error(left: Array) -> Array:

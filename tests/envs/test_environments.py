@@ -177,6 +177,7 @@ def test_actions_of_another_shape(kind, env, action):
         ({"robot": "fanuc"}, "fanuc"),
         ({"friction": "nowhere.toml"}, "nowhere.toml"),
         ({"render_mode": "ascii"}, "rgb_array"),
+        ({"threads": -1}, "-1 threads: expected whole numbers from 0"),
     ],
     gte=[
         ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
@@ -192,6 +193,7 @@ def test_actions_of_another_shape(kind, env, action):
         ({"tool": (0.0, 0.1)}, "three finite numbers"),
         ({"compensation": "pull"}, "feedforward, push"),
         ({"render_mode": "ascii"}, "rgb_array"),
+        ({"threads": -1}, "-1 threads: expected whole numbers from 0"),
     ],
 )
 def test_wrong_arguments(kind: Kind, wrong, words):

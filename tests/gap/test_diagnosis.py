@@ -119,6 +119,25 @@ def test_two_hidden_causes_are_both_named() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [2118, 2126])
+def test_a_payload_and_the_tilt_of_its_base_are_found_in_turn(seed: int) -> None:
+    """Each makes the other's torque: without turns, offsets and masses of links stood in."""
+    case = make_case(seed, ("base_tilt", "payload"), motion="poses", known=True, size=0.9)
+    found = solved(case)
+    assert {c.name for c in found.causes} == {"base_tilt", "payload"}
+    (tilt,) = next(c for c in found.causes if c.name == "base_tilt").parameters.values()
+    truth = next(h for h in case.hidden if h.name == "base_tilt").values["tilt_rad"]
+    assert tilt["tilt_rad"].value == pytest.approx(truth, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_causes_that_only_stand_out_together_survive_a_refit() -> None:
+    """The link's mass and the spring on its joint: a search from nothing finds neither."""
+    case = make_case(2135, ("link_parameters", "external_spring"), joint=3, size=0.7314895233319627)
+    assert {c.name for c in solved(case).causes} == {"link_parameters", "external_spring"}
+
+
+@pytest.mark.slow
 def test_friction_feels_the_payload_that_was_found() -> None:
     """The gears transmit it, so the coefficient is per load with it."""
     hidden = ("payload", "load_dependent_friction")

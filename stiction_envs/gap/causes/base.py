@@ -29,6 +29,8 @@ from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Columns = NDArray[np.floating]
+"""Torque per unit of coefficients; in single precision where several causes share an array."""
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
 
@@ -54,7 +56,7 @@ class View:
 
     label: str
     """Of the axis, with its unit."""
-    of: Callable[[Data, int, Shape], Array] | None
+    of: Callable[[Data, int, Shape], Columns] | None
     """(T,) variable of a joint (from 0) for nonlinear parameters; None for the torque that the
     cause itself predicts."""
     folded: bool = False
@@ -145,10 +147,10 @@ class Cause(ABC):
     # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return (T, k) torque per unit of each coefficient on a joint (from 0)."""
 
-    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return (T, n, k) torque on all joints of a `coupled` cause on one joint."""
         raise NotImplementedError
 

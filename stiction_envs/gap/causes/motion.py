@@ -56,7 +56,7 @@ def lacks_both_directions(data: Data, joint: int) -> str:
     return ""
 
 
-def changes(data: Data, torque: Array) -> NDArray[np.bool_]:
+def changes(data: Data, torque: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Return (n,) where a torque (T, n) changes by more than noise hides; constants do not."""
     return np.asarray(torque[data.block >= 0].std(axis=0) > data.settings.noise.seen * data.noise)
 

@@ -10,6 +10,9 @@ Array = NDArray[np.float64]
 RIDGE = 1e-9
 """Ridge that keeps dependent columns solvable, over their squares [-]; assumed: far below any
 effect."""
+UNSEEN = 1e-12
+"""Square of a column below which a system does not show it, over that in the others [-]; assumed:
+rounding of a sum from which the only block that shows it was taken."""
 
 
 def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
@@ -20,11 +23,17 @@ def solve(xx: Array, xr: Array, low: Array, high: Array) -> Array:
 def solve_all(xx: Array, xr: Array, low: Array, high: Array) -> Array:
     """Return the coefficients (B, P) of B systems (B, P, P) and (B, P), as of `solve`.
 
-    Bounds are (P,), or (B, P) where systems have their own.
+    Bounds are (P,), or (B, P) where systems have their own. The systems are of the same columns; a
+    column that others show and one does not has no part in it.
     """
     if not xr.shape[1]:
         return np.zeros_like(xr)
-    scale = np.sqrt(np.maximum(np.diagonal(xx, axis1=1, axis2=2), 1e-300))
+    square = np.diagonal(xx, axis1=1, axis2=2)
+    unseen = square < UNSEEN * square.max(axis=0)
+    if unseen.any():
+        xx = np.where(unseen[:, :, None] | unseen[:, None, :], 0.0, xx)
+        xr, square = np.where(unseen, 0.0, xr), np.where(unseen, 0.0, square)
+    scale = np.sqrt(np.maximum(square, 1e-300))
     normal = xx / (scale[:, :, None] * scale[:, None, :]) + RIDGE * np.eye(xr.shape[1])
     target = xr / scale
     out = np.linalg.solve(normal, target[..., None])[..., 0]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Parts = Sequence[NDArray[np.floating]]
 Index = NDArray[np.int64]
 
 
@@ -52,7 +53,7 @@ class Gram:
 
     @classmethod
     def of_parts(
-        cls, parts: Sequence[Array], residual: Array, block: Index, weight: Array, blocks: int
+        cls, parts: Parts, residual: Array, block: Index, weight: Array, blocks: int
     ) -> Gram:
         """Compute the sums of columns in parts, (k, T) each, side by side; otherwise `of`."""
         p = sum(len(x) for x in parts)
@@ -70,8 +71,8 @@ class Gram:
 
     def with_columns(
         self,
-        before: Sequence[Array],
-        more: Sequence[Array],
+        before: Parts,
+        more: Parts,
         residual: Array,
         block: Index,
         weight: Array,
@@ -100,9 +101,9 @@ class Gram:
         return Gram(xx, xr, self.rr, self.count)
 
 
-def _side_by_side(parts: Sequence[Array], rows: slice | Index) -> Array:
+def _side_by_side(parts: Parts, rows: slice | Index) -> Array:
     """Return (P, R) some rows of columns in parts (k, T), as a copy."""
-    return np.concatenate([x[:, rows] for x in parts])
+    return np.concatenate([x[:, rows] for x in parts], dtype=np.float64)
 
 
 class Gathered(NamedTuple):

@@ -106,7 +106,7 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> Picture:
         )
         after = data.residual[:, j] - d.torque(j)
         before, alone = after + effect[:, j], effect[:, j]
-        x = alone if view.of is None else view.of(data, j, term.shape)
+        x = alone if view.of is None else view.of(data, j, term.shape).astype(np.float64)
         rows = np.ones(len(x), dtype=bool)
         if view.folded:
             rows = np.abs(data.dq[:, j]) > 1e-3

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
-from stiction_envs.gap.selection.joint_columns import JointColumns
+from stiction_envs.gap.selection.joint_columns import JointColumns, Kept
 from stiction_envs.gap.selection.row_weights import (
     certain,
     dependent_rows,
@@ -71,7 +71,7 @@ class RegressorLibrary:
         self.not_identifiable: dict[tuple[str, int], str] = {}
         """Why these data cannot show a cause on a joint."""
         self.candidates: list[Candidate] = []
-        self._last: tuple[Candidate, Array] | None = None
+        self._last: tuple[Candidate, NDArray[np.floating]] | None = None
         self._at: dict[tuple[Candidate, int], tuple[int, ...]] = {}
         self._sizes: dict[Candidate, int] = {}
         self._columns = JointColumns(data.n, len(data.t))
@@ -131,20 +131,18 @@ class RegressorLibrary:
         x = np.concatenate(parts, axis=1)
         return np.asarray(r - x @ np.linalg.lstsq(x, r, rcond=None)[0])
 
-    def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Array]]]:
+    def _made(self, joint: int, causes: Sequence[Cause]) -> list[tuple[Candidate, list[Kept]]]:
         """Return the candidates of a joint with their columns."""
         left = self._cleaned(joint)
         return [x for cause in causes for x in self._offered(cause, joint, left)]
 
-    def _offered(
-        self, cause: Cause, joint: int, left: Array
-    ) -> list[tuple[Candidate, list[Array]]]:
+    def _offered(self, cause: Cause, joint: int, left: Array) -> list[tuple[Candidate, list[Kept]]]:
         if (before := self._before) is not None and before._holds(cause, self.data):
             if reason := before.not_identifiable.get((cause.name, joint)):
                 self.not_identifiable[cause.name, joint] = reason
             same = before.candidates[: before._begun]
             mine = [t for t in same if (t.cause, t.joint) == (cause.name, joint)]
-            return [(t, [before.columns(t, joint).T]) for t in mine]
+            return [(t, [before._columns.at(joint, before._at[t, joint])]) for t in mine]
         if reason := cause.why_not_identifiable(self.data, max(joint, 0)):
             self.not_identifiable[cause.name, joint] = reason
             return []
@@ -166,11 +164,16 @@ class RegressorLibrary:
     def _keep_for(self, data: Data, causes: Sequence[Cause]) -> None:
         """Keep only the columns that are the same for other data: all at once fill the memory."""
         same = {c.name for c in causes if self._holds(c, data)}
+        self.keep([t for t in self._sizes if t.cause in same])
+        del self.grams
+
+    def keep(self, terms: Sequence[Candidate]) -> None:
+        """Give back the memory of all columns but those of some terms; nothing can be refined."""
+        kept = frozenset(terms)
         for j in range(self.data.n):
-            some = [at for (t, joint), at in self._at.items() if joint == j and t.cause in same]
+            some = [at for (t, joint), at in self._at.items() if joint == j and t in kept]
             self._columns.keep(j, some)
         self._models.clear()
-        del self.grams
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
@@ -182,7 +185,7 @@ class RegressorLibrary:
             return list(range(self.data.n))
         return [term.joint]
 
-    def _rows(self, term: Candidate) -> list[Array]:
+    def _rows(self, term: Candidate) -> list[Kept]:
         """Return the (k, T) columns on each joint that a candidate acts on, each in one piece.
 
         They are copied where they are not: a view would keep the whole array in memory.
@@ -190,8 +193,9 @@ class RegressorLibrary:
         cause, joints = self.causes[term.cause], self.affected_joints(term)
         if cause.coupled:
             spread = cause.spread(self.data, term.joint, term.shape)
-            return [np.ascontiguousarray(spread[:, j].T) for j in joints]
-        return [np.ascontiguousarray(cause.columns(self.data, j, term.shape).T) for j in joints]
+            return [np.ascontiguousarray(spread[:, j].T, dtype=np.float32) for j in joints]
+        each = (cause.columns(self.data, j, term.shape) for j in joints)
+        return [np.ascontiguousarray(x.T, dtype=np.float32) for x in each]
 
     def needs(self, name: str) -> tuple[str, ...]:
         """Return the causes that a cause needs: none if the nominal model has friction."""
@@ -210,7 +214,7 @@ class RegressorLibrary:
             if not t.small
         )
 
-    def _add(self, term: Candidate, rows: list[Array]) -> None:
+    def _add(self, term: Candidate, rows: list[Kept]) -> None:
         self._sizes[term] = len(rows[0])
         for joint, columns in zip(self.affected_joints(term), rows, strict=True):
             self._at[term, joint] = self._columns.add(joint, columns)
@@ -227,16 +231,17 @@ class RegressorLibrary:
     def _sums(self, grams: list[Gram]) -> JointGrams:
         return JointGrams(grams, self.inflation)
 
-    def _gram(self, joint: int, parts: Sequence[Array]) -> Gram:
+    def _gram(self, joint: int, parts: Sequence[Kept]) -> Gram:
         """Return the sums of columns on a joint, in parts (k, T)."""
         d = self.data
         weight = self.weight[:, joint] / d.noise[joint] ** 2
         return Gram.of_parts(parts, self.residual[:, joint], d.block, weight, d.blocks)
 
-    def _parts(self, terms: Sequence[Candidate], joint: int) -> list[Array]:
+    def _parts(self, terms: Sequence[Candidate], joint: int) -> list[Kept]:
         """Return the columns of a model on a joint, in parts (k, T), the first without columns."""
         some = [t for t in terms if joint in self.affected_joints(t)]
-        return [self._columns.parts[joint][0], *(self.columns(t, joint).T for t in some)]
+        kept = (self._columns.at(joint, self._at[t, joint]) for t in some)
+        return [self._columns.parts[joint][0], *kept]
 
     def _grown(self, joint: int) -> Gram:
         """Return the sums of a joint with the columns that were added since."""
@@ -244,7 +249,7 @@ class RegressorLibrary:
         new = self._columns.width[joint] - gram.xr.shape[1]
         if not new:
             return gram
-        before, more = list(self._columns.parts[joint]), list[Array]()
+        before, more = list(self._columns.parts[joint]), list[Kept]()
         while new > sum(len(x) for x in more):
             more.insert(0, before.pop())
         weight = self.weight[:, joint] / d.noise[joint] ** 2
@@ -403,11 +408,11 @@ class RegressorLibrary:
 
     def columns(self, term: Candidate, joint: int) -> Array:
         """Return the (T, k) columns of a candidate on a joint; not to be changed."""
-        if at := self._at.get((term, joint)):
-            return self._columns.at(joint, at).T
+        if self._columns.holds(joint, at := self._at.get((term, joint), ())):
+            return self._columns.at(joint, at).T.astype(np.float64)
         cause = self.causes[term.cause]
         if cause.coupled:
             if self._last is None or self._last[0] != term:
                 self._last = (term, cause.spread(self.data, term.joint, term.shape))
-            return self._last[1][:, joint]
-        return cause.columns(self.data, joint, term.shape)
+            return self._last[1][:, joint].astype(np.float64)
+        return cause.columns(self.data, joint, term.shape).astype(np.float64)

@@ -46,8 +46,7 @@ def _looks_the_same(
     library: RegressorLibrary, other: str, terms: list[Candidate], mine: list[Candidate], c: Array
 ) -> bool:
     """Whether a cause that these data cannot show would look like the one that was found."""
-    data, cause = library.data, library.causes[other]
-    most = data.settings.estimates.hardly_own
+    cause, most = library.causes[other], library.data.settings.estimates.hardly_own
     if cause.arm_wide or cause.coupled:
         return False
     parts = dict(zip(terms, library.split(terms, c), strict=True))
@@ -60,8 +59,8 @@ def _looks_the_same(
             for t in terms
             if t not in mine and j in library.affected_joints(t)
         ]
-        target = library.columns(term, j) @ parts[term]
-        if _own_share(library, j, target, [cause.columns(data, j, ()), *others]) > most:
+        target, unseen = library.columns(term, j) @ parts[term], Candidate(other, j, ())
+        if _own_share(library, j, target, [library.columns(unseen, j), *others]) > most:
             return False
     return True
 

@@ -69,6 +69,17 @@ def with_or_without_random(
     return library.beside(terms)
 
 
+def with_likely_size(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[Candidate]:
+    """Return a model whose small errors of links, and noise, are as large as it says itself.
+
+    Before what was found is given, what that leaves looks like either of them.
+    """
+    library.given(library.noise_under(terms), library.scale)
+    _, size = library.likeliest(terms)
+    library.given(library.inflation, size)
+    return library.beside(terms)
+
+
 def _with_likely_bodies(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:
     """Return a model with the bodies that stand out of small errors of all links.
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +19,7 @@ from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamic
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Derived = TypeVar("Derived", bound=NDArray[np.floating])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,10 +97,10 @@ class Recording:
         return gravity_torque(self.pinocchio, self.q)
 
     @cached_property
-    def _derived(self) -> dict[Callable[..., Array], tuple[tuple[float, ...], Array]]:
+    def _derived(self) -> dict[Callable[..., Any], tuple[tuple[float, ...], Any]]:
         return {}
 
-    def derived(self, make: Callable[..., Array], *arguments: float) -> Array:
+    def derived(self, make: Callable[..., Derived], *arguments: float) -> Derived:
         """Return ``make(self, *arguments)``, computed only once because it may be expensive.
 
         Args:
@@ -109,7 +111,7 @@ class Recording:
         if kept is None or kept[0] != arguments:
             self._derived.pop(make, None)  # two results at once take too much memory
             kept = self._derived[make] = arguments, make(self, *arguments)
-        return kept[1]
+        return cast(Derived, kept[1])
 
     def bristles(self, distance: Array) -> Array:
         """Return (T, n, k) `bristles` along the reversal path, unfiltered [-].

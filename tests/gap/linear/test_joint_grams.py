@@ -36,6 +36,17 @@ def test_the_held_out_error_is_that_of_the_fit_to_the_other_blocks() -> None:
         assert np.isclose(out[0, b], (W[~rest] * e * e).sum(), rtol=1e-5)
 
 
+def test_a_column_that_only_one_block_shows_has_no_part_without_that_block() -> None:
+    """The tail of a filter or rounding elsewhere is no column: others fit as if it were none."""
+    x = X.copy()
+    x[BLOCK != 2, 2] *= 1e-9
+    fits = JointGrams([Gram.of(x, R, BLOCK, W, 6)]).leave_one_block_out(FREE)
+    rest = BLOCK != 2
+    expected = least_squares(x[rest, :2], R[rest], W[rest])
+    np.testing.assert_allclose(fits[2], [*expected, 0.0], rtol=1e-6)
+    assert np.all(fits[[0, 1, 3, 4, 5], 2] != 0)
+
+
 def test_the_fit_is_weighted_least_squares_with_multiplicities_of_blocks() -> None:
     """One block counts twice and one not at all; later fits do not remember it."""
     grams, weight = joint_grams(), np.array([2.0, 0.0, 1.0, 1.0, 1.0, 1.0])

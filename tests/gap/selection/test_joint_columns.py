@@ -23,6 +23,8 @@ def test_only_columns_that_are_kept_are_left() -> None:
     columns.add(1, part)
     columns.keep(0, [second])
     assert columns.at(0, second) is part
+    assert columns.holds(0, second)
+    assert not columns.holds(0, first)
     with pytest.raises(KeyError):
         columns.at(0, first)
     assert np.concatenate(columns.parts[0]).shape == (0, 5)

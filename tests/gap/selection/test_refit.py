@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import cycle
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,8 @@ def test_what_is_not_found_again_leaves_the_model_as_it_was(
     assert {"payload", "stribeck_friction"} <= {c.name for c in usual.causes}
     assert usual.data.carried is not None
     monkeypatch.setattr(refit, "same_arm_causes", lambda *_: False)
+    falling = cycle((1.0, 0.0))
+    monkeypatch.setattr(refit, "evidence", lambda *_: next(falling))
     back = loaded(two)
     monkeypatch.setattr(refit, "given_arm_causes", lambda *_: None)
     never = loaded(two)

@@ -47,7 +47,7 @@ ROWS = 4000
 """Number of rows that are computed at once: all of them would fill the memory; assumed."""
 
 
-def body_columns(recording: Recording, *gravity: float) -> Array:
+def body_columns(recording: Recording, *gravity: float) -> NDArray[np.float32]:
     """Return (T, n, 4 n + 10 + r): torque per `link_directions` of each link, per parameter of the
     last one, and per direction of `link_basis`.
 
@@ -61,8 +61,8 @@ def body_columns(recording: Recording, *gravity: float) -> Array:
     n = recording.n
     each = [link_directions(phi) for phi in inertial_parameters(model)]
     basis = recording.derived(link_basis)
-    # the columns of a joint are neighbours in memory, each in one piece: none is copied later
-    memory = np.empty((n, 4 * n + 10 + basis.shape[1], len(recording.t)))
+    # the columns of a joint are neighbours in memory, as `JointColumns` keeps them: none is copied
+    memory = np.empty((n, 4 * n + 10 + basis.shape[1], len(recording.t)), dtype=np.float32)
     out = np.moveaxis(memory, 2, 0)
     for start in range(0, len(out), ROWS):
         rows = slice(start, start + ROWS)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
     link_directions,
@@ -62,11 +62,11 @@ class LinkParameters(Cause):
         """Return which link it is, and what it weighs in the model [kg]."""
         return [(joint + 1.0, float(data.recording.derived(link_masses)[joint]))]
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]
 
-    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per kilogram, and per kg·m that the link is moved by, on all joints."""
         return data.recording.derived(body_columns, *data.gravity_found)[
             :, :, 4 * joint : 4 * joint + 4

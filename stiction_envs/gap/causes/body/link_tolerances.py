@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import body_columns, link_basis
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.causes.motion import holds_one_pose
@@ -38,7 +38,7 @@ class LinkTolerances(Cause):
     refinable: ClassVar[bool] = False
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per standard deviation of each direction."""
         columns = data.recording.derived(body_columns, *data.gravity_found)
         return columns[:, joint, 4 * data.n + 10 :]

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Shape
+from stiction_envs.gap.causes.base import Array, Cause, Columns, Shape
 from stiction_envs.gap.causes.motion import along_runs
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
@@ -32,7 +32,7 @@ class DeflectedLink(Cause):
     most: ClassVar[float]
     """Largest coefficient [-]."""
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]
 
@@ -56,20 +56,20 @@ class DeflectedLink(Cause):
         return np.asarray(c * c * size - 2 * c * along)
 
 
-def masses(recording: Recording) -> Array:
+def masses(recording: Recording) -> Columns:
     """Return (T, n, n) M(q) of an arm along a recording [kg·m²]."""
-    return mass_matrices(recording.pinocchio, recording.q)
+    return mass_matrices(recording.pinocchio, recording.q).astype(np.float32)
 
 
-def slopes(recording: Recording) -> Array:
+def slopes(recording: Recording) -> Columns:
     """Return (T, n, n) ∂g/∂q of an arm along a recording [N·m/rad]."""
-    return gravity_slopes(recording.pinocchio, recording.q)
+    return gravity_slopes(recording.pinocchio, recording.q).astype(np.float32)
 
 
 def own_terms(data: Data, joint: int) -> tuple[Array, Array]:
     """Return (T,) inertia [kg·m²] and slope of gravity [N·m/rad] of a joint on itself."""
-    mass, slope = (data.links.derived(x) for x in (masses, slopes))
-    return mass[:, joint, joint], slope[:, joint, joint]
+    mass, slope = (data.links.derived(x)[:, joint, joint] for x in (masses, slopes))
+    return mass.astype(np.float64), slope.astype(np.float64)
 
 
 def torque_of(data: Data, joint: int, deflection: Array) -> Array:

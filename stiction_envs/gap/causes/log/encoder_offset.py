@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
@@ -66,11 +66,11 @@ class EncoderOffset(Cause):
         found = float((slope * torque).sum()) / max(float(np.square(slope).sum()), 1e-300)
         return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per radian on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]
 
-    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per radian on all joints."""
         if not shape[0]:
             return data.links.derived(_slopes, *data.gravity_found)[:, :, joint, None]
@@ -146,14 +146,15 @@ def _torques(recording: Recording, *gravity: float) -> Array:
     return inverse_dynamics(model, recording.q, recording.dq, recording.ddq)
 
 
-def _slopes(recording: Recording, *gravity: float) -> Array:
+def _slopes(recording: Recording, *gravity: float) -> Columns:
     """Return (T, n, n) −∂τ/∂q of the inverse dynamics, torque first [N·m/rad].
 
     Derivatives of Newton and Euler's recursion (J. Carpentier, N. Mansard, "Analytical derivatives
     of rigid body dynamics algorithms", RSS 2018). ``gravity`` as of `_under`.
     """
     model = _under(recording.pinocchio, gravity)
-    work, out = model.createData(), np.empty((*recording.q.shape, recording.n))
+    work = model.createData()
+    out = np.empty((*recording.q.shape, recording.n), dtype=np.float32)
     for k, row in enumerate(zip(recording.q, recording.dq, recording.ddq, strict=True)):
         out[k] = pin.computeRNEADerivatives(model, work, *row)[0]
     return -out
