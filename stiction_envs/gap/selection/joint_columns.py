@@ -37,7 +37,7 @@ class JointColumns:
 
     def at(self, joint: int, numbers: tuple[int, ...]) -> Kept:
         """Return (k, T) columns that were added together; not to be changed."""
-        return self._part_of[joint][numbers[0]]
+        return self._part_of[joint][numbers[0]] if numbers else self._nothing
 
     def holds(self, joint: int, numbers: tuple[int, ...]) -> bool:
         """Whether `at` has these columns."""

@@ -14,6 +14,7 @@ def test_columns_keep_their_numbers_and_are_not_copied() -> None:
         assert columns.at(0, numbers) is part
     np.testing.assert_array_equal(np.concatenate(columns.parts[0]), np.concatenate(parts))
     assert columns.width == [772, 0]
+    assert columns.at(0, ()).shape == (0, 5)  # of a candidate that no motion shows
     assert np.concatenate(columns.parts[1]).shape == (0, 5)
 
 
