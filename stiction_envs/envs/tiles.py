@@ -9,8 +9,11 @@ Results do not depend on the tiles, nor on the threads.
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from functools import partial
 from math import isqrt
 from typing import Any, TypeVar
@@ -56,7 +59,7 @@ class Tiles:
         self.cores: list[Episodes] = [make_core(size, **arguments) for size in sizes]
         self._end = np.cumsum(sizes)
         self._threads = min(threads, count)
-        self._pool = ThreadPoolExecutor(self._threads) if count > 1 else None
+        self._pool = ThreadPoolExecutor(self._threads)
 
     def _parts(self, ids: Index) -> Iterator[tuple[Episodes, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
@@ -93,8 +96,6 @@ class Tiles:
 
     def _each(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return, one of each tile, run by all threads."""
-        if self._pool is None:
-            return [task() for task in tasks]
         futures: list[Future[T]] = [Future() for _ in tasks]
         left = iter(list(zip(futures, tasks, strict=True)))
 
@@ -105,14 +106,11 @@ class Tiles:
                 except BaseException as error:
                     future.set_exception(error)
 
-        try:
-            for _ in range(min(self._threads, len(tasks))):
-                self._pool.submit(work)
-            wait(futures)
-        finally:
-            # after an interrupt no tile stays behind: also one that no thread was asked to take
+        with _interrupts_wait():
+            # this thread is one of them: to wake another takes as long as much of Python's work
+            others = [self._pool.submit(work) for _ in tasks[1 : self._threads]]
             work()
-            wait(futures)
+            wait(others)
         return [future.result() for future in futures]
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
@@ -128,6 +126,23 @@ class Tiles:
         """Return the number of the tile that has simulation ``i``, and its number there."""
         k = int(np.searchsorted(self._end, i, side="right"))
         return k, i - int(self._end[k] - self.cores[k].num_envs)
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Let an interrupt wait until the end: no tile is left in the middle of a step."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGINT) is None:
+        yield  # Python interrupts the main thread only, and only if it handles the signal
+        return
+    came: list[int] = []
+    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _joined(parts: Sequence[Outcome]) -> Outcome:
