@@ -4,17 +4,27 @@
 
 Every experiment runs on both engines, MuJoCo first, with the same torques, poses and seeds. Once
 more it runs with angles and bristles summed in float32, as MuJoCo Warp by itself does.
+
+With a graphics card it measures `ON_CARD` instead and keeps that in warp_card.json. The file is a
+part of the project: a page made without a card has it, too.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import os
 import platform
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import metadata
-from typing import Any
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
 
 import numpy as np
 import warp as wp
@@ -32,6 +42,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT, Plant
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.robots import load_arm
 
@@ -54,7 +65,20 @@ COUNTS = (1024, 4096, 16384)
 """Environments at a time, where there is a graphics card."""
 TIMED = 5
 """Steps of an environment that are timed [-]."""
-NO_CARD = "no CUDA device here: throughput of a graphics card is not measured"
+CARD = "warp_card.json"
+"""What was measured on a graphics card, beside the page."""
+LEARNT = 300_000
+"""Steps of the training on a card [-]."""
+SETTINGS = """
+[ppo]
+envs = 1024
+rollout = 16
+batch_size = 4096
+
+[run]
+evaluation_every = 100000
+"""
+"""Of that training: many arms, few evaluations."""
 
 
 @wp.kernel(enable_backward=False)
@@ -295,6 +319,71 @@ def throughput(experiment: str, engine: str, count: int) -> Row:
     return {"rate": count * TIMED * env.core.interval / CONTROL_DT / seconds}
 
 
+# ---- on a graphics card --------------------------------------------------------------------------
+
+
+def replayed(count: int) -> Row:
+    """Return control steps of Pandas per second that are in captured steps alone [1/s]."""
+    plant = Plant(build(load_arm("panda")), count, engine="warp")
+    plant.run(np.zeros((count, 100, 7)))
+    batch = cast("warp_batch.WarpBatch", plant.batch)
+    start = time.perf_counter()
+    for _ in range(STEPS):
+        batch._step.zero_()  # the one command that is there
+        batch._graphs["step"]()
+    wp.synchronize()
+    return {"rate": count * STEPS / (time.perf_counter() - start)}
+
+
+def twice(robot: str, experiment: str) -> Row:
+    """Return whether episodes that are run twice are the same, bit for bit."""
+    a, b = (_run(robot, experiment, "warp")["steps"] for _ in range(2))
+    same = all(
+        np.array_equal(p[0], q[0]) and p[1] == q[1]
+        for x, y in zip(a, b, strict=True)
+        for p, q in zip(x, y, strict=True)
+    )
+    return {"same": same, "steps": sum(map(len, a))}
+
+
+def training(experiment: str, engine: str) -> Row:
+    """Return what `stiction train` makes of a Panda in `LEARNT` steps."""
+    with TemporaryDirectory() as folder:
+        settings = Path(folder, "settings.toml")
+        settings.write_text(SETTINGS, "utf-8")
+        call = [
+            sys.executable,
+            "-c",
+            "from stiction_envs.cli import main; raise SystemExit(main())",
+        ]
+        call += ["train", "panda", experiment, "--algo", "ppo", "--steps", str(LEARNT), "--json"]
+        call += ["--engine", engine, "--settings", str(settings), "--out", str(Path(folder, "run"))]
+        out = subprocess.run(call, check=True, capture_output=True, text=True).stdout
+    result = json.loads(out)
+    returns = {name: x["return"] for name, x in result["summary"].items()}
+    return {"returns": returns, "steps_per_second": result["steps_per_second"]}
+
+
+def measure_card(options: argparse.Namespace) -> None:
+    """Measure `ON_CARD`, and write it as `CARD`."""
+    rows = STUDY.rows(options, "card").fill(ON_CARD, lambda job: job(), minutes=options.minutes)
+    for key, row in rows.items():
+        if key.startswith(("torques", "dithered")):
+            rows[key] = torque_line(row)
+    device = wp.get_device()
+    kept = {
+        "card": device.name,
+        "driver": wp.get_cuda_driver_version(),
+        "processors": os.cpu_count(),
+        "versions": {
+            p: metadata.version(p) for p in ("mujoco", "mujoco-warp", "warp-lang", "numpy")
+        },
+        "rows": rows,
+    }
+    options.out.mkdir(parents=True, exist_ok=True)
+    write_text_atomic(options.out / CARD, json.dumps(kept, indent=1) + "\n")
+
+
 # ---- the page ------------------------------------------------------------------------------------
 
 ROBOTS = {"panda": "Panda", "iiwa7": "iiwa 7"}
@@ -310,13 +399,20 @@ JOBS: dict[str, Callable[[], Row]] = {
     "float32 dithered panda": partial(torques, "panda", dithered=True, float32=True),
 }
 """By the keys of their rows; the quick ones first."""
-ON_CARD = {
-    f"throughput {x} {e} {count}": partial(throughput, x, e, count)
-    for x in ("sje", "gte")
-    for e in ENGINES
-    for count in COUNTS
+ON_CARD: dict[str, Callable[[], Row]] = {
+    **{key: JOBS[key] for r in ROBOTS for key in (f"torques {r}", f"dithered {r}")},
+    **{f"{x} {r}": JOBS[f"{x} {r}"] for x in ("sje", "gte") for r in ROBOTS},
+    **{f"twice {x} panda": partial(twice, "panda", x) for x in ("sje", "gte")},
+    **{f"replayed {count}": partial(replayed, count) for count in COUNTS},
+    **{
+        f"throughput {x} {e} {count}": partial(throughput, x, e, count)
+        for e in reversed(ENGINES)
+        for count in COUNTS
+        for x in ("gte", "sje")
+    },
+    **{f"training gte {e}": partial(training, "gte", e) for e in reversed(ENGINES)},
 }
-"""Those that need a graphics card: Warp's there, beside MuJoCo's on all processors."""
+"""Those for a graphics card: Warp's there, beside MuJoCo's on all processors."""
 
 
 def page(rows: Mapping[str, Row]) -> dict[str, Any]:
@@ -430,12 +526,9 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def main() -> None:
     options = STUDY.parser().parse_args()
-    jobs = dict(JOBS)
     if wp.is_cuda_available():
-        jobs |= ON_CARD
-    else:
-        print(NO_CARD)
-    found = STUDY.rows(options).fill(jobs, lambda job: job(), minutes=options.minutes)
+        return measure_card(options)
+    found = STUDY.rows(options).fill(JOBS, lambda job: job(), minutes=options.minutes)
     STUDY.write_page(options, **page(found))
 
 
