@@ -364,6 +364,13 @@ def training(experiment: str, engine: str) -> Row:
     return {"returns": returns, "steps_per_second": result["steps_per_second"]}
 
 
+def speeds(engine: str) -> dict[str, Callable[[], Row]]:
+    """Return what is timed of an engine, the quick ones first."""
+    pairs = [(x, count) for count in COUNTS for x in ("gte", "sje")]
+    rates = {f"throughput {x} {engine} {n}": partial(throughput, x, engine, n) for x, n in pairs}
+    return {**rates, f"training sje {engine}": partial(training, "sje", engine)}
+
+
 def measure_card(options: argparse.Namespace) -> None:
     """Measure `ON_CARD`, and write it as `CARD`."""
     rows = STUDY.rows(options, "card").fill(ON_CARD, lambda job: job(), minutes=options.minutes)
@@ -404,13 +411,7 @@ ON_CARD: dict[str, Callable[[], Row]] = {
     **{f"{x} {r}": JOBS[f"{x} {r}"] for x in ("sje", "gte") for r in ROBOTS},
     **{f"twice {x} panda": partial(twice, "panda", x) for x in ("sje", "gte")},
     **{f"replayed {count}": partial(replayed, count) for count in COUNTS},
-    **{
-        f"throughput {x} {e} {count}": partial(throughput, x, e, count)
-        for e in reversed(ENGINES)
-        for count in COUNTS
-        for x in ("gte", "sje")
-    },
-    **{f"training gte {e}": partial(training, "gte", e) for e in reversed(ENGINES)},
+    **{key: job for e in reversed(ENGINES) for key, job in speeds(e).items()},
 }
 """Those for a graphics card: Warp's there, beside MuJoCo's on all processors."""
 

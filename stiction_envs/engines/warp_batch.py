@@ -12,12 +12,14 @@ that bends as slowly would not bend: 1 − exp(−x) is 0 in float32 for x below
 
 On a graphics card a step is one CUDA graph, and so is all of `follow`: a control interval with its
 controller. On a processor Warp replays the same graph, on one thread. Warp's default device is
-used. No graphics card was at hand: there none of this has been run.
+used. Several batches may be used by as many threads: `DEVICE` lets one of them at the device.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
+from threading import RLock
 
 import mujoco
 import mujoco_warp
@@ -48,6 +50,8 @@ _STATE = ("qvel", "qacc_warmstart")
 """What steps change besides."""
 _INPUTS = ("ctrl", "qfrc_applied")
 """What only the plant writes."""
+DEVICE = RLock()
+"""Held by whoever uses Warp's device: what it captures must be the work of one thread."""
 
 
 @wp.kernel(enable_backward=False)
@@ -111,6 +115,19 @@ def _count(step: wp.array[wp.int32]) -> None:
     step[1] = step[1] + 1
 
 
+def _weightless(model: mujoco.MjModel) -> mujoco.MjModel:
+    """Return the model without gravity if every body's is compensated.
+
+    The motion is the same. But on a card threads would sum the compensation of all bodies in any
+    order: a run would not be the same bits twice.
+    """
+    if not (model.body_gravcomp[1:] == 1.0).all():  # the first body is the world
+        return model
+    out = copy(model)
+    out.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    return out
+
+
 class WarpBatch:
     """N simulations of a model whose joints are all hinges or slides."""
 
@@ -125,7 +142,7 @@ class WarpBatch:
             raise StictionError("engine warp: expected a model with hinges and slides only")
         self.model, self.nsim = model, nsim
         try:
-            self._model = mujoco_warp.put_model(model)
+            self._model = mujoco_warp.put_model(_weightless(model))
         except NotImplementedError as error:
             raise StictionError(f"engine warp does not take this model: {error}") from None
         self._data = mujoco_warp.make_data(model, nworld=nsim, nconmax=0)
@@ -202,17 +219,16 @@ class WarpBatch:
 
     def forward(self, ids: ArrayLike | None = None, stage: int = 0) -> None:
         """Compute the kinematics of the present state."""
-        self._send()
-        self._launch("kinematics", self._kinematics)
-        self._fetch_derived(self._rows(ids))
+        with DEVICE:
+            self._send()
+            self._launch("kinematics", self._kinematics)
+            self._fetch_derived(self._rows(ids))
 
     def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
         """Advance under the present controls, then compute the kinematics if a ``stage`` asks."""
         rows = self._rows(ids)
-        self._advance(rows, np.repeat(self._bound["ctrl"][rows, None], nstep, axis=1))
-        if stage:
-            self._launch("kinematics", self._kinematics)
-        self._fetch(rows)
+        control = np.repeat(self._bound["ctrl"][rows, None], nstep, axis=1)
+        self._advance(rows, control, kinematics=stage > 0)
 
     def rollout(
         self,
@@ -227,10 +243,7 @@ class WarpBatch:
         Returns:
             The positions (M, nstep, nq) after each step, by the name ``qpos``.
         """
-        rows = self._rows(ids)
-        qpos = self._advance(rows, control)
-        self._fetch(rows)
-        return {"qpos": qpos}
+        return {"qpos": self._advance(self._rows(ids), control)}
 
     def follow(self, name: str, control: Callable[[int], None], steps: int, substeps: int) -> None:
         """Advance all simulations by control steps, all of it on the device, as one graph.
@@ -275,21 +288,25 @@ class WarpBatch:
         if self._friction is not None:
             self._friction.send()
 
-    def _advance(self, rows: Index, control: Array) -> Array:
+    def _advance(self, rows: Index, control: Array, kinematics: bool = False) -> Array:
         """Step under controls (M, K, nu); return the positions (M, K, nq) after each step."""
         nstep = control.shape[1]
+        sent = np.zeros((nstep, self.nsim, self.model.nu), dtype=np.float32)
+        sent[:, rows] = control.swapaxes(0, 1)
         out = np.empty((len(rows), nstep, self.model.nq))
-        self._send()
-        for start in range(0, nstep, STEPS):
-            part = slice(start, min(start + STEPS, nstep))
-            count = part.stop - start
-            sent = np.zeros((count, self.nsim, self.model.nu), dtype=np.float32)
-            sent[:, rows] = control[:, part].swapaxes(0, 1)
-            self._commands[:count].assign(sent)
-            self._step.assign(np.array([0, start], dtype=np.int32))
-            for _ in range(count):
-                self._launch("step", self._commanded_step)
-            out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
+        with DEVICE:
+            self._send()
+            for start in range(0, nstep, STEPS):
+                part = slice(start, min(start + STEPS, nstep))
+                count = part.stop - start
+                self._commands[:count].assign(sent[part])
+                self._step.assign(np.array([0, start], dtype=np.int32))
+                for _ in range(count):
+                    self._launch("step", self._commanded_step)
+                out[:, part] = self._record[:count].numpy()[:, rows].swapaxes(0, 1)
+            if kinematics:
+                self._launch("kinematics", self._kinematics)
+            self._fetch(rows)
         return out
 
     def _fetch(self, rows: Index) -> None:

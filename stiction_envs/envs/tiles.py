@@ -28,6 +28,8 @@ T = TypeVar("T")
 PYTHON = 2.0
 """What Python does for a tile in a control step over what engine and controller do for an arm [-]:
 1.7 to 2.5 in ``benchmarks/speed/throughput``."""
+ON_DEVICE = 4096
+"""Arms of a tile that is stepped on a device of the engine's [-]: fewer take as long there."""
 
 
 class Tiles:
@@ -52,7 +54,8 @@ class Tiles:
             # only one thread is in Python at a time: of k tiles the last waits for it k times
             count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
         if arguments.get("engine", DEFAULT_ENGINE) != DEFAULT_ENGINE:
-            count = 1  # such a device takes all arms at once
+            # such a device takes many arms at once; but what the host does for them waits for it
+            count = max(1, min(threads, num_envs // ON_DEVICE))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         if count == 1:
             arguments["engine_threads"] = threads

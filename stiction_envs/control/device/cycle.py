@@ -31,6 +31,7 @@ from stiction_envs.control.trapezoid import accept, write_sample
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.kernels import sine
 from stiction_envs.engines.mirrors import Mirrors
+from stiction_envs.engines.warp_batch import DEVICE
 from stiction_envs.plant import CONTROL_DT, Plant
 
 Array = NDArray[np.float64]
@@ -214,11 +215,6 @@ class DeviceCycle:
         null = self._controller.arguments[6]
         phase = start % np.lcm(hold, self._goal_period)
         name = f"{steps} {phase} {plain} {null} {joints}"
-        self._set_dither(dither, name, steps, start)
-        self._mirrors.send()
-        if name not in self._kept:
-            self._kept[name] = self._keep(steps, joints)
-        kept = self._kept[name]
 
         def control(k: int) -> None:
             self._control(start + k, k, hold, plain, name)
@@ -228,12 +224,20 @@ class DeviceCycle:
             for host, out in kept:
                 self._launch(_keep, host.shape, k, host, out)
 
-        self._plant.follow_on_device(name, control, steps)
+        with DEVICE:
+            self._set_dither(dither, name, steps, start)
+            self._mirrors.send()
+            if name not in self._kept:
+                self._kept[name] = self._keep(steps, joints)
+            kept = self._kept[name]
+            self._plant.follow_on_device(name, control, steps)
+            columns = [(host, out.numpy()) for host, out in kept]
         self._step += steps
-        self._replay(watch, steps, kept)
+        self._replay(watch, steps, columns)
         changed = (self._controller.arguments, self._controller.reference_arguments)
         poses = self._pose.arguments[-3:], self._sequencer.arguments, self._path.arguments
-        self._mirrors.fetch(*changed, *poses, self._applied, self._dither_torque)
+        with DEVICE:
+            self._mirrors.fetch(*changed, *poses, self._applied, self._dither_torque)
 
     # ---- one control step, on the device -----------------------------------------------------
 
@@ -323,10 +327,10 @@ class DeviceCycle:
         ]
 
     def _replay(
-        self, watch: Callable[[], None], steps: int, kept: Sequence[tuple[Array, wp.array]]
+        self, watch: Callable[[], None], steps: int, columns: Sequence[tuple[Array, Array]]
     ) -> None:
-        """Call ``watch`` with the host's arrays as they were in each step."""
-        columns, speed = [(host, out.numpy()) for host, out in kept], self._plant.state[1]
+        """Call ``watch`` with the host's arrays as they were in each step: the columns' rows."""
+        speed = self._plant.state[1]
         now = speed.copy()
         for k in range(steps):
             for host, values in columns:
