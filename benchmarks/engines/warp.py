@@ -377,14 +377,12 @@ def measure_card(options: argparse.Namespace) -> None:
     for key, row in rows.items():
         if key.startswith(("torques", "dithered")):
             rows[key] = torque_line(row)
-    device = wp.get_device()
+    packages = ("mujoco", "mujoco-warp", "warp-lang", "numpy")
     kept = {
-        "card": device.name,
-        "driver": wp.get_cuda_driver_version(),
+        "card": wp.get_device().name,
         "processors": os.cpu_count(),
-        "versions": {
-            p: metadata.version(p) for p in ("mujoco", "mujoco-warp", "warp-lang", "numpy")
-        },
+        "date": time.strftime("%Y-%m-%d"),
+        "versions": {p: metadata.version(p) for p in packages},
         "rows": rows,
     }
     options.out.mkdir(parents=True, exist_ok=True)
@@ -416,8 +414,42 @@ ON_CARD: dict[str, Callable[[], Row]] = {
 """Those for a graphics card: Warp's there, beside MuJoCo's on all processors."""
 
 
-def page(rows: Mapping[str, Row]) -> dict[str, Any]:
-    """Return what the page's template asks for."""
+def card_values(kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page's template asks for of a graphics card."""
+    rows = kept["rows"]
+    lines = [rows[f"{kind} {r}"] for r in ROBOTS for kind in ("torques", "dithered")]
+    seen = [rows[f"{x} {r}"] for x in ("sje", "gte") for r in ROBOTS]
+    twice = [rows[f"twice {x} panda"] for x in ("sje", "gte")]
+    rates = [
+        [
+            str(count),
+            *(
+                _millions(rows[f"throughput {x} {e} {count}"])
+                for x in ("gte", "sje")
+                for e in ENGINES
+            ),
+            _millions(rows[f"replayed {count}"]),
+        ]
+        for count in COUNTS
+    ]
+    columns = [f"{x}, {e}" for x in ("GTE", "SJE") for e in ("MuJoCo", "Warp")]
+    return {
+        **{name: kept[name] for name in ("card", "processors", "date", "versions")},
+        "rates": table_text(["environments", *columns, "captured steps alone"], rates),
+        "configurations": sum(x["count"] for x in lines),
+        "worst": _percent(max(x["apart"] for x in lines)),
+        "angle": short(1e6 * max(x["angle"] for x in lines), 2),
+        "end": all(x["steps"] == x["steps_warp"] for x in seen),
+        "observation": _power(max(x["observation"] for x in seen)),
+        "reward": _power(max(x["reward"] for x in seen)),
+        "same": all(x["same"] for x in twice),
+        "steps": sum(x["steps"] for x in twice),
+        "training": {e: rows.get(f"training sje {e}") for e in ENGINES},
+    }
+
+
+def page(rows: Mapping[str, Row], kept: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the page's template asks for, of the rows and of a card's."""
     named = {
         **{f"torques {r}": f"{name}, no dither" for r, name in ROBOTS.items()},
         "dithered panda": "Panda, dither of Table 4.9",
@@ -461,12 +493,6 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         )
         if f"rest {key} {PULLED}" in rows
     ]
-    rates = [
-        [x, str(count), *(short(rows[f"throughput {x} {e} {count}"]["rate"], 3) for e in ENGINES)]
-        for x in ("sje", "gte")
-        for count in COUNTS
-        if all(f"throughput {x} {e} {count}" in rows for e in ENGINES)
-    ]
     costs = {e: rows[f"cost {e}"]["cost"] for e in ENGINES if f"cost {e}" in rows}
     angles = {
         key: short(1e6 * lines[name]["angle"], 2)
@@ -498,9 +524,7 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
             resting,
         ),
         "angles": angles,
-        "rates": table_text(["", "environments", *(f"{e} [steps/s]" for e in ENGINES)], rates)
-        if rates
-        else "",
+        "card": card_values(kept),
         "costs": {e: short(1e6 * x, 2) for e, x in costs.items()},
         "ratio": short(costs["warp"] / costs["mujoco"], 2),
         "arms": ARMS,
@@ -508,6 +532,10 @@ def page(rows: Mapping[str, Row]) -> dict[str, Any]:
         "machine": platform.machine(),
         "versions": {p: metadata.version(p) for p in ("mujoco", "mujoco-warp", "warp-lang")},
     }
+
+
+def _millions(row: Row) -> str:
+    return short(row["rate"] / 1e6, 3)
 
 
 def _percent(x: float) -> str:
@@ -530,7 +558,8 @@ def main() -> None:
     if wp.is_cuda_available():
         return measure_card(options)
     found = STUDY.rows(options).fill(JOBS, lambda job: job(), minutes=options.minutes)
-    STUDY.write_page(options, **page(found))
+    kept = json.loads((STUDY.folder / CARD).read_text("utf-8"))
+    STUDY.write_page(options, **page(found, kept))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -35,3 +37,20 @@ def test_sums_in_float32_are_put_back():
     with study.sums_in_float32(True):
         assert study.warp_batch.sum_angles is not ours
     assert study.warp_batch.sum_angles is ours
+
+
+def test_what_a_card_measured_is_kept_and_read():
+    kept = json.loads((study.STUDY.folder / study.CARD).read_text("utf-8"))
+    values = study.card_values(kept)
+    assert values["configurations"] == 4 * 28
+    assert values["same"]
+    assert values["end"]
+    first = values["rates"].splitlines()[2]
+    rate = kept["rows"]["throughput gte mujoco 1024"]["rate"]
+    assert first.startswith(f"| 1024 | {rate / 1e6:.3f} |")
+
+
+def test_a_card_that_repeats_no_bits_is_told():
+    kept = json.loads((study.STUDY.folder / study.CARD).read_text("utf-8"))
+    kept["rows"]["twice gte panda"]["same"] = False
+    assert not study.card_values(kept)["same"]

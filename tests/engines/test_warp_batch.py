@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cache
 
 import gymnasium as gym
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from stiction_envs.envs import tiles
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.model import (
@@ -217,6 +219,32 @@ def test_same_bits_in_any_blocks_and_beside_others_that_move():
     parts = [plant.run(torque[ids, a:b], ids) for a, b in ((0, 7), (7, 130), (130, K))]
     assert np.concatenate(parts, axis=1).tobytes() == usual("warp")[ids].tobytes()
     assert np.array_equal(plant.position[3], poses()[3])
+
+
+@pytest.mark.parametrize("experiment", ["sje", "gte"])
+def test_same_bits_in_any_tiles_of_any_thread(experiment, monkeypatch):
+    def steps(arms: int) -> list[np.ndarray]:
+        monkeypatch.setattr(tiles, "ON_DEVICE", arms)
+        name = f"stiction_envs:Panda{experiment.upper()}-v0"
+        env = gym.make_vec(name, num_envs=4, engine="warp", threads=2)
+        assert len(env.unwrapped.tiles.cores) == 4 // arms
+        space, out = env.single_action_space, [env.reset(seed=3)[0]]
+        for k in range(3):
+            share = np.random.default_rng(k).uniform(0, 0.5, (4, *space.shape))
+            action = space.low + share * (space.high - space.low)
+            out += env.step(action.astype(np.float32))[:2]
+        return out
+
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(steps(4), steps(2), strict=True))
+
+
+def test_gravity_is_left_out_only_where_all_weight_is_compensated():
+    model = copy(panda().model)
+    without = mujoco.mjtDisableBit.mjDSBL_GRAVITY
+    assert warp_batch._weightless(model).opt.disableflags & without
+    assert not model.opt.disableflags & without
+    model.body_gravcomp[3] = 0.9
+    assert warp_batch._weightless(model) is model
 
 
 # ---- what goes wrong -----------------------------------------------------------------------------
