@@ -433,6 +433,12 @@ def card_values(kept: Mapping[str, Any]) -> dict[str, Any]:
         for count in COUNTS
     ]
     columns = [f"{x}, {e}" for x in ("GTE", "SJE") for e in ("MuJoCo", "Warp")]
+    trained = {e: rows[f"training sje {e}"] for e in ENGINES if f"training sje {e}" in rows}
+    learnt = [
+        [e, f"{r['seconds']:.0f}", *(short(r["returns"][x], 3) for x in ("none", "trained"))]
+        for e, r in trained.items()
+    ]
+    heads = ["engine", "training and evaluations [s]", "return without dither", "trained"]
     return {
         **{name: kept[name] for name in ("card", "processors", "date", "versions")},
         "rates": table_text(["environments", *columns, "captured steps alone"], rates),
@@ -444,7 +450,7 @@ def card_values(kept: Mapping[str, Any]) -> dict[str, Any]:
         "reward": _power(max(x["reward"] for x in seen)),
         "same": all(x["same"] for x in twice),
         "steps": sum(x["steps"] for x in twice),
-        "training": {e: rows.get(f"training sje {e}") for e in ENGINES},
+        "training": table_text(heads, learnt) if "warp" in trained else "",
     }
 
 

@@ -54,3 +54,10 @@ def test_a_card_that_repeats_no_bits_is_told():
     kept = json.loads((study.STUDY.folder / study.CARD).read_text("utf-8"))
     kept["rows"]["twice gte panda"]["same"] = False
     assert not study.card_values(kept)["same"]
+
+
+def test_a_training_on_a_card_is_a_table():
+    kept = json.loads((study.STUDY.folder / study.CARD).read_text("utf-8"))
+    row = {"seconds": 61.7, "returns": {"none": -0.01, "trained": 0.25}, "steps_per_second": 1e4}
+    kept["rows"]["training sje warp"] = row
+    assert study.card_values(kept)["training"].splitlines()[2] == "| warp | 62 | −0.0100 | 0.250 |"
