@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.engines.choose import DEFAULT_ENGINE
+from stiction_envs.envs.places import Places, PlacesAhead
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 
 T = TypeVar("T")
@@ -53,25 +54,28 @@ class Tiles:
             even = -(-count // threads) * threads  # every thread has as many tiles
             # only one thread is in Python at a time: of k tiles the last waits for it k times
             count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
+        kind: type[Places] = Places
         if arguments.get("engine", DEFAULT_ENGINE) != DEFAULT_ENGINE:
             # such a device takes many arms at once; but what the host does for them waits for it
             count = max(1, min(threads, num_envs // ON_DEVICE))
+            kind = PlacesAhead if make_core.others_wait else Places
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         if count == 1:
             arguments["engine_threads"] = threads
-        self.cores: list[Episodes] = [make_core(size, **arguments) for size in sizes]
+        self.cores: list[Episodes] = [make_core(kind.each * n, **arguments) for n in sizes]
+        self._places = [kind(core) for core in self.cores]
         self._end = np.cumsum(sizes)
         self._threads = min(threads, count)
         self._pool = ThreadPoolExecutor(self._threads)
 
-    def _parts(self, ids: Index) -> Iterator[tuple[Episodes, Index, slice]]:
+    def _parts(self, ids: Index) -> Iterator[tuple[Places, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
         start = 0
-        for core, end, stop in zip(
-            self.cores, self._end, np.searchsorted(ids, self._end), strict=True
+        for tile, end, stop in zip(
+            self._places, self._end, np.searchsorted(ids, self._end), strict=True
         ):
             if stop > start:
-                yield core, ids[start:stop] - (end - core.num_envs), slice(start, stop)
+                yield tile, ids[start:stop] - (end - tile.count), slice(start, stop)
             start = stop
 
     def reset(
@@ -82,19 +86,16 @@ class Tiles:
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
         parts = list(self._parts(ids))
-        for core, _, part in parts:
-            core.check_reset(options[part])  # all, before any is changed
+        for tile, _, part in parts:
+            tile.core.check_reset(options[part])  # all, before any is changed
         # one after the other: what the first tile finds for all, the others look up
-        drawn = [core.draw(rngs[part], options[part]) for core, _, part in parts]
-        self._each(
-            [partial(core.begin, mine, d) for (core, mine, _), d in zip(parts, drawn, strict=True)]
-        )
+        self._each([tile.start(mine, rngs[part], options[part]) for tile, mine, part in parts])
 
     def step(self, ids: Index, action: NDArray[np.floating]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
-        for core, mine, part in self._parts(ids):
+        parts = [(tile.core, tile.of(mine), part) for tile, mine, part in self._parts(ids)]
+        for core, mine, part in parts:
             core.check_step(mine, action[part])  # all, before any moves
-        parts = self._parts(ids)
         return _joined(self._each([partial(c.step, mine, action[part]) for c, mine, part in parts]))
 
     def _each(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
@@ -118,17 +119,20 @@ class Tiles:
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
-        return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
+        parts = self._parts(ids)
+        return np.concatenate([tile.core.observe(tile.of(mine)) for tile, mine, _ in parts])
 
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
-        parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
+        parts = [tile.core.describe(tile.of(mine)) for tile, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
     def locate(self, i: int) -> tuple[int, int]:
-        """Return the number of the tile that has simulation ``i``, and its number there."""
+        """Return the number of the tile that has simulation ``i``, and its place there."""
         k = int(np.searchsorted(self._end, i, side="right"))
-        return k, i - int(self._end[k] - self.cores[k].num_envs)
+        tile = self._places[k]
+        mine = np.array([i - int(self._end[k] - tile.count)])
+        return k, int(tile.of(mine)[0])
 
 
 @contextmanager

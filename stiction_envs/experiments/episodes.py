@@ -130,6 +130,8 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Most arms of a tile, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
     on_one_thread: ClassVar[bool] = False
     """Whether the engine runs on the caller's thread alone."""
+    others_wait: ClassVar[bool] = False
+    """Whether simulations that are not stepped stay as they are, whatever the engine."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""
