@@ -19,6 +19,8 @@ import numpy as np
 from stiction_envs.experiments.episodes import Drawn, Episodes, Index, Options
 
 State = Any  # of a generator's bits
+Rngs = Sequence[np.random.Generator]
+AllOptions = Sequence[Options | None]
 
 
 class Places:
@@ -37,12 +39,7 @@ class Places:
         """Return where simulations ``ids`` (M,), sorted, are in the core, sorted."""
         return ids
 
-    def start(
-        self,
-        ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Options | None],
-    ) -> Callable[[], None]:
+    def start(self, ids: Index, rngs: Rngs, options: AllOptions) -> Callable[[], None]:
         """Draw the next episodes of simulations ``ids``; return what begins them."""
         drawn = self.core.draw(rngs, options)
         return lambda: self.core.begin(ids, drawn)
@@ -71,12 +68,7 @@ class PlacesAhead(Places):
         """Return where simulations ``ids`` (M,), sorted, are in the core, sorted."""
         return 2 * ids + self._side[ids]
 
-    def start(
-        self,
-        ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Options | None],
-    ) -> Callable[[], None]:
+    def start(self, ids: Index, rngs: Rngs, options: AllOptions) -> Callable[[], None]:
         """Draw the next episodes of simulations ``ids``; return what begins them."""
         late = []
         for row, (i, rng, o) in enumerate(zip(ids.tolist(), rngs, options, strict=True)):

@@ -227,7 +227,9 @@ def test_same_bits_in_any_tiles_of_any_thread(experiment, monkeypatch):
         monkeypatch.setattr(tiles, "ON_DEVICE", arms)
         name = f"stiction_envs:Panda{experiment.upper()}-v0"
         env = gym.make_vec(name, num_envs=4, engine="warp", threads=2)
-        assert len(env.unwrapped.tiles.cores) == 4 // arms
+        cores = env.unwrapped.tiles.cores
+        assert len(cores) == 4 // arms
+        assert cores[0].num_envs == (2 * arms if experiment == "sje" else arms), "starts wait"
         space, out = env.single_action_space, [env.reset(seed=3)[0]]
         for k in range(3):
             share = np.random.default_rng(k).uniform(0, 0.5, (4, *space.shape))

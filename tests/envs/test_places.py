@@ -13,14 +13,14 @@ from stiction_envs.envs import tiles
 from stiction_envs.envs.places import Places, PlacesAhead
 
 N = 4
-LOUD = {"scatter": True, "randomise": {"friction": 0.2}}
+SCATTERED = {"scatter": True, "randomise": {"friction": 0.2}}
 
 
 def make(kind: type[Places], monkeypatch: pytest.MonkeyPatch, **arguments: object):
     with monkeypatch.context() as patch:
         patch.setattr(tiles, "Places", kind)
         return gym.make_vec(
-            "stiction_envs:PandaSJE-v0", num_envs=N, threads=1, **{**LOUD, **arguments}
+            "stiction_envs:PandaSJE-v0", num_envs=N, threads=1, **{**SCATTERED, **arguments}
         ).unwrapped
 
 
