@@ -10,7 +10,7 @@ import weakref
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, wraps
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,19 @@ class Eliminated:
         return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
 
 
+class Reduced(NamedTuple):
+    """A model's normal equations without its r random effects, for F fits."""
+
+    xx: Array
+    """(F, p, p) XᵀWX − ZᵀZ."""
+    xr: Array
+    """(F, p) XᵀWr − Zᵀz."""
+    mixed: Array
+    """(F, r, p) Z."""
+    gone: Eliminated | None
+    """Root, and z, of at least as many fits; None without random effects."""
+
+
 class JointGrams:
     """The Grams of all joints.
 
@@ -172,17 +185,22 @@ class JointGrams:
     @_kept
     def _whole_fit(self, model: ModelColumns) -> Array:
         """Return (1, P) the fit to all blocks: the first of `_fits`, without the others."""
-        return self._solved(model, 1)
+        return self._solved(model, self._whole(model))
 
     @_kept
     def _fits(self, model: ModelColumns) -> Array:
         """Return (1 + B, P) the fit to all blocks, and the fits to all but each."""
-        return self._solved(model, 1 + self.blocks)
+        return self._solved(model, self._reduced(model, 1 + self.blocks))
 
-    def _solved(self, model: ModelColumns, fits: int) -> Array:
-        """Return the first of `_fits`."""
-        r, low, high = model.random, np.array(model.low), np.array(model.high)
-        p = len(low) - r
+    @_kept
+    def _whole(self, model: ModelColumns) -> Reduced:
+        """Return the equations of the fit to all blocks."""
+        return self._reduced(model, 1)
+
+    def _reduced(self, model: ModelColumns, fits: int) -> Reduced:
+        """Return the equations of the fit to all blocks, and of the first fits to all but each."""
+        r = model.random
+        p = len(model.low) - r
         xx, xr = np.zeros((fits, p, p)), np.zeros((fits, p))
         gone = self._without_random(model) if r else None
         mixed = np.zeros((fits, r, p))
@@ -194,13 +212,20 @@ class JointGrams:
             if gone is not None:
                 mixed[:, :, to] += gone.mixed[j][:fits, :, own]
         xx[:, range(p), range(p)] += model.prior[r:]
+        if gone is not None:
+            across = np.swapaxes(mixed, 1, 2)
+            xx -= across @ mixed
+            xr -= (across @ gone.right[:fits, :, None])[..., 0]
+        return Reduced(xx, xr, mixed, gone)
+
+    def _solved(self, model: ModelColumns, reduced: Reduced) -> Array:
+        """Return (F, P) the coefficients of a model, random effects first."""
+        r, (xx, xr, mixed, gone) = model.random, reduced
+        c = solve_all(xx, xr, np.array(model.low[r:]), np.array(model.high[r:]))
         if gone is None:
-            return solve_all(xx, xr, low, high)
-        across, right = np.swapaxes(mixed, 1, 2), gone.right[:fits]
-        xx, xr = xx - across @ mixed, xr - (across @ right[..., None])[..., 0]
-        c = solve_all(xx, xr, low[r:], high[r:])
-        rest = right - (mixed @ c[..., None])[..., 0]
-        random = (np.swapaxes(gone.root[:fits], 1, 2) @ rest[..., None])[..., 0]
+            return c
+        rest = gone.right[: len(c)] - (mixed @ c[..., None])[..., 0]
+        random = (np.swapaxes(gone.root[: len(c)], 1, 2) @ rest[..., None])[..., 0]
         return np.concatenate([random, c], axis=1)
 
     def _without_random(self, model: ModelColumns) -> Eliminated:
@@ -330,16 +355,21 @@ class JointGrams:
         reference Bayesian test for nested hypotheses and its relationship to the Schwarz
         criterion", JASA 1995).
         """
-        xx, xr = self.system(model)
-        c, prior = self.fit(model), model.prior
+        r, (xx, xr, mixed, gone) = model.random, self._whole(model)
+        c, prior = self.fit(model)[r:], model.prior[r:]
         left = sum(g.whole[2] / k for g, k in zip(self.joints, self.inflation, strict=True))
-        misfit = float(left - 2 * xr @ c + c @ xx @ c)
-        own, flat = np.diag(xx).copy(), prior == 0
+        misfit, volume = float(left - 2 * xr[0] @ c + c @ xx[0] @ c), 0.0
+        if gone is not None:
+            misfit -= float(gone.right[0] @ gone.right[0])
+            volume = -2 * float(np.log(np.diag(gone.root[0])).sum())
+            volume -= float(np.log(model.prior[:r]).sum())
+        own, flat = np.diag(xx[0]) + np.square(mixed[0]).sum(axis=0), prior == 0
         observed = max(float((self.counts / self.inflation).sum()), 1.0)
         prior[flat] = np.maximum(own[flat], 1e-300) / observed
         size = np.sqrt(np.maximum(own, 1e-300))
-        _, volume = np.linalg.slogdet(xx / np.outer(size, size) + RIDGE * np.eye(len(c)))
-        return -0.5 * (misfit + float(volume) + float(np.log(np.square(size) / prior).sum()))
+        _, more = np.linalg.slogdet(xx[0] / np.outer(size, size) + RIDGE * np.eye(len(c)))
+        volume += float(more) + float(np.log(np.square(size) / prior).sum())
+        return -0.5 * (misfit + volume)
 
     def around(self, model: ModelColumns) -> Surroundings:
         """Return by how much further columns would reduce a model's error; the last is kept."""

@@ -11,7 +11,7 @@ import numpy as np
 from stiction_envs.gap.causes import Shape
 from stiction_envs.gap.selection.angle_ranges import simpler_by_angle
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.selection.gain import Gain, gain, is_implausible, pruned
+from stiction_envs.gap.selection.gain import Gain, gain, is_implausible, is_significant, pruned
 
 ROUNDS = 3
 """Largest number of rounds of adding and removing; assumed."""
@@ -125,21 +125,18 @@ class Chooser:
         out = []
         for added in self._offers(joint, self._least_reduction(joint)):
             terms = [*self.terms, *added]
-            found = gain(self.library, terms, added)
-            if not found.significant:
+            if not is_significant(self.library, terms, added):
                 continue
             *parents, child = added
-            if parents and not gain(self.library, terms, parents).significant:
+            if parents and not is_significant(self.library, terms, parents):
                 # the cause that it usually needs is absent
                 if not self.library.causes[child.cause].standalone:
                     continue
                 added, terms = [child], [*self.terms, child]
-                found = gain(self.library, terms, added)
-            if (
-                not is_implausible(self.library, terms, added)
-                and gain(self.library, terms, [child]).significant
+            if not is_implausible(self.library, terms, added) and is_significant(
+                self.library, terms, [child]
             ):
-                out.append(Offer(added, found))
+                out.append(Offer(added, gain(self.library, terms, added)))
         return out
 
     def _two(self, joint: int) -> list[Offer]:
@@ -160,10 +157,9 @@ class Chooser:
         out, reductions = [], near.reductions([lib.model_columns(x) for x in pairs])
         for added in (x for x, size in zip(pairs, reductions, strict=True) if size > least):
             terms = [*self.terms, *added]
-            found = gain(lib, terms, added)
-            separately = (found.significant and gain(lib, terms, [x]).significant for x in added)
-            if all(separately) and not is_implausible(lib, terms, added):
-                out.append(Offer(added, found))
+            together_and_alone = (is_significant(lib, terms, x) for x in (added, *([y] for y in added)))
+            if all(together_and_alone) and not is_implausible(lib, terms, added):
+                out.append(Offer(added, gain(lib, terms, added)))
         return out
 
     def _offers(self, joint: int, least: float = 0.0) -> list[list[Candidate]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,20 +64,48 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     return found
 
 
-def _gain(
+def is_significant(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> Gain:
+) -> bool:
+    """Return `Gain.significant`; what the fit to all blocks refutes is not fitted without each."""
+    return _first(library, terms, added).possible and gain(library, terms, added).significant
+
+
+class First(NamedTuple):
+    """What the fit to all blocks says of some terms."""
+
+    large: NDArray[np.bool_]
+    """(joints,) where they are large enough to matter."""
+    likely: bool
+    """Whether they make the logs likelier, where there are random effects."""
+    stands_out: bool | None
+    """As of `Gain`."""
+
+    @property
+    def possible(self) -> bool:
+        """Whether they may be significant."""
+        return self.likely and bool(self.large.any())
+
+
+def _first(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> First:
+    key = "first", tuple(terms), tuple(added)
+    if key not in library.grams.gains:
+        library.grams.gains[key] = _judged_first(library, terms, added)
+    found: First = library.grams.gains[key]
+    return found
+
+
+def _judged_first(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> First:
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
-    others = [t for t in terms if t not in added]
-    rest = library.model_columns(others)
-    left = grams.held_out(rest)
-    less = left - grams.held_out(model)
     if library.scale > 0 and any(library.causes[t.cause].changes_arm for t in added):
-        found = Gain(less, *stands_out(library, terms, added))
-        if not found.stands_out or any(library.causes[t.cause].body for t in added):
-            return found
-    if less.sum() <= 0:  # it is not real then, whatever else may be
-        return Gain(less, np.zeros(len(less), dtype=bool), False)
+        large, out = stands_out(library, terms, added)
+        if not out or any(library.causes[t.cause].body for t in added):
+            return First(large, out, out)
+    rest = library.model_columns([t for t in terms if t not in added])
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     rough = grams.sizes(model, library.own(terms, approximate))
     size = grams.gained(model, rest)
@@ -86,10 +115,28 @@ def _gain(
     share = 0.0 if all(library.causes[t.cause].base_friction for t in added) else s.refinement
     least = np.maximum(s.least_torque, np.maximum(share * rough, library.known))
     # columns contain acceleration noise as residuals do, so that it would explain itself
-    count = grams.counts
-    large = (size > least) & (left.sum(axis=1) > (1 + s.least_torque**2) * count)
-    large &= less.sum(axis=1) > 0
-    if not large.any():
+    left = grams.held_out(rest).sum(axis=1)
+    large = (size > least) & (left > (1 + s.least_torque**2) * grams.counts)
+    likely = True
+    if library.scale > 0 and large.any():
+        # beside random effects a held-out gain may be theirs: the likelihood must agree
+        more = grams.log_evidence(model) - grams.log_evidence(rest)
+        likely = more > np.log(max(len(library.candidates), 1))
+    return First(large, likely, None)
+
+
+def _gain(
+    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+) -> Gain:
+    s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
+    rest = library.model_columns([t for t in terms if t not in added])
+    large, likely, out = _first(library, terms, added)
+    left = grams.held_out(rest)
+    less = left - grams.held_out(model)
+    if out is not None:
+        return Gain(less, large, True, out)
+    large = large & (less.sum(axis=1) > 0)
+    if not (likely and large.any() and less.sum() > 0):
         return Gain(less, large, False)
     pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
     strict, single = (
@@ -103,20 +150,15 @@ def _gain(
         [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
     )
     # log-likelihood of joints with separate noise, at least the floor
+    count = grams.counts
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
-    whole = whole and float(better.sum()) > 0
-    joints = each & large
-    if library.scale > 0 and whole and joints.any():
-        # beside random effects a held-out gain may be theirs: the likelihood must agree
-        more = grams.log_evidence(model) - grams.log_evidence(rest)
-        whole = more > np.log(max(len(library.candidates), 1))
-    return Gain(less, joints, whole)
+    return Gain(less, each & large, whole and float(better.sum()) > 0)
 
 
 def stands_out(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> tuple[NDArray[np.bool_], bool, bool]:
-    """Return whether bodies of a model stand out of small errors of all links, as `Gain` has it.
+) -> tuple[NDArray[np.bool_], bool]:
+    """Return where bodies of a model are large, and whether they stand out of all links' errors.
 
     They must make the logs likelier by `least_evidence`, the size of the small errors being chosen
     anew with and without them, and one of their `distinctive` numbers be `DISTINCT` standard errors
@@ -133,11 +175,11 @@ def stands_out(
         if t in added and library.causes[t.cause].changes_arm
     )
     if not (clear and large.any()):
-        return large, True, False
+        return large, False
     least = max(library.causes[t.cause].least_evidence for t in added)
     others = [t for t in terms if t not in added]
     more = library.likeliest(terms)[0] - library.likeliest(others)[0]
-    return large, True, more > least
+    return large, more > least
 
 
 @cache
