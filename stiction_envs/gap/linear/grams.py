@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +33,9 @@ class Gram:
     """(B,) number of rows of each block, by their weights."""
 
     @cached_property
-    def whole(self) -> tuple[Array, Array, float]:
-        """The sums over all blocks: (P, P), (P,) and a number."""
-        return self.xx.sum(axis=0), self.xr.sum(axis=0), float(self.rr.sum())
+    def whole(self) -> Gram:
+        """The sums over all blocks, as of one."""
+        return Gram(*(x.sum(axis=0, keepdims=True) for x in (self.xx, self.xr, self.rr, self.count)))
 
     @classmethod
     def of(cls, columns: Array, residual: Array, block: Index, weight: Array, blocks: int) -> Gram:
@@ -104,19 +103,6 @@ class Gram:
 def _side_by_side(parts: Parts, rows: slice | Index) -> Array:
     """Return (P, R) some rows of columns in parts (k, T), as a copy."""
     return np.concatenate([x[:, rows] for x in parts], dtype=np.float64)
-
-
-class Gathered(NamedTuple):
-    """Sums of p columns of a joint beside r random effects, over each block."""
-
-    xx: Array
-    """(B, p, p)."""
-    cross: Array
-    """(B, r, p) with the random effects."""
-    left_xx: Array
-    """(1 + B, p, p) over all blocks, and over all but each, in independent observations."""
-    left_xr: Array
-    """(1 + B, p) likewise, with the residual."""
 
 
 def _rows_of(block: Index, blocks: int) -> Iterator[tuple[int, slice | Index]]:

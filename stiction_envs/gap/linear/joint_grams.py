@@ -16,14 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.linear.bounded_fit import RIDGE, solve, solve_all
-from stiction_envs.gap.linear.grams import Gathered, Gram
+from stiction_envs.gap.linear.grams import Gram
+from stiction_envs.gap.linear.joint_sums import Shown, add_equations, products
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Method = TypeVar("Method", bound=Callable[..., object])
-MOST_SUMS = 128
-"""Number of sums of a joint's columns that are kept [-]; assumed: hundreds of kB each."""
-
 MOST_MODELS = 64
 """Number of models whose columns are kept as arrays [-]; assumed: two or three are compared."""
 
@@ -58,6 +56,16 @@ class ModelColumns:
         """Return what is computed once: models of hundreds of numbers are looked up often."""
         return self._hash
 
+    @cached_property
+    def named(self) -> list[tuple[int, Index, Index]]:
+        """The joints with columns: number, columns beside the random effects, their coefficients."""
+        r, both = self.random, zip(self.columns, self.coefficients, strict=True)
+        return [
+            (j, np.array(x[r:], dtype=np.int64), np.array(at[r:], dtype=np.int64))
+            for j, (x, at) in enumerate(both)
+            if x
+        ]
+
 
 @lru_cache(maxsize=MOST_MODELS)
 def _of_joints(model: ModelColumns) -> list[tuple[int, Index, Index]]:
@@ -88,7 +96,7 @@ class Eliminated:
     root: Array
     """(1 + B, r, r) L⁻¹."""
     mixed: list[Array]
-    """(1 + B, r, P) L⁻¹DᵀWX for each joint."""
+    """(1 + B, P, r) (L⁻¹DᵀWX)ᵀ for each joint."""
     right: Array
     """(1 + B, r) L⁻¹DᵀWr."""
 
@@ -109,7 +117,8 @@ class Eliminated:
 
         own = sum(left_out(g.xx[:, :r, :r]) / k for g, k in zip(joints, inflation, strict=True))
         root = np.linalg.inv(np.linalg.cholesky(own + np.diag(firm)))
-        mixed = [root @ left_out(g.xx[:, :r]) / k for g, k in zip(joints, inflation, strict=True)]
+        across = np.swapaxes(root, 1, 2)
+        mixed = [left_out(g.xx[..., :r]) @ across / k for g, k in zip(joints, inflation, strict=True)]
         along = sum(left_out(g.xr[:, :r]) / k for g, k in zip(joints, inflation, strict=True))
         return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
 
@@ -122,7 +131,7 @@ class Reduced(NamedTuple):
     xr: Array
     """(F, p) XᵀWr − Zᵀz."""
     mixed: Array
-    """(F, r, p) Z."""
+    """(F, p, r) Zᵀ."""
     gone: Eliminated | None
     """Root, and z, of at least as many fits; None without random effects."""
 
@@ -148,7 +157,7 @@ class JointGrams:
         """(joints,) number of rows, by their weights."""
         self._results: dict[tuple[str, ModelColumns], Any] = {}
         self._eliminated: dict[tuple[float, ...], Eliminated] = {}
-        self._sums: dict[tuple[int, tuple[int, ...], int], Gathered] = {}
+        self._random: dict[tuple[int, int, bool], Shown] = {}
         self._around: tuple[ModelColumns, Surroundings] | None = None
         self.gains: dict[Hashable, Any] = {}
         """What `selection.gain` found of these sums: a search asks again and again."""
@@ -164,7 +173,7 @@ class JointGrams:
         xx, xr = np.zeros((p, p)), np.zeros(p)
         for j, gram, cols, at in self._each(model):
             if weight is None:
-                part, along = gram.whole[0][cols[:, None], cols], gram.whole[1][cols]
+                part, along = gram.whole.xx[0][cols[:, None], cols], gram.whole.xr[0][cols]
             else:
                 part = np.einsum("b,bpq->pq", weight, gram.xx[:, cols[:, None], cols])
                 along = np.einsum("b,bp->p", weight, gram.xr[:, cols])
@@ -203,19 +212,16 @@ class JointGrams:
         p = len(model.low) - r
         xx, xr = np.zeros((fits, p, p)), np.zeros((fits, p))
         gone = self._without_random(model) if r else None
-        mixed = np.zeros((fits, r, p))
-        for j, _, cols, at in self._each(model):
-            own, to = cols[r:], at[r:] - r
-            sums = self._gathered(j, model.columns[j], r)
-            xx[:, to[:, None], to] += sums.left_xx[:fits]
-            xr[:, to] += sums.left_xr[:fits]
+        mixed = np.zeros((fits, p, r))
+        for j, columns, at in model.named:
+            gram, to = self.joints[j], at - r
+            add_equations(xx, xr, to, columns, gram.xx, gram.xr, self.inflation[j])
             if gone is not None:
-                mixed[:, :, to] += gone.mixed[j][:fits, :, own]
+                mixed[:, to] += gone.mixed[j][:fits, columns]
         xx[:, range(p), range(p)] += model.prior[r:]
         if gone is not None:
-            across = np.swapaxes(mixed, 1, 2)
-            xx -= across @ mixed
-            xr -= (across @ gone.right[:fits, :, None])[..., 0]
+            xx -= mixed @ np.swapaxes(mixed, 1, 2)
+            xr -= (mixed @ gone.right[:fits, :, None])[..., 0]
         return Reduced(xx, xr, mixed, gone)
 
     def _solved(self, model: ModelColumns, reduced: Reduced) -> Array:
@@ -224,7 +230,7 @@ class JointGrams:
         c = solve_all(xx, xr, np.array(model.low[r:]), np.array(model.high[r:]))
         if gone is None:
             return c
-        rest = gone.right[: len(c)] - (mixed @ c[..., None])[..., 0]
+        rest = gone.right[: len(c)] - (np.swapaxes(mixed, 1, 2) @ c[..., None])[..., 0]
         random = (np.swapaxes(gone.root[: len(c)], 1, 2) @ rest[..., None])[..., 0]
         return np.concatenate([random, c], axis=1)
 
@@ -235,57 +241,36 @@ class JointGrams:
             self._eliminated[key] = Eliminated.of(self.joints, self.inflation, np.array(key))
         return self._eliminated[key]
 
-    def _forces(
-        self, model: ModelColumns, c: Array
-    ) -> Iterator[tuple[int, Gram, Index, Index, Array]]:
-        """Yield the joints as `_each`, and (B, p) XᵀWX times their coefficients of ``c`` (B, P).
+    def _products(
+        self, model: ModelColumns, one: Array, two: Array, whole: bool = False
+    ) -> Iterator[tuple[int, Array, Array]]:
+        """Yield of the joints with columns: number, c₁ᵀXᵀWX c₂, and c₁ᵀXᵀWr, (B,) each.
 
-        Random effects come first in ``c`` and in all columns: their sums are not copied.
+        Args:
+            model: the model.
+            one: (B, P) coefficients c₁ of each block.
+            two: (B, P) coefficients c₂.
+            whole: whether all blocks count as one.
         """
-        r = model.random
-        for j, gram, cols, at in self._each(model):
-            mine, sums = c[:, at], self._gathered(j, model.columns[j], r)
-            u, a = mine[:, :r, None], mine[:, r:, None]
-            force = np.concatenate(
-                [
-                    gram.xx[:, :r, :r] @ u + sums.cross @ a,
-                    np.swapaxes(sums.cross, 1, 2) @ u + sums.xx @ a,
-                ],
-                axis=1,
-            )[..., 0]
-            yield j, gram, cols, at, force
+        for j, columns, at in model.named:
+            gram = self.joints[j].whole if whole else self.joints[j]
+            shown = self._shown(j, model.random, whole)
+            yield j, *products(shown, at, columns, gram.xx, gram.xr, one, two)
 
-    def _gathered(self, joint: int, columns: tuple[int, ...], r: int) -> Gathered:
-        """Return the sums of a joint's columns, the first r of which are random effects.
-
-        Models of a search differ in a joint or two.
-        """
-        key = joint, columns, r
-        if key not in self._sums:
-            if len(self._sums) >= MOST_SUMS:
-                self._sums.clear()
-            gram, own = self.joints[joint], np.array(columns[r:], dtype=np.int64)
-            xx, (whole, along, _) = gram.xx[:, own[:, None], own], gram.whole
-            self._sums[key] = Gathered(
-                xx,
-                gram.xx[:, :r, own],
-                self._without_each(joint, whole[own[:, None], own], xx),
-                self._without_each(joint, along[own], gram.xr[:, own]),
-            )
-        return self._sums[key]
-
-    def _without_each(self, joint: int, whole: Array, each: Array) -> Array:
-        """Return (1 + B, ...) sums over all blocks, and without each (B, ...)."""
-        return np.asarray(np.concatenate([whole[None], whole - each]) / self.inflation[joint])
+    def _shown(self, joint: int, r: int, whole: bool) -> Shown:
+        """Return the sums of the random effects that a joint shows, of r: links beyond it."""
+        key = joint, r, whole
+        if key not in self._random:
+            all_blocks = self.joints[joint].whole
+            which = np.flatnonzero(np.diag(all_blocks.xx[0])[:r])
+            gram = all_blocks if whole else self.joints[joint]
+            self._random[key] = Shown(which, gram.xx[:, which[:, None], which], gram.xr[:, which])
+        return self._random[key]
 
     @_kept
     def errors(self, model: ModelColumns) -> Array:
         """Return (joints,) squared errors that the fit leaves, in units of noise variance."""
-        c, out = self.fit(model), np.array([g.whole[2] for g in self.joints])
-        for j, gram, cols, at in self._each(model):
-            mine, (xx, xr, rr) = c[at], gram.whole
-            out[j] = rr - 2 * xr[cols] @ mine + mine @ xx[cols[:, None], cols] @ mine
-        return np.maximum(out, 0.0)
+        return self._left(model, self.fit(model)[None], whole=True)[:, 0]
 
     def block_systems(self, model: ModelColumns) -> tuple[Array, Array]:
         """Return xx (B, P, P) and xr (B, P) of a model in each block, without its prior."""
@@ -309,11 +294,11 @@ class JointGrams:
         """Return `held_out` with ``some`` (P,) coefficients at zero, the others as they were."""
         return self._left(model, self.leave_one_block_out(model) * ~some)
 
-    def _left(self, model: ModelColumns, c: Array) -> Array:
+    def _left(self, model: ModelColumns, c: Array, whole: bool = False) -> Array:
         """Return (joints, B) squared errors of each block with its coefficients (B, P)."""
-        out = np.array([g.rr for g in self.joints])
-        for j, gram, cols, at, force in self._forces(model, c):
-            out[j] += ((force - 2 * gram.xr[:, cols]) * c[:, at]).sum(axis=1)
+        out = np.array([(g.whole if whole else g).rr for g in self.joints])
+        for j, square, along in self._products(model, c, c, whole):
+            out[j] += square - 2 * along
         return np.maximum(out, 0.0)
 
     def cross_predicted(
@@ -334,9 +319,10 @@ class JointGrams:
         before[:, ~own] = self.leave_one_block_out(rest)
         more = self.leave_one_block_out(model) - before
         pe, pp = np.zeros((2, len(self.joints), self.blocks))
-        for j, gram, cols, at, force in self._forces(model, more):
-            pp[j] = (force * more[:, at]).sum(axis=1)
-            pe[j] = (gram.xr[:, cols] * more[:, at] - force * before[:, at]).sum(axis=1)
+        for j, square, along in self._products(model, more, more):
+            pp[j], pe[j] = square, along
+        for j, shared, _ in self._products(model, more, before):
+            pe[j] -= shared
         return pe, pp
 
     def covariance(self, model: ModelColumns) -> Array:
@@ -357,13 +343,13 @@ class JointGrams:
         """
         r, (xx, xr, mixed, gone) = model.random, self._whole(model)
         c, prior = self.fit(model)[r:], model.prior[r:]
-        left = sum(g.whole[2] / k for g, k in zip(self.joints, self.inflation, strict=True))
+        left = sum(float(g.whole.rr[0]) / k for g, k in zip(self.joints, self.inflation, strict=True))
         misfit, volume = float(left - 2 * xr[0] @ c + c @ xx[0] @ c), 0.0
         if gone is not None:
             misfit -= float(gone.right[0] @ gone.right[0])
             volume = -2 * float(np.log(np.diag(gone.root[0])).sum())
             volume -= float(np.log(model.prior[:r]).sum())
-        own, flat = np.diag(xx[0]) + np.square(mixed[0]).sum(axis=0), prior == 0
+        own, flat = np.diag(xx[0]) + np.square(mixed[0]).sum(axis=1), prior == 0
         observed = max(float((self.counts / self.inflation).sum()), 1.0)
         prior[flat] = np.maximum(own[flat], 1e-300) / observed
         size = np.sqrt(np.maximum(own, 1e-300))
@@ -387,12 +373,10 @@ class JointGrams:
 
     def sizes(self, model: ModelColumns, own: NDArray[np.bool_]) -> Array:
         """Return (joints,) root mean square torque of some coefficients over the noise."""
-        c = self.fit(model) * own
-        out = np.zeros(len(self.joints))
-        for j, gram, cols, at in self._each(model):
-            xx = gram.whole[0][cols[:, None], cols] / max(self.counts[j], 1.0)
-            out[j] = np.sqrt(max(c[at] @ xx @ c[at], 0.0))
-        return out
+        out, c = np.zeros(len(self.joints)), (self.fit(model) * own)[None]
+        for j, square, _ in self._products(model, c, c, whole=True):
+            out[j] = square[0]
+        return np.asarray(np.sqrt(np.maximum(out, 0.0) / np.maximum(self.counts, 1.0)))
 
     def resample(
         self, model: ModelColumns, times: int, rng: np.random.Generator, spread: Array | None = None
@@ -435,7 +419,8 @@ class Surroundings:
     def _joint(self, joint: int) -> tuple[Array, Array]:
         """Return of all columns of a joint the gradient (P,) and what the model shares (p, P)."""
         if joint not in self._known:
-            whole, along, _ = self._grams.joints[joint].whole
+            gram = self._grams.joints[joint].whole
+            whole, along = gram.xx[0], gram.xr[0]
             gradient, mixed = along.copy(), np.zeros((len(self._root), len(along)))
             if columns := self._model.columns[joint]:
                 cols, at = np.array(columns), np.array(self._model.coefficients[joint])
@@ -452,7 +437,7 @@ class Surroundings:
         across = np.zeros((len(self._root), p))
         for j, gram, cols, at in grams._each(more):
             gradient, mixed = self._joint(j)
-            xx[at[:, None], at] += gram.whole[0][cols[:, None], cols] / grams.inflation[j]
+            xx[at[:, None], at] += gram.whole.xx[0][cols[:, None], cols] / grams.inflation[j]
             xr[at] += gradient[cols] / grams.inflation[j]
             across[:, at] += mixed[:, cols]
         return xx - across.T @ across, xr
