@@ -135,9 +135,12 @@ def share_found(pe: Array, pp: Array) -> tuple[Array, Array]:
     return a, spread / some
 
 
-def t_statistic(pe: Array, pp: Array) -> float:
-    """Return `share_found` over its standard error, of sums over blocks (B,)."""
-    if float(pp.sum()) <= 0 or len(pp) < 2:
-        return 0.0
-    a, error = (float(x[0]) for x in share_found(pe[:, None], pp[:, None]))
-    return a / max(error, 1e-12)
+def t_statistic(pe: Array, pp: Array) -> Array:
+    """Return `share_found` over its standard error, of sums over blocks (B, ...).
+
+    It is zero without a torque, or without a second block.
+    """
+    if len(pp) < 2:
+        return np.zeros(pp.shape[1:])
+    a, error = share_found(pe, pp)
+    return np.asarray(np.where(np.isnan(a), 0.0, a / np.maximum(error, 1e-12)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.linear.bounded_fit import RIDGE, solve, solve_all
 from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.linear.joint_sums import Shown, add_equations, products
+from stiction_envs.gap.linear.joint_sums import Shown, add_equations, add_rows, products
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -217,7 +217,7 @@ class JointGrams:
             gram, to = self.joints[j], at - r
             add_equations(xx, xr, to, columns, gram.xx, gram.xr, self.inflation[j])
             if gone is not None:
-                mixed[:, to] += gone.mixed[j][:fits, columns]
+                add_rows(mixed, to, columns, gone.mixed[j])
         xx[:, range(p), range(p)] += model.prior[r:]
         if gone is not None:
             xx -= mixed @ np.swapaxes(mixed, 1, 2)
@@ -243,8 +243,8 @@ class JointGrams:
 
     def _products(
         self, model: ModelColumns, one: Array, two: Array, whole: bool = False
-    ) -> Iterator[tuple[int, Array, Array]]:
-        """Yield of the joints with columns: number, c₁ᵀXᵀWX c₂, and c₁ᵀXᵀWr, (B,) each.
+    ) -> Iterator[tuple[int, tuple[Array, Array, Array]]]:
+        """Yield of the joints with columns their numbers, and what `products` returns.
 
         Args:
             model: the model.
@@ -255,7 +255,7 @@ class JointGrams:
         for j, columns, at in model.named:
             gram = self.joints[j].whole if whole else self.joints[j]
             shown = self._shown(j, model.random, whole)
-            yield j, *products(shown, at, columns, gram.xx, gram.xr, one, two)
+            yield j, products(*shown, at, columns, gram.xx, gram.xr, one, two)
 
     def _shown(self, joint: int, r: int, whole: bool) -> Shown:
         """Return the sums of the random effects that a joint shows, of r: links beyond it."""
@@ -297,7 +297,7 @@ class JointGrams:
     def _left(self, model: ModelColumns, c: Array, whole: bool = False) -> Array:
         """Return (joints, B) squared errors of each block with its coefficients (B, P)."""
         out = np.array([(g.whole if whole else g).rr for g in self.joints])
-        for j, square, along in self._products(model, c, c, whole):
+        for j, (square, _, along) in self._products(model, c, c, whole):
             out[j] += square - 2 * along
         return np.maximum(out, 0.0)
 
@@ -319,10 +319,8 @@ class JointGrams:
         before[:, ~own] = self.leave_one_block_out(rest)
         more = self.leave_one_block_out(model) - before
         pe, pp = np.zeros((2, len(self.joints), self.blocks))
-        for j, square, along in self._products(model, more, more):
-            pp[j], pe[j] = square, along
-        for j, shared, _ in self._products(model, more, before):
-            pe[j] -= shared
+        for j, (square, shared, along) in self._products(model, more, before):
+            pp[j], pe[j] = square, along - shared
         return pe, pp
 
     def covariance(self, model: ModelColumns) -> Array:
@@ -374,7 +372,7 @@ class JointGrams:
     def sizes(self, model: ModelColumns, own: NDArray[np.bool_]) -> Array:
         """Return (joints,) root mean square torque of some coefficients over the noise."""
         out, c = np.zeros(len(self.joints)), (self.fit(model) * own)[None]
-        for j, square, _ in self._products(model, c, c, whole=True):
+        for j, (square, _, _) in self._products(model, c, c, whole=True):
             out[j] = square[0]
         return np.asarray(np.sqrt(np.maximum(out, 0.0) / np.maximum(self.counts, 1.0)))
 
@@ -417,7 +415,7 @@ class Surroundings:
         self._known: dict[int, tuple[Array, Array]] = {}
 
     def _joint(self, joint: int) -> tuple[Array, Array]:
-        """Return of all columns of a joint the gradient (P,) and what the model shares (p, P)."""
+        """Return of all columns of a joint the gradient (P,) and what the model shares (P, p)."""
         if joint not in self._known:
             gram = self._grams.joints[joint].whole
             whole, along = gram.xx[0], gram.xr[0]
@@ -427,20 +425,27 @@ class Surroundings:
                 gradient -= whole[:, cols] @ self._c[at]
                 some, place = self._free[at], np.cumsum(self._free) - 1
                 mixed[place[at[some]]] = whole[cols[some]] / self._grams.inflation[joint]
-            self._known[joint] = gradient, self._root @ mixed
+            self._known[joint] = gradient, mixed.T @ self._root.T
         return self._known[joint]
 
-    def _system(self, more: ModelColumns) -> tuple[Array, Array]:
-        """Return (xx, xr) of further columns beside the model."""
-        p, grams = len(more.low), self._grams
-        xx, xr = np.diag(more.prior), np.zeros(p)
-        across = np.zeros((len(self._root), p))
-        for j, gram, cols, at in grams._each(more):
-            gradient, mixed = self._joint(j)
-            xx[at[:, None], at] += gram.whole.xx[0][cols[:, None], cols] / grams.inflation[j]
-            xr[at] += gradient[cols] / grams.inflation[j]
-            across[:, at] += mixed[:, cols]
-        return xx - across.T @ across, xr
+    def _systems(self, some: Sequence[ModelColumns]) -> tuple[Array, Array]:
+        """Return (k, p, p) and (k, p) systems of further columns beside the model, p in each."""
+        p, grams = len(some[0].low), self._grams
+        xx, xr = np.zeros((len(some), p, p)), np.zeros((len(some), p))
+        xx[:, range(p), range(p)] = [more.prior for more in some]
+        across = np.zeros((len(some), p, len(self._root)))
+        alike: dict[tuple[int, bytes], list[tuple[int, Index, Index]]] = {}
+        for k, more in enumerate(some):
+            for j, own, where in more.named:
+                alike.setdefault((j, where.tobytes()), []).append((k, own, where))
+        for (j, _), same in alike.items():
+            rows, columns = np.array([k for k, *_ in same]), np.array([x for _, x, _ in same])
+            at, (gradient, mixed) = same[0][2], self._joint(j)
+            whole = grams.joints[j].whole.xx[0][columns[:, :, None], columns[:, None, :]]
+            xx[rows[:, None, None], at[:, None], at] += whole / grams.inflation[j]
+            xr[rows[:, None], at] += gradient[columns] / grams.inflation[j]
+            across[rows[:, None], at] += mixed[columns]
+        return xx - across @ np.swapaxes(across, 1, 2), xr
 
     def reductions(self, some: Sequence[ModelColumns]) -> list[float]:
         """Return by how much each of some columns would reduce the squared error.
@@ -451,9 +456,7 @@ class Surroundings:
         sizes = [len(more.low) for more in some]
         for p in set(sizes):
             which = [k for k, size in enumerate(sizes) if size == p]
-            xx, xr = (
-                np.array(x) for x in zip(*(self._system(some[k]) for k in which), strict=True)
-            )
+            xx, xr = self._systems([some[k] for k in which])
             low, high = (np.array([getattr(some[k], x) for k in which]) for x in ("low", "high"))
             for k, *system, c in zip(which, xx, xr, solve_all(xx, xr, low, high), strict=True):
                 out[k] = float(2 * system[1] @ c - c @ system[0] @ c)

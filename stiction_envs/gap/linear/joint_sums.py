@@ -63,40 +63,63 @@ def add_equations(
 
 
 @compiled
+def add_rows(to: Array, at: Index, rows: Index, mixed: Array) -> None:
+    """Add rows of ``mixed`` (F or more, P, r) to those ``at`` (k,) of ``to`` (F, p, r)."""
+    for f in range(len(to)):
+        for i in range(len(at)):
+            one, other = to[f, at[i]], mixed[f, rows[i]]
+            for k in range(len(one)):
+                one[k] += other[k]
+
+
+@compiled
 def products(
-    shown: Shown, at: Index, columns: Index, xx: Array, xr: Array, one: Array, two: Array
-) -> tuple[Array, Array]:
-    """Return c₁ᵀXᵀWX c₂ and c₁ᵀXᵀWr (B,) of a joint.
+    which: Index,
+    shown_xx: Array,
+    shown_xr: Array,
+    at: Index,
+    columns: Index,
+    xx: Array,
+    xr: Array,
+    one: Array,
+    two: Array,
+) -> tuple[Array, Array, Array]:
+    """Return c₁ᵀXᵀWX c₁, c₁ᵀXᵀWX c₂, and c₁ᵀXᵀWr of a joint, (B,) each.
 
     Args:
-        shown: the random effects that it shows, which come first in ``one`` and ``two``.
+        which: (s,) random effects that the joint shows, as of `Shown`.
+        shown_xx: (B, s, s), likewise.
+        shown_xr: (B, s), likewise.
         at: (k,) coefficients of its other columns.
         columns: (k,) these.
         xx: (B, P, P) sums of all columns over each block.
         xr: (B, P) with the residual.
-        one: (B, C) coefficients c₁.
+        one: (B, C) coefficients c₁, random effects first.
         two: (B, C) coefficients c₂.
     """
-    blocks, s = shown.xr.shape
-    square, along = np.zeros(blocks), np.zeros(blocks)
-    force, mine = np.empty(s), np.empty(s)
+    blocks, s = shown_xr.shape
+    out = np.zeros((3, blocks))
+    force = np.empty(s)
     for b in range(blocks):
-        for k in range(s):
-            force[k], mine[k] = 0.0, two[b, shown.which[k]]
+        own, other = one[b], two[b]
+        force[:] = 0.0
         for i in range(s):
-            row, c = shown.xx[b, i], one[b, shown.which[i]]
-            along[b] += c * shown.xr[b, i]
+            row, c = shown_xx[b, i], own[which[i]]
             for k in range(s):
                 force[k] += c * row[k]
         for i in range(len(at)):
-            mixed, c, c_two = xx[b, columns[i]], one[b, at[i]], two[b, at[i]]
-            along[b] += c * xr[b, columns[i]]
+            mixed, c = xx[b, columns[i]], own[at[i]]
+            mine = 0.0
             for k in range(s):
-                shared = mixed[shown.which[k]]
-                force[k] += c * shared
-                square[b] += c_two * one[b, shown.which[k]] * shared
+                force[k] += c * mixed[which[k]]
+                mine += mixed[which[k]] * own[which[k]]
             for k in range(len(at)):
-                square[b] += c * mixed[columns[k]] * two[b, at[k]]
+                mine += mixed[columns[k]] * own[at[k]]
+            out[0, b] += c * mine
+            out[1, b] += other[at[i]] * mine
+            out[2, b] += c * xr[b, columns[i]]
         for k in range(s):
-            square[b] += force[k] * mine[k]
-    return square, along
+            out[0, b] += own[which[k]] * force[k]
+            out[1, b] += other[which[k]] * force[k]
+            out[2, b] += own[which[k]] * shown_xr[b, k]
+    return out[0], out[1], out[2]

@@ -145,10 +145,8 @@ def _gain(
     )
     part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
     limit = np.where(part > s.clear, single, strict)
-    whole = t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min()
-    each = np.array(
-        [t_statistic(*x) > y for x, y in zip(zip(pe, pp, strict=True), limit, strict=True)]
-    )
+    whole = bool(t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min())
+    each = t_statistic(pe.T, pp.T) > limit
     # log-likelihood of joints with separate noise, at least the floor
     count = grams.counts
     better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
