@@ -345,19 +345,23 @@ class RegressorLibrary:
         return self._models[key]
 
     def _model_columns(self, terms: Sequence[Candidate]) -> ModelColumns:
-        columns: list[tuple[int, ...]] = [()] * self.data.n
-        where: list[tuple[int, ...]] = [()] * self.data.n
-        low: Numbers = ()
-        high: Numbers = ()
-        firm: Numbers = ()
+        columns: list[list[int]] = [[] for _ in range(self.data.n)]
+        where: list[list[int]] = [[] for _ in range(self.data.n)]
+        low: list[float] = []
+        high: list[float] = []
+        firm: list[float] = []
         for term in terms:
             lowest, highest, precision = self._limits_of(term)
+            mine = range(len(low), len(low) + len(lowest))
             for joint in self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
-                where[joint] += tuple(range(len(low), len(low) + len(lowest)))
-            low, high, firm = low + lowest, high + highest, firm + precision
+                where[joint] += mine
+            low += lowest
+            high += highest
+            firm += precision
         random = sum(self.size(t) for t in terms if t in self.random)
-        return ModelColumns(tuple(columns), tuple(where), low, high, firm, random)
+        by_joint = tuple(map(tuple, columns)), tuple(map(tuple, where))
+        return ModelColumns(*by_joint, tuple(low), tuple(high), tuple(firm), random)
 
     def _limits_of(self, term: Candidate) -> tuple[Numbers, Numbers, Numbers]:
         """Return lowest and highest coefficients of a candidate, and the precision of its prior."""
