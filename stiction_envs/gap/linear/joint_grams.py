@@ -264,7 +264,8 @@ class JointGrams:
             all_blocks = self.joints[joint].whole
             which = np.flatnonzero(np.diag(all_blocks.xx[0])[:r])
             gram = all_blocks if whole else self.joints[joint]
-            self._random[key] = Shown(which, gram.xx[:, which[:, None], which], gram.xr[:, which])
+            xx = gram.xx[:, which[:, None], which]
+            self._random[key] = Shown(which, *map(np.ascontiguousarray, (xx, gram.xr[:, which])))
         return self._random[key]
 
     @_kept
