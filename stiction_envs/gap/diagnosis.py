@@ -116,7 +116,7 @@ class Diagnosis:
         for term, mine in zip(self.terms, shares, strict=True):
             if term.cause == cause and not term.small:
                 for j in self.library.affected_joints(term):
-                    out[:, j] += self.library.columns(term, j) @ mine
+                    out[:, j] += self.library.part(term, j, mine)
         return out
 
     def to_json(self) -> dict[str, object]:

@@ -93,7 +93,7 @@ def _refined_term(
             own = library.causes[other.cause].bounds(data, j)
             bounds.append((own[0][: fixed[-1].shape[1]], own[1][: fixed[-1].shape[1]]))
         else:
-            left -= library.columns(other, j) @ c[k]
+            left -= library.part(other, j, c[k])
     bounds.append(library.bounds(term))
     low, high = (np.concatenate([b[side] for b in bounds]) for side in (0, 1))
     weight = library.weight[:, j] * (data.block >= 0)

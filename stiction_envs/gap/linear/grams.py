@@ -35,7 +35,9 @@ class Gram:
     @cached_property
     def whole(self) -> Gram:
         """The sums over all blocks, as of one."""
-        return Gram(*(x.sum(axis=0, keepdims=True) for x in (self.xx, self.xr, self.rr, self.count)))
+        return Gram(
+            *(x.sum(axis=0, keepdims=True) for x in (self.xx, self.xr, self.rr, self.count))
+        )
 
     @classmethod
     def of(cls, columns: Array, residual: Array, block: Index, weight: Array, blocks: int) -> Gram:

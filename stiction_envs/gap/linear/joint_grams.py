@@ -22,6 +22,9 @@ from stiction_envs.gap.linear.joint_sums import Shown, add_equations, add_rows, 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 Method = TypeVar("Method", bound=Callable[..., object])
+RECENT = 4
+"""Number of models whose equations are kept [-]: fits and likelihoods of two are compared."""
+
 MOST_MODELS = 64
 """Number of models whose columns are kept as arrays [-]; assumed: two or three are compared."""
 
@@ -30,7 +33,8 @@ MOST_MODELS = 64
 class ModelColumns:
     """Columns of a model: for each joint which of its columns, and which coefficient each has.
 
-    A coefficient that several joints share (payload, tilt, delay) appears in several.
+    A coefficient that several joints share (payload, tilt, delay) appears in several. The first
+    ``random`` columns of every joint, and coefficients, are random effects, and not listed.
     """
 
     columns: tuple[tuple[int, ...], ...]
@@ -40,8 +44,7 @@ class ModelColumns:
     firm: tuple[float, ...] = ()
     """Prior precision of each coefficient about zero; () for none."""
     random: int = 0
-    """Number of random effects: coefficients without bounds that come first, and whose columns are
-    the first of every joint."""
+    """Number of random effects, which have no bounds."""
 
     @property
     def prior(self) -> Array:
@@ -50,7 +53,7 @@ class ModelColumns:
 
     @cached_property
     def _hash(self) -> int:
-        return hash((self.columns, self.coefficients, self.low, self.high, self.firm))
+        return hash((self.columns, self.coefficients, self.low, self.high, self.firm, self.random))
 
     def __hash__(self) -> int:
         """Return what is computed once: models of hundreds of numbers are looked up often."""
@@ -58,20 +61,20 @@ class ModelColumns:
 
     @cached_property
     def named(self) -> list[tuple[int, Index, Index]]:
-        """The joints with columns: number, columns beside the random effects, their coefficients."""
-        r, both = self.random, zip(self.columns, self.coefficients, strict=True)
+        """The joints with columns: number, the columns that are listed, and their coefficients."""
+        both = zip(self.columns, self.coefficients, strict=True)
         return [
-            (j, np.array(x[r:], dtype=np.int64), np.array(at[r:], dtype=np.int64))
+            (j, np.array(x, dtype=np.int64), np.array(at, dtype=np.int64))
             for j, (x, at) in enumerate(both)
-            if x
+            if x or self.random
         ]
 
 
 @lru_cache(maxsize=MOST_MODELS)
-def _of_joints(model: ModelColumns) -> list[tuple[int, Index, Index]]:
-    """Return the joints with columns: number, columns, and their coefficients."""
-    both = zip(model.columns, model.coefficients, strict=True)
-    return [(j, np.array(x), np.array(at)) for j, (x, at) in enumerate(both) if x]
+def of_joints(model: ModelColumns) -> list[tuple[int, Index, Index]]:
+    """Return the joints with columns: number, columns, random ones too, and their coefficients."""
+    r = np.arange(model.random)
+    return [(j, np.concatenate([r, x]), np.concatenate([r, at])) for j, x, at in model.named]
 
 
 def _kept(method: Method) -> Method:
@@ -91,35 +94,36 @@ def _kept(method: Method) -> Method:
 
 @dataclass(frozen=True, eq=False)
 class Eliminated:
-    """Random effects taken out of the normal equations: for all blocks, and without each."""
+    """Random effects taken out of the normal equations of F fits: to all blocks, or 1 + B."""
 
     root: Array
-    """(1 + B, r, r) L⁻¹."""
+    """(F, r, r) L⁻¹."""
     mixed: list[Array]
-    """(1 + B, P, r) (L⁻¹DᵀWX)ᵀ for each joint."""
+    """(F, P, r) (L⁻¹DᵀWX)ᵀ for each joint."""
     right: Array
-    """(1 + B, r) L⁻¹DᵀWr."""
+    """(F, r) L⁻¹DᵀWr."""
 
     @classmethod
-    def of(cls, joints: Sequence[Gram], inflation: Array, firm: Array) -> Eliminated:
+    def of(cls, joints: Sequence[Gram], inflation: Array, firm: Array, fits: int) -> Eliminated:
         """Eliminate the first r columns of all joints.
 
         Args:
             joints: their sums.
             inflation: (joints,) number of rows that form one independent observation.
             firm: (r,) precision of the prior.
+            fits: 1 for all blocks only, or 1 + B.
         """
         r = len(firm)
 
-        def left_out(each: Array) -> Array:
-            whole = each.sum(axis=0)
-            return np.concatenate([whole[None], whole - each])
+        def left_out(each: Array, whole: Array) -> Array:
+            return whole if fits == 1 else np.concatenate([whole, whole - each])
 
-        own = sum(left_out(g.xx[:, :r, :r]) / k for g, k in zip(joints, inflation, strict=True))
+        both = [(g, g.whole, k) for g, k in zip(joints, inflation, strict=True)]
+        own = sum(left_out(g.xx[:, :r, :r], w.xx[:, :r, :r]) / k for g, w, k in both)
         root = np.linalg.inv(np.linalg.cholesky(own + np.diag(firm)))
         across = np.swapaxes(root, 1, 2)
-        mixed = [left_out(g.xx[..., :r]) @ across / k for g, k in zip(joints, inflation, strict=True)]
-        along = sum(left_out(g.xr[:, :r]) / k for g, k in zip(joints, inflation, strict=True))
+        mixed = [left_out(g.xx[..., :r], w.xx[..., :r]) @ across / k for g, w, k in both]
+        along = sum(left_out(g.xr[:, :r], w.xr[:, :r]) / k for g, w, k in both)
         return cls(root, mixed, np.asarray(root @ np.asarray(along)[..., None])[..., 0])
 
 
@@ -133,7 +137,7 @@ class Reduced(NamedTuple):
     mixed: Array
     """(F, p, r) Zᵀ."""
     gone: Eliminated | None
-    """Root, and z, of at least as many fits; None without random effects."""
+    """What was eliminated; None without random effects."""
 
 
 class JointGrams:
@@ -156,22 +160,19 @@ class JointGrams:
         self.counts = np.array([g.count.sum() for g in grams])
         """(joints,) number of rows, by their weights."""
         self._results: dict[tuple[str, ModelColumns], Any] = {}
-        self._eliminated: dict[tuple[float, ...], Eliminated] = {}
+        self._eliminated: dict[tuple[tuple[float, ...], int], Eliminated] = {}
         self._random: dict[tuple[int, int, bool], Shown] = {}
+        self._recent: dict[ModelColumns, Reduced] = {}
         self._around: tuple[ModelColumns, Surroundings] | None = None
         self.gains: dict[Hashable, Any] = {}
         """What `selection.gain` found of these sums: a search asks again and again."""
-
-    def _each(self, model: ModelColumns) -> Iterator[tuple[int, Gram, Index, Index]]:
-        """Yield the joints with columns: number, sums, columns, and their coefficients."""
-        for j, columns, where in _of_joints(model):
-            yield j, self.joints[j], columns, where
 
     def system(self, model: ModelColumns, weight: Array | None = None) -> tuple[Array, Array]:
         """Return (xx, xr) of a model, over blocks with multiplicities ``weight`` (B,) or 1."""
         p = len(model.low)
         xx, xr = np.zeros((p, p)), np.zeros(p)
-        for j, gram, cols, at in self._each(model):
+        for j, cols, at in of_joints(model):
+            gram = self.joints[j]
             if weight is None:
                 part, along = gram.whole.xx[0][cols[:, None], cols], gram.whole.xr[0][cols]
             else:
@@ -201,17 +202,20 @@ class JointGrams:
         """Return (1 + B, P) the fit to all blocks, and the fits to all but each."""
         return self._solved(model, self._reduced(model, 1 + self.blocks))
 
-    @_kept
     def _whole(self, model: ModelColumns) -> Reduced:
-        """Return the equations of the fit to all blocks."""
-        return self._reduced(model, 1)
+        """Return the equations of the fit to all blocks; those of the last models are kept."""
+        if model not in self._recent:
+            if len(self._recent) == RECENT:
+                self._recent.pop(next(iter(self._recent)))
+            self._recent[model] = self._reduced(model, 1)
+        return self._recent[model]
 
     def _reduced(self, model: ModelColumns, fits: int) -> Reduced:
         """Return the equations of the fit to all blocks, and of the first fits to all but each."""
         r = model.random
         p = len(model.low) - r
         xx, xr = np.zeros((fits, p, p)), np.zeros((fits, p))
-        gone = self._without_random(model) if r else None
+        gone = self._without_random(model, fits) if r else None
         mixed = np.zeros((fits, p, r))
         for j, columns, at in model.named:
             gram, to = self.joints[j], at - r
@@ -221,7 +225,7 @@ class JointGrams:
         xx[:, range(p), range(p)] += model.prior[r:]
         if gone is not None:
             xx -= mixed @ np.swapaxes(mixed, 1, 2)
-            xr -= (mixed @ gone.right[:fits, :, None])[..., 0]
+            xr -= (mixed @ gone.right[..., None])[..., 0]
         return Reduced(xx, xr, mixed, gone)
 
     def _solved(self, model: ModelColumns, reduced: Reduced) -> Array:
@@ -230,16 +234,17 @@ class JointGrams:
         c = solve_all(xx, xr, np.array(model.low[r:]), np.array(model.high[r:]))
         if gone is None:
             return c
-        rest = gone.right[: len(c)] - (np.swapaxes(mixed, 1, 2) @ c[..., None])[..., 0]
-        random = (np.swapaxes(gone.root[: len(c)], 1, 2) @ rest[..., None])[..., 0]
+        rest = gone.right - (np.swapaxes(mixed, 1, 2) @ c[..., None])[..., 0]
+        random = (np.swapaxes(gone.root, 1, 2) @ rest[..., None])[..., 0]
         return np.concatenate([random, c], axis=1)
 
-    def _without_random(self, model: ModelColumns) -> Eliminated:
+    def _without_random(self, model: ModelColumns, fits: int) -> Eliminated:
         """Return what is left of all columns once a model's random effects are eliminated."""
-        key = model.firm[: model.random]
-        if key not in self._eliminated:
-            self._eliminated[key] = Eliminated.of(self.joints, self.inflation, np.array(key))
-        return self._eliminated[key]
+        firm = model.firm[: model.random]
+        if (firm, fits) not in self._eliminated:
+            found = Eliminated.of(self.joints, self.inflation, np.array(firm), fits)
+            self._eliminated[firm, fits] = found
+        return self._eliminated[firm, fits]
 
     def _products(
         self, model: ModelColumns, one: Array, two: Array, whole: bool = False
@@ -277,7 +282,8 @@ class JointGrams:
         """Return xx (B, P, P) and xr (B, P) of a model in each block, without its prior."""
         p = len(model.low)
         xx, xr = np.zeros((self.blocks, p, p)), np.zeros((self.blocks, p))
-        for j, gram, cols, at in self._each(model):
+        for j, cols, at in of_joints(model):
+            gram = self.joints[j]
             xx[:, at[:, None], at] += gram.xx[:, cols[:, None], cols] / self.inflation[j]
             xr[:, at] += gram.xr[:, cols] / self.inflation[j]
         return xx, xr
@@ -342,7 +348,9 @@ class JointGrams:
         """
         r, (xx, xr, mixed, gone) = model.random, self._whole(model)
         c, prior = self.fit(model)[r:], model.prior[r:]
-        left = sum(float(g.whole.rr[0]) / k for g, k in zip(self.joints, self.inflation, strict=True))
+        left = sum(
+            float(g.whole.rr[0]) / k for g, k in zip(self.joints, self.inflation, strict=True)
+        )
         misfit, volume = float(left - 2 * xr[0] @ c + c @ xx[0] @ c), 0.0
         if gone is not None:
             misfit -= float(gone.right[0] @ gone.right[0])
@@ -421,8 +429,7 @@ class Surroundings:
             gram = self._grams.joints[joint].whole
             whole, along = gram.xx[0], gram.xr[0]
             gradient, mixed = along.copy(), np.zeros((len(self._root), len(along)))
-            if columns := self._model.columns[joint]:
-                cols, at = np.array(columns), np.array(self._model.coefficients[joint])
+            for _, cols, at in (x for x in of_joints(self._model) if x[0] == joint):
                 gradient -= whole[:, cols] @ self._c[at]
                 some, place = self._free[at], np.cumsum(self._free) - 1
                 mixed[place[at[some]]] = whole[cols[some]] / self._grams.inflation[joint]

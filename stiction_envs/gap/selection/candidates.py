@@ -33,6 +33,8 @@ SCALES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0)
 ALLOWED = 3.32
 """Drop of the log likelihood to the ends of a 99 % interval [nats]: half of the quantile of χ² with
 one degree of freedom. Not 95 %, since one size stands for mass, centre and shape."""
+PIECE = 4096
+"""Number of rows of columns that are taken into double precision at once; assumed."""
 THREADS = 4
 """Largest number of threads that compute columns: each needs its own memory; assumed."""
 
@@ -265,10 +267,11 @@ class RegressorLibrary:
         model = self.model_columns(terms)
         parts = [self._parts(terms, j) for j in range(n)]
         grams = self._sums([self._gram(j, parts[j]) for j in range(n)])
-        among = tuple(tuple(range(len(at))) for at in model.columns)
+        r = model.random
+        among = tuple(tuple(range(r, r + len(at))) for at in model.columns)
         c = grams.fit(replace(model, columns=among))
         for j, at in enumerate(model.coefficients):
-            e = self.residual[:, j] - np.concatenate(parts[j]).T @ c[list(at)]
+            e = self.residual[:, j] - np.concatenate(parts[j]).T @ c[[*range(r), *at]]
             self.weight[:, j] = self.certain[:, j] * explained(e, huber)
             self.least_inflation[j] = dependent_rows(d, j, e, self.weight[:, j])
         self.scale = 0.0
@@ -353,7 +356,7 @@ class RegressorLibrary:
         for term in terms:
             lowest, highest, precision = self._limits_of(term)
             mine = range(len(low), len(low) + len(lowest))
-            for joint in self.affected_joints(term):
+            for joint in () if term in self.random else self.affected_joints(term):
                 columns[joint] += self._at[term, joint]
                 where[joint] += mine
             low += lowest
@@ -407,8 +410,16 @@ class RegressorLibrary:
         out = np.zeros(len(self.data.t))
         for term, mine in zip(terms, self.split(terms, c), strict=True):
             if joint in self.affected_joints(term):
-                out += self.columns(term, joint) @ mine
+                out += self.part(term, joint, mine)
         return out
+
+    def part(self, term: Candidate, joint: int, mine: Array) -> Array:
+        """Return (T,) torque of a candidate on a joint [N·m], with its coefficients."""
+        if not self._columns.holds(joint, at := self._at.get((term, joint), ())):
+            return np.asarray(self.columns(term, joint) @ mine)
+        rows = self._columns.at(joint, at)  # in double precision, all of them are large
+        pieces = (rows[:, k : k + PIECE] for k in range(0, rows.shape[1], PIECE))
+        return np.concatenate([mine @ x.astype(np.float64) for x in pieces])
 
     def columns(self, term: Candidate, joint: int) -> Array:
         """Return the (T, k) columns of a candidate on a joint; not to be changed."""

@@ -157,7 +157,9 @@ class Chooser:
         out, reductions = [], near.reductions([lib.model_columns(x) for x in pairs])
         for added in (x for x, size in zip(pairs, reductions, strict=True) if size > least):
             terms = [*self.terms, *added]
-            together_and_alone = (is_significant(lib, terms, x) for x in (added, *([y] for y in added)))
+            together_and_alone = (
+                is_significant(lib, terms, x) for x in (added, *([y] for y in added))
+            )
             if all(together_and_alone) and not is_implausible(lib, terms, added):
                 out.append(Offer(added, gain(lib, terms, added)))
         return out

@@ -26,6 +26,7 @@ from scipy.stats import t as student
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.linear.bounded_fit import RIDGE, solve
 from stiction_envs.gap.linear.grams import share_found
+from stiction_envs.gap.linear.joint_grams import of_joints
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
 
@@ -256,13 +257,12 @@ def _sums(
     """
     model = library.model_columns(terms)
     out = np.zeros((3, len(library.grams.joints), library.grams.blocks))
-    for j, (gram, columns, where) in enumerate(
-        zip(library.grams.joints, model.columns, model.coefficients, strict=True)
-    ):
-        cols, at = np.array(columns, dtype=int), np.array(where, dtype=int)
+    out[2] = [gram.rr for gram in library.grams.joints]
+    for j, cols, at in of_joints(model):
+        gram = library.grams.joints[j]
         xx, xr = gram.xx[:, cols[:, None], cols], gram.xr[:, cols]
         a, c = more[at], before[at]
         out[0, j] = xr @ a - xx @ c @ a
         out[1, j] = xx @ a @ a
-        out[2, j] = gram.rr - 2 * xr @ c + xx @ c @ c
+        out[2, j] += xx @ c @ c - 2 * xr @ c
     return out
