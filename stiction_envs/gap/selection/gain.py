@@ -68,10 +68,10 @@ def is_significant(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
 ) -> bool:
     """Return `Gain.significant`; what the fit to all blocks refutes is not fitted without each."""
-    return _first(library, terms, added).possible and gain(library, terms, added).significant
+    return _in_sample(library, terms, added).possible and gain(library, terms, added).significant
 
 
-class First(NamedTuple):
+class InSample(NamedTuple):
     """What the fit to all blocks says of some terms."""
 
     large: NDArray[np.bool_]
@@ -87,24 +87,24 @@ class First(NamedTuple):
         return self.likely and bool(self.large.any())
 
 
-def _first(
+def _in_sample(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> First:
-    key = "first", tuple(terms), tuple(added)
+) -> InSample:
+    key = "in sample", tuple(terms), tuple(added)
     if key not in library.grams.gains:
-        library.grams.gains[key] = _judged_first(library, terms, added)
-    found: First = library.grams.gains[key]
+        library.grams.gains[key] = _judged_in_sample(library, terms, added)
+    found: InSample = library.grams.gains[key]
     return found
 
 
-def _judged_first(
+def _judged_in_sample(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> First:
+) -> InSample:
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
     if library.scale > 0 and any(library.causes[t.cause].changes_arm for t in added):
         large, out = stands_out(library, terms, added)
         if not out or any(library.causes[t.cause].body for t in added):
-            return First(large, out, out)
+            return InSample(large, out, out)
     rest = library.model_columns([t for t in terms if t not in added])
     approximate = [t for t in terms if library.causes[t.cause].approximate and t not in added]
     rough = grams.sizes(model, library.own(terms, approximate))
@@ -122,7 +122,7 @@ def _judged_first(
         # beside random effects a held-out gain may be theirs: the likelihood must agree
         more = grams.log_evidence(model) - grams.log_evidence(rest)
         likely = more > np.log(max(len(library.candidates), 1))
-    return First(large, likely, None)
+    return InSample(large, likely, None)
 
 
 def _gain(
@@ -130,7 +130,7 @@ def _gain(
 ) -> Gain:
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
     rest = library.model_columns([t for t in terms if t not in added])
-    large, likely, out = _first(library, terms, added)
+    large, likely, out = _in_sample(library, terms, added)
     left = grams.held_out(rest)
     less = left - grams.held_out(model)
     if out is not None:

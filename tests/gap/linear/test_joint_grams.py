@@ -90,6 +90,14 @@ def test_bounded_fits_are_those_of_a_general_solver() -> None:
         assert np.sum((r - x @ c) ** 2) <= np.sum((r - x @ best) ** 2) + 1e-6
 
 
+def test_a_system_that_is_not_positive_definite_has_a_fit_within_bounds() -> None:
+    """Blocks that were taken off may leave rounding larger than the ridge."""
+    xx = np.array([[[1.0, 1.0 + 1e-7], [1.0 + 1e-7, 1.0]]])
+    c = solve_all(xx, np.array([[1.0, 1.0]]), np.full(2, -2.0), np.full(2, 2.0))
+    assert np.all(np.abs(c) <= 2.0)
+    assert np.isclose(c.sum(), 1.0, atol=1e-3)
+
+
 def test_a_cross_predicted_torque_matches_the_error_only_if_it_is_real() -> None:
     """Σpᵀe/Σpᵀp is one for the columns that are in the data, and pᵀe sums up to the gain."""
     own = np.array([False, True, False])
@@ -170,10 +178,9 @@ def with_random_effects() -> tuple[list[Gram], np.ndarray, ModelColumns]:
         x = rng.normal(size=(250, r + 6))
         y = x @ rng.normal(size=r + 6) * 0.1 + rng.normal(size=250)
         grams.append(Gram.of(x, y, block, np.ones(250), 5))
-    own = tuple(range(r))
     model = ModelColumns(
-        columns=((*own, r, r + 2), (*own, r + 1), (*own, r + 3)),
-        coefficients=((*own, r, r + 1), (*own, r + 2), (*own, r)),
+        columns=((r, r + 2), (r + 1,), (r + 3,)),
+        coefficients=((r, r + 1), (r + 2,), (r,)),
         low=(-np.inf,) * r + (-np.inf, 0.1, -np.inf),
         high=(np.inf,) * (r + 3),
         firm=(10.0,) * r + (0.0, 0.0, 3.0),
@@ -185,19 +192,40 @@ def with_random_effects() -> tuple[list[Gram], np.ndarray, ModelColumns]:
 def test_random_effects_are_coefficients_with_a_prior() -> None:
     """Eliminated first or solved for with all others: the same fit, with blocks left out too."""
     grams, inflation, model = with_random_effects()
-    plain = replace(model, random=0)
+    own = tuple(range(4))
+    columns, coefficients = (
+        tuple((*own, *x) for x in each) for each in (model.columns, model.coefficients)
+    )
+    plain = replace(model, columns=columns, coefficients=coefficients, random=0)
     fast, slow = JointGrams(grams, inflation), JointGrams(grams, inflation)
-    for name in ("fit", "errors", "leave_one_block_out", "held_out"):
+    for name in ("fit", "errors", "leave_one_block_out", "held_out", "log_evidence"):
         assert np.allclose(getattr(fast, name)(model), getattr(slow, name)(plain), atol=1e-7), name
+    for some in (np.arange(7) < 4, np.arange(7) == 6):
+        assert np.allclose(fast.sizes(model, some), slow.sizes(plain, some), atol=1e-7)
     assert np.isclose(fast.fit(model)[5], 0.1)  # the bound is reached
+
+
+def test_a_joint_without_columns_shows_random_effects() -> None:
+    grams, inflation, model = with_random_effects()
+    lone = replace(model, columns=(model.columns[0], (), ()), coefficients=((4, 5), (), ()))
+    lone = replace(lone, low=model.low[:6], high=model.high[:6], firm=model.firm[:6])
+    sums = JointGrams(grams, inflation)
+    c, left = sums.fit(lone), sums.errors(lone)
+    assert np.isclose(left[2], grams[2].rr.sum() - _taken(grams[2], c[:4]))
+
+
+def _taken(gram: Gram, c: np.ndarray) -> float:
+    """Return by how much coefficients of the first columns reduce a squared error."""
+    xx, xr = gram.xx.sum(axis=0)[: len(c), : len(c)], gram.xr.sum(axis=0)[: len(c)]
+    return float(2 * xr @ c - c @ xx @ c)
 
 
 def test_random_effects_of_no_size_are_none() -> None:
     grams, inflation, model = with_random_effects()
     tiny = replace(model, firm=(1e12,) * 4 + model.firm[4:])
     none = ModelColumns(
-        tuple(x[4:] for x in model.columns),
-        tuple(tuple(i - 4 for i in x[4:]) for x in model.coefficients),
+        model.columns,
+        tuple(tuple(i - 4 for i in x) for x in model.coefficients),
         *(x[4:] for x in (model.low, model.high, model.firm)),
     )
     ours, theirs = (JointGrams(grams, inflation).fit(m) for m in (tiny, none))

@@ -12,7 +12,7 @@ from stiction_envs.gap.causes import CAUSES, Cause, Parameter
 from stiction_envs.gap.linear.grams import t_statistic
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.selection.chooser import Chooser, Offer
-from stiction_envs.gap.selection.gain import Gain, gain, is_implausible, pruned
+from stiction_envs.gap.selection.gain import Gain, gain, is_implausible, is_significant, pruned
 from stiction_envs.gap.selection.refit import refine_delay
 from tests.friction.gyro import gyro
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
@@ -213,6 +213,7 @@ def test_what_was_significant_is_judged_anew_once_something_is_found(true) -> No
     library = RegressorLibrary(with_torque(data, torque), [local, whole])
     other = {"local": Candidate("whole", ARM, ()), "whole": Candidate("local", 0, ())}[true]
     assert gain(library, [other], [other]).significant
+    assert is_significant(library, [other], [other])
     steps: list[int] = []
     chosen = Chooser(library, steps.append).choose()
     assert chosen == [Candidate(true, 0 if true == "local" else ARM, ())]
@@ -229,6 +230,8 @@ def test_a_cause_of_the_arm_must_not_spoil_other_joints(other, found) -> None:
     assert judged.total > 0
     assert judged.significant_joints[0]
     assert judged.as_a_whole == judged.significant == found
+    whole_arm = [Candidate("whole", ARM, ())]
+    assert is_significant(library, whole_arm, whole_arm) == found
 
 
 @pytest.mark.parametrize(("size", "found"), [(1.5, False), (2.5, True)])
