@@ -80,7 +80,8 @@ class AngleRanges:
 
         model, without = first(size), first(rest)
         pe, pp = grams.cross_predicted(model, without, np.arange(size) >= rest)
-        return grams.held_out(without)[0], grams.held_out(model)[0], float(t_statistic(pe[0], pp[0]))
+        slope = float(t_statistic(pe[0], pp[0]))
+        return grams.held_out(without)[0], grams.held_out(model)[0], slope
 
     def predicts_left_out(self, term: Candidate | None = None) -> bool:
         """Whether the term predicts left-out ranges, and no simpler term does so as well.
