@@ -5,26 +5,19 @@
 Every experiment runs on both engines, MuJoCo first, with the same torques, poses and seeds. Once
 more it runs with angles and bristles summed in float32, as MuJoCo Warp by itself does.
 
-With a graphics card it measures `ON_CARD` instead and keeps that in warp_card.json. The file is a
-part of the project: a page made without a card has it, too.
+What a graphics card does is measured by `warp_card`, once: the page has it wherever it is made.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import platform
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache, partial
 from importlib import metadata
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -42,7 +35,6 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters, load_friction
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT, Plant
-from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.robots import load_arm
 
@@ -63,22 +55,8 @@ ARMS, STEPS = 64, 500
 """Of the timed run."""
 COUNTS = (1024, 4096, 16384)
 """Environments at a time, where there is a graphics card."""
-TIMED = 5
-"""Steps of an environment that are timed [-]."""
 CARD = "warp_card.json"
 """What was measured on a graphics card, beside the page."""
-LEARNT = 300_000
-"""Steps of the training on a card [-]."""
-SETTINGS = """
-[ppo]
-envs = 1024
-rollout = 16
-batch_size = 4096
-
-[run]
-evaluation_every = 100000
-"""
-"""Of that training: many arms, few evaluations."""
 
 
 @wp.kernel(enable_backward=False)
@@ -176,7 +154,7 @@ def torque_line(row: Row) -> dict[str, float]:
 
 def episodes(robot: str, experiment: str) -> Row:
     """Return the largest differences over whole episodes under random actions."""
-    seen = {engine: _run(robot, experiment, engine) for engine in ENGINES}
+    seen = {engine: run(robot, experiment, engine) for engine in ENGINES}
     a, b = (seen[engine] for engine in ENGINES)
     both = [(p, q) for p, q in zip(a["steps"], b["steps"], strict=True)]
     return {
@@ -189,7 +167,7 @@ def episodes(robot: str, experiment: str) -> Row:
     }
 
 
-def _run(robot: str, experiment: str, engine: str) -> dict[str, Any]:
+def run(robot: str, experiment: str, engine: str) -> dict[str, Any]:
     register_all()
     make: Callable[..., ArmVectorEnv] = EXPERIMENTS[experiment].vector_class()
     core = make(EPISODES_EACH, robot=robot, engine=engine).core
@@ -300,95 +278,6 @@ def cost(engine: str) -> Row:
     return {"cost": min(seconds[1:]) / (ARMS * STEPS)}
 
 
-def throughput(experiment: str, engine: str, count: int) -> Row:
-    """Return control steps of all Pandas per second of the clock, in whole steps of environments.
-
-    The first step compiles kernels and captures the graph, and is not timed.
-    """
-    register_all()
-    make: Callable[..., ArmVectorEnv] = EXPERIMENTS[experiment].vector_class()
-    env = make(count, robot="panda", engine=engine)
-    ids, space, tiles = np.arange(count), env.core.action_space, env.tiles
-    tiles.reset(ids, [seeding.np_random(k)[0] for k in range(count)], [None] * count)
-    action = np.tile(0.3 * space.high + 0.7 * space.low, (count, 1))
-    tiles.step(ids, action)
-    start = time.perf_counter()
-    for _ in range(TIMED):
-        tiles.step(ids, action)
-    seconds = time.perf_counter() - start
-    return {"rate": count * TIMED * env.core.interval / CONTROL_DT / seconds}
-
-
-# ---- on a graphics card --------------------------------------------------------------------------
-
-
-def replayed(count: int) -> Row:
-    """Return control steps of Pandas per second that are in captured steps alone [1/s]."""
-    plant = Plant(build(load_arm("panda")), count, engine="warp")
-    plant.run(np.zeros((count, 100, 7)))
-    batch = cast("warp_batch.WarpBatch", plant.batch)
-    start = time.perf_counter()
-    for _ in range(STEPS):
-        batch._step.zero_()  # the one command that is there
-        batch._graphs["step"]()
-    wp.synchronize()
-    return {"rate": count * STEPS / (time.perf_counter() - start)}
-
-
-def twice(robot: str, experiment: str) -> Row:
-    """Return whether episodes that are run twice are the same, bit for bit."""
-    a, b = (_run(robot, experiment, "warp")["steps"] for _ in range(2))
-    same = all(
-        np.array_equal(p[0], q[0]) and p[1] == q[1]
-        for x, y in zip(a, b, strict=True)
-        for p, q in zip(x, y, strict=True)
-    )
-    return {"same": same, "steps": sum(map(len, a))}
-
-
-def training(experiment: str, engine: str) -> Row:
-    """Return what `stiction train` makes of a Panda in `LEARNT` steps."""
-    with TemporaryDirectory() as folder:
-        settings = Path(folder, "settings.toml")
-        settings.write_text(SETTINGS, "utf-8")
-        call = [
-            sys.executable,
-            "-c",
-            "from stiction_envs.cli import main; raise SystemExit(main())",
-        ]
-        call += ["train", "panda", experiment, "--algo", "ppo", "--steps", str(LEARNT), "--json"]
-        call += ["--engine", engine, "--settings", str(settings), "--out", str(Path(folder, "run"))]
-        out = subprocess.run(call, check=True, capture_output=True, text=True).stdout
-    result = json.loads(out)
-    returns = {name: x["return"] for name, x in result["summary"].items()}
-    return {"returns": returns, "steps_per_second": result["steps_per_second"]}
-
-
-def speeds(engine: str) -> dict[str, Callable[[], Row]]:
-    """Return what is timed of an engine, the quick ones first."""
-    pairs = [(x, count) for count in COUNTS for x in ("gte", "sje")]
-    rates = {f"throughput {x} {engine} {n}": partial(throughput, x, engine, n) for x, n in pairs}
-    return {**rates, f"training sje {engine}": partial(training, "sje", engine)}
-
-
-def measure_card(options: argparse.Namespace) -> None:
-    """Measure `ON_CARD`, and write it as `CARD`."""
-    rows = STUDY.rows(options, "card").fill(ON_CARD, lambda job: job(), minutes=options.minutes)
-    for key, row in rows.items():
-        if key.startswith(("torques", "dithered")):
-            rows[key] = torque_line(row)
-    packages = ("mujoco", "mujoco-warp", "warp-lang", "numpy")
-    kept = {
-        "card": wp.get_device().name,
-        "processors": os.cpu_count(),
-        "date": time.strftime("%Y-%m-%d"),
-        "versions": {p: metadata.version(p) for p in packages},
-        "rows": rows,
-    }
-    options.out.mkdir(parents=True, exist_ok=True)
-    write_text_atomic(options.out / CARD, json.dumps(kept, indent=1) + "\n")
-
-
 # ---- the page ------------------------------------------------------------------------------------
 
 ROBOTS = {"panda": "Panda", "iiwa7": "iiwa 7"}
@@ -404,14 +293,6 @@ JOBS: dict[str, Callable[[], Row]] = {
     "float32 dithered panda": partial(torques, "panda", dithered=True, float32=True),
 }
 """By the keys of their rows; the quick ones first."""
-ON_CARD: dict[str, Callable[[], Row]] = {
-    **{key: JOBS[key] for r in ROBOTS for key in (f"torques {r}", f"dithered {r}")},
-    **{f"{x} {r}": JOBS[f"{x} {r}"] for x in ("sje", "gte") for r in ROBOTS},
-    **{f"twice {x} panda": partial(twice, "panda", x) for x in ("sje", "gte")},
-    **{f"replayed {count}": partial(replayed, count) for count in COUNTS},
-    **{key: job for e in reversed(ENGINES) for key, job in speeds(e).items()},
-}
-"""Those for a graphics card: Warp's there, beside MuJoCo's on all processors."""
 
 
 def card_values(kept: Mapping[str, Any]) -> dict[str, Any]:
@@ -561,8 +442,6 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 def main() -> None:
     options = STUDY.parser().parse_args()
-    if wp.is_cuda_available():
-        return measure_card(options)
     found = STUDY.rows(options).fill(JOBS, lambda job: job(), minutes=options.minutes)
     kept = json.loads((STUDY.folder / CARD).read_text("utf-8"))
     STUDY.write_page(options, **page(found, kept))

@@ -228,7 +228,10 @@ class RegressorLibrary:
         for term in terms:
             if term not in self.candidates and not term.small:
                 self._add(term, self._rows(term))
-        self.grams = self._sums([self._grown(j) for j in range(self.data.n)])
+        joints = self.grams.joints
+        for j in range(self.data.n):  # those of before go one by one: all at once fill the memory
+            joints[j] = self._grown(j)
+        self.grams = self._sums(joints)
 
     def _sums(self, grams: list[Gram]) -> JointGrams:
         return JointGrams(grams, self.inflation)
