@@ -14,7 +14,12 @@ from stiction_envs.errors import ExperimentError, StictionError
 
 ROOT = Path(__file__).parents[1]
 FLOW = (
-    ("stiction_envs.errors", "stiction_envs.compiled", "stiction_envs.version"),
+    (
+        "stiction_envs.errors",
+        "stiction_envs.compiled",
+        "stiction_envs.heap",
+        "stiction_envs.version",
+    ),
     ("stiction_envs.method_settings",),
     ("stiction_envs.reporting",),
     ("stiction_envs.precomputed",),

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs import heap
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
@@ -166,8 +167,8 @@ class RegressorLibrary:
     def _keep_for(self, data: Data, causes: Sequence[Cause]) -> None:
         """Keep only the columns that are the same for other data: all at once fill the memory."""
         same = {c.name for c in causes if self._holds(c, data)}
-        self.keep([t for t in self._sizes if t.cause in same])
         del self.grams
+        self.keep([t for t in self._sizes if t.cause in same])
 
     def keep(self, terms: Sequence[Candidate]) -> None:
         """Give back the memory of all columns but those of some terms; nothing can be refined."""
@@ -176,6 +177,7 @@ class RegressorLibrary:
             some = [at for (t, joint), at in self._at.items() if joint == j and t in kept]
             self._columns.keep(j, some)
         self._models.clear()
+        heap.trim()
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
@@ -234,6 +236,7 @@ class RegressorLibrary:
         self.grams = self._sums(joints)
 
     def _sums(self, grams: list[Gram]) -> JointGrams:
+        heap.trim()  # the sums of before, and arrays from which these were made
         return JointGrams(grams, self.inflation)
 
     def _gram(self, joint: int, parts: Sequence[Kept]) -> Gram:
