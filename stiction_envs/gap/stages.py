@@ -9,13 +9,13 @@ WEIGHTS = {
     "reading": 6,
     "inverse dynamics": 1,
     "columns of all causes": 10,
-    "choosing causes": 25,
-    "refitting": 34,
-    "evidence": 7,
+    "choosing causes": 19,
+    "refitting": 41,
+    "evidence": 4,
     "check": 10,
     "extended model": 1,
     "forward validation": 2,
-    "report": 13,
+    "report": 14,
 }
 """Share of each stage [%], in order: mean of the real logs of a Panda and of an iiwa 14 in
 benchmarks/speed/diagnose_speed.md. ``check``, if there are logs to check with, is assumed."""
