@@ -13,7 +13,8 @@ from scipy.optimize import minimize_scalar
 from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.linear.bounded_fit import solve
 from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.linear.joint_grams import JointGrams
+from stiction_envs.gap.linear.model_columns import ModelColumns
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.settings import EstimateSettings
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.linear.bounded_fit import RIDGE
 from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.linear.joint_grams import JointGrams
+from stiction_envs.gap.linear.model_columns import ModelColumns
 from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import BaseSet, base_set, inertial_names, torque_regressor

@@ -16,6 +16,9 @@ effect."""
 UNSEEN = 1e-12
 """Square of a column below which a system does not show it, over that in the others [-]; assumed:
 rounding of a sum from which the only block that shows it was taken."""
+PIVOT = 0.1 * RIDGE
+"""Least pivot of a positive definite system [-]; assumed: with exact sums none is under the
+ridge."""
 SLOPE = 1e-12
 """Slope of the error, for columns of size one, with which a coefficient may stay on its bound [-];
 assumed: rounding."""
@@ -124,7 +127,7 @@ def _solve_others(normal: Array, target: Array, held: Flags, c: Array) -> bool:
             a[i, k] = row[some[k]]
     for k in range(m):
         top = a[k]
-        if top[k] < 0.1 * RIDGE:
+        if top[k] < PIVOT:
             return False
         root = np.sqrt(top[k])
         for i in range(k, m):

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from stiction_envs.gap.linear.grams import Gram, t_statistic
-from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.linear.joint_grams import JointGrams
+from stiction_envs.gap.linear.model_columns import ModelColumns
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 

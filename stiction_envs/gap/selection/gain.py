@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
-from typing import NamedTuple
+from functools import cache, wraps
+from typing import NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from stiction_envs.gap.selection.angle_ranges import holds_over_angle
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 
 Array = NDArray[np.float64]
+Judge = TypeVar("Judge", bound=Callable[..., object])
 DISTINCT = 3.0
 """Least size of a body's number over its standard error [-]; assumed: rarely by chance."""
 
@@ -47,6 +48,22 @@ class Gain:
         return self.total > 0 and self.as_a_whole and bool(self.significant_joints.any())
 
 
+def _once(judge: Judge) -> Judge:
+    """Keep what is found of terms of a model beside the sums: a search asks again and again."""
+
+    @wraps(judge)
+    def known(
+        library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
+    ) -> object:
+        key = judge.__name__, tuple(terms), tuple(added)
+        if key not in library.grams.gains:
+            library.grams.gains[key] = judge(library, terms, added)
+        return library.grams.gains[key]
+
+    return cast(Judge, known)
+
+
+@_once
 def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]) -> Gain:
     """Judge terms of a model by blocks that were held out.
 
@@ -57,11 +74,29 @@ def gain(library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[
     analysis using generalized linear models", 1986), and follows Student's t of B − 1 degrees of
     freedom; ``chance`` is shared out over all terms that are tried (Bonferroni).
     """
-    key = tuple(terms), tuple(added)
-    if key not in library.grams.gains:
-        library.grams.gains[key] = _gain(library, terms, added)
-    found: Gain = library.grams.gains[key]
-    return found
+    s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
+    rest = library.model_columns([t for t in terms if t not in added])
+    large, likely, out = _in_sample(library, terms, added)
+    left = grams.held_out(rest)
+    less = left - grams.held_out(model)
+    if out is not None:
+        return Gain(less, large, True, out)
+    large = large & (less.sum(axis=1) > 0)
+    if not (likely and large.any() and less.sum() > 0):
+        return Gain(less, large, False)
+    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
+    strict, single = (
+        _quantile(1 - s.chance / tried, grams.blocks - 1)
+        for tried in (max(len(library.candidates), 1), 1)
+    )
+    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
+    limit = np.where(part > s.clear, single, strict)
+    whole = bool(t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min())
+    each = t_statistic(pe.T, pp.T) > limit
+    # log-likelihood of joints with separate noise, at least the floor
+    count = grams.counts
+    better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
+    return Gain(less, each & large, whole and float(better.sum()) > 0)
 
 
 def is_significant(
@@ -87,17 +122,8 @@ class InSample(NamedTuple):
         return self.likely and bool(self.large.any())
 
 
+@_once
 def _in_sample(
-    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> InSample:
-    key = "in sample", tuple(terms), tuple(added)
-    if key not in library.grams.gains:
-        library.grams.gains[key] = _judged_in_sample(library, terms, added)
-    found: InSample = library.grams.gains[key]
-    return found
-
-
-def _judged_in_sample(
     library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
 ) -> InSample:
     s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
@@ -123,34 +149,6 @@ def _judged_in_sample(
         more = grams.log_evidence(model) - grams.log_evidence(rest)
         likely = more > np.log(max(len(library.candidates), 1))
     return InSample(large, likely, None)
-
-
-def _gain(
-    library: RegressorLibrary, terms: Sequence[Candidate], added: Sequence[Candidate]
-) -> Gain:
-    s, grams, model = library.data.settings.selection, library.grams, library.model_columns(terms)
-    rest = library.model_columns([t for t in terms if t not in added])
-    large, likely, out = _in_sample(library, terms, added)
-    left = grams.held_out(rest)
-    less = left - grams.held_out(model)
-    if out is not None:
-        return Gain(less, large, True, out)
-    large = large & (less.sum(axis=1) > 0)
-    if not (likely and large.any() and less.sum() > 0):
-        return Gain(less, large, False)
-    pe, pp = grams.cross_predicted(model, rest, library.own(terms, added))
-    strict, single = (
-        _quantile(1 - s.chance / tried, grams.blocks - 1)
-        for tried in (max(len(library.candidates), 1), 1)
-    )
-    part = less.sum(axis=1) / np.maximum(left.sum(axis=1), 1e-300)
-    limit = np.where(part > s.clear, single, strict)
-    whole = bool(t_statistic(pe.sum(axis=0), pp.sum(axis=0)) > limit.min())
-    each = t_statistic(pe.T, pp.T) > limit
-    # log-likelihood of joints with separate noise, at least the floor
-    count = grams.counts
-    better = np.log((left.sum(axis=1) + count) / ((left - less).sum(axis=1) + count))
-    return Gain(less, each & large, whole and float(better.sum()) > 0)
 
 
 def stands_out(

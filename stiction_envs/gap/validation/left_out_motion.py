@@ -26,7 +26,7 @@ from scipy.stats import t as student
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.linear.bounded_fit import RIDGE, solve
 from stiction_envs.gap.linear.grams import share_found
-from stiction_envs.gap.linear.joint_grams import of_joints
+from stiction_envs.gap.linear.model_columns import of_joints
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
 

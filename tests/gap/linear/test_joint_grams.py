@@ -9,7 +9,8 @@ from scipy.optimize import lsq_linear
 
 from stiction_envs.gap.linear.bounded_fit import solve, solve_all
 from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.linear.joint_grams import JointGrams, ModelColumns
+from stiction_envs.gap.linear.joint_grams import JointGrams
+from stiction_envs.gap.linear.model_columns import ModelColumns
 
 RNG = np.random.default_rng(0)
 X, W = RNG.normal(size=(600, 3)), RNG.uniform(0.5, 1.0, 600)
