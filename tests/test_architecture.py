@@ -17,7 +17,6 @@ FLOW = (
     (
         "stiction_envs.errors",
         "stiction_envs.compiled",
-        "stiction_envs.heap",
         "stiction_envs.version",
     ),
     ("stiction_envs.method_settings",),

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs import heap
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams
 from stiction_envs.gap.linear.model_columns import ModelColumns
+from stiction_envs.gap.selection import heap
 from stiction_envs.gap.selection.joint_columns import JointColumns, Kept
 from stiction_envs.gap.selection.row_weights import (
     certain,

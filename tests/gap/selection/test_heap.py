@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs import heap
+from stiction_envs.gap.selection import heap
 
 
 def resident() -> int:
