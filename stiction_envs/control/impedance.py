@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments
 from stiction_envs.control.kernels import advance_reference, impedance_cycle
-from stiction_envs.control.operational import damp_by_mass, renew
+from stiction_envs.control.operational import SpaceArrays, damp_by_mass, renew
 from stiction_envs.control.rotation import error_matrix, write_error_matrix
 from stiction_envs.control.settings import ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
@@ -85,6 +86,8 @@ class CartesianImpedance:
         self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
         self._null_damping = np.zeros((nsim, n))
         self._null_active = False
+        self._damped_by_mass = settings.damping_design == "mass"
+        self._ratio = np.array(np.broadcast_to(settings.damping_ratio, 6), dtype=float)
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
         self._root, self._inverse_root, self._modes = np.zeros((3, nsim, 6, 6))
         self.inertia = np.zeros((nsim, 6, 6))
@@ -188,7 +191,6 @@ class CartesianImpedance:
         Raises:
             StictionError: an entry that is not finite.
         """
-        settings = self.settings
         rows = self._rows(ids)
         jac = np.ascontiguousarray(jacobian)
         mass = np.ascontiguousarray(mass)
@@ -198,43 +200,27 @@ class CartesianImpedance:
                 f"update_model: Jacobian {jac.shape} and mass {mass.shape}: expected "
                 f"({m}, 6, {n}) and ({m}, {n}, {n})"
             )
-        bad = renew(
-            rows,
-            jac,
-            mass,
-            settings.singular_below,
-            settings.singular_length,
-            self._singular,
-            self.inertia,
-            self._root,
-            self._inverse_root,
-            self._modes,
-            self.projector,
-        )
+        bad = renew(rows, jac, mass, *self.model_arguments[0])
         if bad >= 0:
-            finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
-            what = "mass is singular: expected positive definite"
-            other = "Jacobian or mass: expected finite numbers"
-            raise StictionError(f"row {bad}: {what if finite else other}")
+            self.refuse(bad, jac, mass)
         self._known[rows] = True
-        self._damp(rows)
+        if self._damped_by_mass:
+            self._damp(rows)
+
+    def refuse(self, row: int, jacobian: Array, mass: Array) -> NoReturn:
+        """Raise the `StictionError` of a row that `operational.renew` refused."""
+        finite = np.isfinite(mass[row]).all() and np.isfinite(jacobian[row]).all()
+        what = "mass is singular: expected positive definite"
+        other = "Jacobian or mass: expected finite numbers"
+        raise StictionError(f"row {row}: {what if finite else other}")
 
     def _damp(self, rows: Index) -> None:
         """Write −D of the present stiffness; 0 for ``mass`` before the first model."""
-        stiffness, ratio = self._stiffness, np.asarray(self.settings.damping_ratio)
-        if self.settings.damping_design == "mass":
-            damp_by_mass(
-                rows,
-                stiffness,
-                ratio,
-                self._root,
-                self._inverse_root,
-                self._modes,
-                self._gain[:, :, 6:],
-            )
+        if self._damped_by_mass:
+            damp_by_mass(rows, *self.model_arguments[2])
             return
-        diagonal = np.diagonal(stiffness[rows], axis1=1, axis2=2)
-        self._gain[rows, :, 6:] = -(2.0 * ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
+        diagonal = np.diagonal(self._stiffness[rows], axis1=1, axis2=2)
+        self._gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
 
     # ---- fast part -----------------------------------------------------------------------------
 
@@ -304,6 +290,19 @@ class CartesianImpedance:
         )
 
     @property
+    def model_arguments(self) -> Arguments:
+        """The last of `operational.renew_all`; always the same objects."""
+        settings, modes = self.settings, (self._root, self._inverse_root, self._modes)
+        low = settings.singular_below, settings.singular_length
+        return tuple(
+            SpaceArrays(
+                (*low, self._singular, self.inertia, *modes, self.projector),
+                self._damped_by_mass,
+                (self._stiffness, self._ratio, *modes, self._gain[:, :, 6:]),
+            )
+        )
+
+    @property
     def filters(self) -> bool:
         """Whether the reference moves in every cycle."""
         return self._filter_step < 1.0
@@ -311,7 +310,7 @@ class CartesianImpedance:
     @property
     def needs_model(self) -> bool:
         """Whether torques depend on the model of the present pose: on P, or on a D made with Λ."""
-        return self._null_active or self.settings.damping_design == "mass"
+        return self._null_active or self._damped_by_mass
 
     @property
     def reference_arguments(self) -> Arguments:

@@ -10,10 +10,12 @@ arithmetic, so that a pose's result is the same bits in any stack.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.control.eigen import eigen
 
 Array = NDArray[np.float64]
@@ -232,3 +234,27 @@ def damp_by_mass(
         for k in range(6):
             for m in range(6):
                 damping[row, k, m] = -left[k, m]
+
+
+class SpaceArrays(NamedTuple):
+    """What `renew_all` needs besides Jacobians and inertias of N arms."""
+
+    space: Arguments
+    """Of `renew` behind the inertias."""
+    damped_by_mass: bool
+    """Whether damping depends on the inertias."""
+    damping: Arguments
+    """Of `damp_by_mass` behind the rows."""
+
+
+@compiled
+def renew_all(jacobian: Array, mass: Array, arguments: Arguments) -> int:
+    """Write the operational space of all N arms, and the damping that depends on it.
+
+    Returns −1, or the first arm that has none: see `renew`.
+    """
+    a, rows = SpaceArrays(*arguments), np.arange(len(mass))
+    bad = renew(rows, jacobian, mass, *a.space)
+    if bad < 0 and a.damped_by_mass:
+        damp_by_mass(rows, *a.damping)
+    return bad

@@ -11,36 +11,21 @@ library in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from llvmlite import binding
 from mujoco.batch import Batch
-from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.plant.in_c import copy, get_state, set_state, step1, step2
 
 Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
-_InC = Callable[..., None]
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """What a batch keeps of a simulation, in this order."""
 VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
-
-# compiled code finds the library's functions by their names, and can be cached
-binding.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("*mujoco.*"))))
-_pointer = types.intp
-_of_two = types.void(_pointer, _pointer)
-_of_state = types.void(_pointer, _pointer, _pointer, types.intc)
-_step1: _InC = types.ExternalFunction("mj_step1", _of_two)
-_step2: _InC = types.ExternalFunction("mj_step2", _of_two)
-_set_state: _InC = types.ExternalFunction("mj_setState", _of_state)
-_get_state: _InC = types.ExternalFunction("mj_getState", _of_state)
-_copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
 
 
 class Loop(NamedTuple):
@@ -65,17 +50,17 @@ def _take_fields(loop: Loop, i: int) -> None:
     """Give the model what simulation ``i`` has of its own."""
     for k in range(loop.inputs.shape[0]):
         first, stride, to, size = loop.inputs[k]
-        _copy(to, first + i * stride, size)
+        copy(to, first + i * stride, size)
 
 
 @compiled
 def _give_fields(loop: Loop, i: int) -> None:
     """Hand out state and bound fields of simulation ``i``."""
-    _get_state(loop.model, loop.data[i], loop.rows[i], STATE)
+    get_state(loop.model, loop.data[i], loop.rows[i], STATE)
     n = loop.data.shape[0]
     for k in range(loop.outputs.shape[0]):
         first, stride, size = loop.outputs[k, n:]
-        _copy(first + i * stride, loop.outputs[k, i], size)
+        copy(first + i * stride, loop.outputs[k, i], size)
 
 
 @compiled
@@ -86,9 +71,9 @@ def begin(loop: Arguments) -> None:
     warnings, stride, size = a.outputs[0, n:]
     for i in range(n):
         _take_fields(a, i)
-        _set_state(a.model, a.data[i], a.rows[i], STATE)
-        _copy(a.outputs[0, i], warnings + i * stride, size)
-        _step1(a.model, a.data[i])
+        set_state(a.model, a.data[i], a.rows[i], STATE)
+        copy(a.outputs[0, i], warnings + i * stride, size)
+        step1(a.model, a.data[i])
         _give_fields(a, i)
 
 
@@ -98,10 +83,10 @@ def advance(loop: Arguments, steps: int) -> None:
     a = Loop(*loop)
     for i in range(a.data.shape[0]):
         _take_fields(a, i)
-        _set_state(a.model, a.data[i], a.rows[i], STATE)
+        set_state(a.model, a.data[i], a.rows[i], STATE)
         for _ in range(steps):
-            _step2(a.model, a.data[i])
-            _step1(a.model, a.data[i])
+            step2(a.model, a.data[i])
+            step1(a.model, a.data[i])
         _give_fields(a, i)
 
 

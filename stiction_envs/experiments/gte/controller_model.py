@@ -2,17 +2,54 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.friction.model import StickingModel
+from stiction_envs.plant.in_c import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+
+
+class Dynamics(NamedTuple):
+    """One arm's model and data, in which the dynamics of all arms are computed in turn."""
+
+    model: int
+    data: int
+    """Their addresses."""
+    qpos: Array
+    """(n,) of the data [rad]."""
+    qvel: Array
+    """(n,) [rad/s]."""
+    bias: Array
+    """(n,) torque of gravity, and of speeds [N·m]."""
+
+
+class ModelArrays(NamedTuple):
+    """What `renew_dynamics` computes with, and writes."""
+
+    believed: Arguments
+    """`Dynamics` as the controller has them."""
+    true: Arguments
+    """Those of the plant."""
+    is_wrong: bool
+    """Whether the two differ."""
+    entries: Array
+    """(E,) entries of the sparse inertia that is believed [kg·m²]."""
+    rows: Index
+    columns: Index
+    """(E,) where they are."""
+    rotor: Array
+    """(n,) [kg·m²]."""
+    mass: Array
+    missing: Array
+    """As of `ControllerModel`, written."""
 
 
 class ControllerModel:
@@ -22,73 +59,95 @@ class ControllerModel:
     difference acts on the arm.
     """
 
-    def __init__(self, arm: Arm, sticking: StickingModel, nsim: int, threads: int) -> None:
+    def __init__(self, arm: Arm, sticking: StickingModel, nsim: int) -> None:
         """Make it for N arms.
 
         Args:
             arm: as the controller takes it to be.
             sticking: the plant's model.
             nsim: number of arms.
-            threads: threads, 0 for all processors.
         """
-        model = arm.bare_model()
-        # few MjData for all arms stay in the cache: every update computes everything again
-        self._batch = Batch(model, nsim, threads)
-        self._qpos = self._batch.bind("qpos")
-        self._bias, self._mass = self._batch.bind("qfrc_bias"), self._batch.bind("M")
-        self._qvel = self._batch.bind("qvel")
-        self._rotor = sticking.parameters.rotor_inertia
-        self._rows, self._columns = _entries(model)
-        self._true: Batch | None = None
-        if arm.xml != sticking.arm.xml:
-            self._true = Batch(sticking.arm.bare_model(), nsim, threads)
-            self._true_qpos = self._true.bind("qpos")
-            self._true_bias = self._true.bind("qfrc_bias")
-        self.mass = np.zeros((nsim, model.nv, model.nv))
-        """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
-        self.missing = np.zeros((nsim, model.nv))
-        """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
-
-    @property
-    def is_wrong(self) -> bool:
+        self._believed = _Scratch(arm.bare_model())
+        self.is_wrong = arm.xml != sticking.arm.xml
         """Whether it is not the plant's, so that `missing` has to be kept up to date."""
-        return self._true is not None
+        self._true = _Scratch(sticking.arm.bare_model()) if self.is_wrong else self._believed
+        n = self._believed.model.nv
+        self.mass = np.zeros((nsim, n, n))
+        """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
+        self.missing = np.zeros((nsim, n))
+        """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
+        self.arguments: Arguments = tuple(
+            ModelArrays(
+                tuple(self._believed.dynamics),
+                tuple(self._true.dynamics),
+                self.is_wrong,
+                self._believed.data.M,
+                *_entries(self._believed.model),
+                sticking.parameters.rotor_inertia,
+                self.mass,
+                self.missing,
+            )
+        )
+        """The last of `renew_dynamics`; always the same objects."""
 
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
-        self._qpos[:], stage = q, mujoco.mjtStage.mjSTAGE_VEL
-        self._batch.forward(stage=stage)
-        gravity[:] = self._bias
-        self._qvel[:] = dq
-        self._batch.forward(stage=stage)
-        np.subtract(self._bias, gravity, out=coriolis)
-        self._qvel[:] = 0.0
+        _torques(q, dq, tuple(self._believed.dynamics), gravity, coriolis)
 
     def update(self, q: Array) -> None:
         """Take the present angles (N, n) [rad]."""
-        self._qpos[:] = q
-        biased = self._true is not None
-        stage = mujoco.mjtStage.mjSTAGE_VEL if biased else mujoco.mjtStage.mjSTAGE_POS
-        self._batch.forward(stage=stage)
-        _spread(self._mass, self._rows, self._columns, self._rotor, self.mass)
-        if self._true is not None:
-            self._true_qpos[:] = q
-            self._true.forward(stage=stage)
-            np.subtract(self._bias, self._true_bias, out=self.missing)
+        renew_dynamics(q, self.arguments)
+
+
+class _Scratch:
+    """One `MjData` for all arms stays in the cache: every update computes everything again."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model, self.data = model, mujoco.MjData(model)
+        d = self.data
+        self.dynamics = Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
 
 
 def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
     """Return (row, column) of every entry of MuJoCo's sparse inertia `M`."""
     count = np.asarray(model.M_rownnz)
     rows = np.repeat(np.arange(model.nv), count)
-    return rows, np.asarray(model.M_colind)[: len(rows)]
+    return rows, np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
 
 
 @compiled
-def _spread(entries: Array, rows: Index, columns: Index, rotor: Array, mass: Array) -> None:
-    """Write the inertias (N, n, n) of MuJoCo's sparse entries (N, E), rotors (n,) added."""
-    for i in range(len(mass)):
-        for k in range(len(rows)):
-            mass[i, rows[k], columns[k]] = mass[i, columns[k], rows[k]] = entries[i, k]
-        for j in range(len(rotor)):
-            mass[i, j, j] += rotor[j]
+def renew_dynamics(q: Array, arguments: Arguments) -> None:
+    """Write inertias, and the gravity that is compensated wrongly, at angles q (N, n) [rad]."""
+    a = ModelArrays(*arguments)
+    believed, true = Dynamics(*a.believed), Dynamics(*a.true)
+    for i in range(q.shape[0]):
+        for j in range(q.shape[1]):
+            believed.qpos[j] = true.qpos[j] = q[i, j]
+        fwd_position(believed.model, believed.data)
+        for k in range(len(a.rows)):
+            row, column = a.rows[k], a.columns[k]
+            a.mass[i, row, column] = a.mass[i, column, row] = a.entries[k]
+        for j in range(q.shape[1]):
+            a.mass[i, j, j] += a.rotor[j]
+        if a.is_wrong:
+            fwd_velocity(believed.model, believed.data)
+            fwd_position(true.model, true.data)
+            fwd_velocity(true.model, true.data)
+            for j in range(q.shape[1]):
+                a.missing[i, j] = believed.bias[j] - true.bias[j]
+
+
+@compiled
+def _torques(q: Array, dq: Array, dynamics: Arguments, gravity: Array, coriolis: Array) -> None:
+    """Write `ControllerModel.torques`."""
+    a = Dynamics(*dynamics)
+    for i in range(q.shape[0]):
+        for j in range(q.shape[1]):
+            a.qpos[j] = q[i, j]
+        fwd_position(a.model, a.data)
+        fwd_velocity(a.model, a.data)
+        for j in range(q.shape[1]):
+            gravity[i, j], a.qvel[j] = a.bias[j], dq[i, j]
+        fwd_velocity(a.model, a.data)
+        for j in range(q.shape[1]):
+            coriolis[i, j], a.qvel[j] = a.bias[j] - gravity[i, j], 0.0

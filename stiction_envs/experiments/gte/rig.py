@@ -25,12 +25,16 @@ from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.gte.controller_model import ControllerModel
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.step import (
+    AheadArrays,
     DitherArrays,
     JointArrays,
     SeenArrays,
     StepArrays,
     control_step,
     follow_steps,
+    is_due,
+    look_ahead,
+    note_reference,
 )
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -69,8 +73,8 @@ class Sampling(NamedTuple):
     """(K, N, 4) of the hands, written."""
     stride: int
     """Control steps of a sample."""
-    take: Callable[[int], None]
-    """Called with the number (from 0) of each sample's first step."""
+    reference: Array
+    """(S, N, 7) position [m] and quaternion of the reference in each sample's first, written."""
 
 
 class GTERig(Rig):
@@ -107,7 +111,7 @@ class GTERig(Rig):
         if self.senses is not None:
             seen = MeasuredEndEffector(sticking, self.senses.q, setup.tool)
             self.seen_end_effector = seen
-        self._model = ControllerModel(setup.controller_model or arm, sticking, nsim, setup.threads)
+        self._model = ControllerModel(setup.controller_model or arm, sticking, nsim)
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(
             *(nsim, self.n),
@@ -125,6 +129,7 @@ class GTERig(Rig):
         self._count, self._row, self._hold_steps = 0, 0, self.interface.hold_steps
         self._arrays: Arguments = ()
         self._nothing, self._added = np.zeros((2, nsim, self.n))
+        self._accepted = np.zeros(nsim, dtype=bool)
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -232,13 +237,15 @@ class GTERig(Rig):
             sampling: what is noted meanwhile.
         """
         shape = steps, self.nsim
-        given = sampling or Sampling(np.empty((*shape, 3)), np.empty((*shape, 4)), steps, _nothing)
-        self._sampling, self._watch = given, watch or _nothing
+        if sampling is None:
+            poses = np.empty((*shape, 3)), np.empty((*shape, 4))
+            sampling = Sampling(*poses, steps, np.empty((1, self.nsim, 7)))
+        self._sampling, self._watch = sampling, watch or _nothing
         self._count, self._row = int(self.step.max()), 0
+        self._arrays = self._step_arrays(sampling)
         if self._device is not None and self.senses is None and not self.compensator.active:
             self._follow_on_device(steps)
             return
-        self._arrays = self._step_arrays((given.position, given.quaternion))
         # what is not compiled is asked in every control step
         python = watch or self.senses or not self.dither.sines or self.controller.filters
         if python or self.plant.compiled_loop is None:
@@ -268,38 +275,35 @@ class GTERig(Rig):
         row, given = self._row, self._sampling
         given.position[row] = self.end_effector.position
         given.quaternion[row] = self.end_effector.quaternion
-        if row % given.stride == 0:
-            given.take(row)
+        note_reference(row, self._arrays)
         self._watch()
         self._row = row + 1
 
     def _follow_block(self, steps: int) -> None:
         """Follow for control steps between which friction does not change slowly."""
         loop, end = self.plant.compiled_loop or (), self._row + steps
+        looks = not self._looks_with_numpy
         while self._row < end:
-            model, goals = self._due(self._count)
-            if model or goals:
-                self._look_ahead(model, goals)
-            if self._row % self._sampling.stride == 0:
-                self._sampling.take(self._row)
-            count = 1
-            while self._row + count < end and not self._waits(count):
-                count += 1
-            follow_steps(count, self._count, self._row, self._hold_steps, self._arrays, loop)
+            count = end - self._row
+            if not looks:
+                model, goals = self._due(self._count)
+                if model or goals:
+                    self._look_ahead(model, goals)
+                later = range(1, count)
+                count = next((k for k in later if any(self._due(self._count + k))), count)
+            bad = follow_steps(count, self._count, self._row, looks, self._arrays, loop)
+            self._refuse(bad)
             self._count, self._row = self._count + count, self._row + count
 
-    def _waits(self, count: int) -> bool:
-        """Return whether Python has something to do ``count`` control steps from now."""
-        samples = (self._row + count) % self._sampling.stride == 0
-        return samples or any(self._due(self._count + count))
+    @property
+    def _looks_with_numpy(self) -> bool:
+        """Whether some of what is renewed in a controller's cycle is not compiled."""
+        return self.compensator.feeds or self.compensator.reads_model
 
     def _due(self, step: int) -> tuple[bool, bool]:
         """Return whether model and goals are looked at in a control step."""
         hold = self._hold_steps
-        if step % hold:
-            return False, False
-        # a slow controller takes at its next cycle what fell due since its last
-        return step % self._model_period < hold, step % self._goal_period < hold
+        return is_due(step, hold, self._model_period), is_due(step, hold, self._goal_period)
 
     def _device_cycle(self) -> DeviceCycle:
         """Return the controllers of the engine's device, which is an extra."""
@@ -326,28 +330,26 @@ class GTERig(Rig):
         if model or goals:
             self._look_ahead(model, goals)
         self._control_step(due, row)
-        if row % self._sampling.stride == 0:
-            self._sampling.take(row)
+        note_reference(row, self._arrays)
         self._watch()
         self.step += 1
         return self._torque
 
     def _look_ahead(self, model: bool, goals: bool) -> None:
         """Update the controller's model of the arm and its reference, where due."""
-        pose, t = self.seen_end_effector, self._command_time()
+        pose, compensator = self.seen_end_effector, self.compensator
         pose.read()
-        if model:
-            self._model.update(self.seen_position)
-            self.controller.update_model(None, pose.jacobian, self._model.mass)
-            if self.compensator.reads_model:
-                wanted = (self.compensator.gravity, self.compensator.coriolis)
-                self._model.torques(self.seen_position, self.seen_velocity, *wanted)
-        if goals:
-            self.sequencer.accept(pose.position, pose.quaternion, t)
-            position, quaternion, _, _ = self.sequencer.reference(t)
-            self.controller.set_reference(position, quaternion)
-            if self.compensator.feeds:
-                self.compensator.look_ahead(pose.jacobian, self.sequencer.twist(t))
+        self._refuse(look_ahead(model, goals, self._arrays))
+        if model and compensator.reads_model:
+            wanted = compensator.gravity, compensator.coriolis
+            self._model.torques(self.seen_position, self.seen_velocity, *wanted)
+        if goals and compensator.feeds:
+            compensator.look_ahead(pose.jacobian, self.sequencer.twist(self._command_time()))
+
+    def _refuse(self, row: int) -> None:
+        """Raise if an arm, from 0, has no dynamics."""
+        if row >= 0:
+            self.controller.refuse(row, self.seen_end_effector.jacobian, self._model.mass)
 
     def _control_step(self, due: bool, row: int) -> None:
         if due:
@@ -358,7 +360,7 @@ class GTERig(Rig):
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
         control_step(due, row, self._arrays)
 
-    def _step_arrays(self, poses: tuple[Array, Array]) -> Arguments:
+    def _step_arrays(self, sampling: Sampling) -> Arguments:
         """Return what `control_step` works on until the arms stop following."""
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
@@ -376,11 +378,22 @@ class GTERig(Rig):
             torque=measured.torque,
             line=line.arguments,
         )
+        ahead = AheadArrays(
+            model_period=self._model_period,
+            goal_period=self._goal_period,
+            dynamics=model.arguments,
+            space=self.controller.model_arguments,
+            goals=self.sequencer.arguments,
+            accepted=self._accepted,
+            reference=self.controller.reference_arguments,
+        )
         return tuple(
             StepArrays(
                 site=self.end_effector.arguments,
                 joints=tuple(joints),
                 seen=tuple(seen),
+                ahead=tuple(ahead),
+                hold=self._hold_steps,
                 step=self.step,
                 dither=tuple(shaking),
                 compensation=(compensator.active, compensator.arguments, self._added),
@@ -389,7 +402,9 @@ class GTERig(Rig):
                 missing=model.missing,
                 applied=self.applied,
                 torque=self._torque,
-                poses=poses,
+                poses=(sampling.position, sampling.quaternion),
+                stride=sampling.stride,
+                sampled=sampling.reference,
             )
         )
 

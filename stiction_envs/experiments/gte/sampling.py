@@ -77,7 +77,7 @@ class Sampler:
     def advance(self) -> Samples:
         """Let all arms follow for one block."""
         # all else waits for the end of the block: between control steps every call costs
-        sampling = Sampling(self._position, self._quaternion, self.stride, self._take_reference)
+        sampling = Sampling(self._position, self._quaternion, self.stride, self._reference)
         self._rig.advance(len(self._position), self._watch, sampling)
         shaken = np.empty((self._rig.nsim, 6, len(self._position)))
         _add_motion(
@@ -96,11 +96,6 @@ class Sampler:
             reference=poses[1],
             mean_square=np.mean(samples**2, axis=-1),
         )
-
-    def _take_reference(self, k: int) -> None:
-        """Note the reference of control step ``k``, the first of a sample."""
-        reference = self._reference[k // self.stride]
-        reference[:, :3], reference[:, 3:] = self._rig.controller.reference
 
 
 @compiled

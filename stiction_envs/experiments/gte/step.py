@@ -9,9 +9,17 @@ from numpy.typing import NDArray
 
 from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.control.compensation import compensate
-from stiction_envs.control.kernels import impedance_cycle, pass_torque, site_kinematics
+from stiction_envs.control.kernels import (
+    advance_reference,
+    impedance_cycle,
+    pass_torque,
+    site_kinematics,
+)
+from stiction_envs.control.operational import renew_all
 from stiction_envs.control.sensing_kernels import send
+from stiction_envs.control.trapezoid import accept, write_sample
 from stiction_envs.dither.kernels import sine
+from stiction_envs.experiments.gte.controller_model import ModelArrays, renew_dynamics
 from stiction_envs.friction.model import link_angles
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.plant.loop_batch import advance
@@ -73,6 +81,24 @@ class CompensationArrays(NamedTuple):
     """(N, n) dither and compensation together, written where active [N·m]."""
 
 
+class AheadArrays(NamedTuple):
+    """What renews the controller's model of the arm and its reference, in some of its cycles."""
+
+    model_period: int
+    goal_period: int
+    """Control steps from one renewal to the next."""
+    dynamics: Arguments
+    """`controller_model.ModelArrays`."""
+    space: Arguments
+    """The last of `renew_all`."""
+    goals: Arguments
+    """Of `trapezoid.accept` between the times and its result."""
+    accepted: NDArray[np.bool_]
+    """(N,) its result."""
+    reference: Arguments
+    """Of `advance_reference`."""
+
+
 class StepArrays(NamedTuple):
     """All that a control step reads and writes; the same objects while arms follow."""
 
@@ -82,6 +108,10 @@ class StepArrays(NamedTuple):
     """`JointArrays`."""
     seen: Arguments
     """`SeenArrays`."""
+    ahead: Arguments
+    """`AheadArrays`."""
+    hold: int
+    """Control steps of a controller's cycle."""
     step: Index
     """(N,) control steps since the arm began to follow."""
     dither: Arguments
@@ -100,6 +130,62 @@ class StepArrays(NamedTuple):
     """(N, n) the sum of that and `missing`, written [N·m]."""
     poses: tuple[Array, Array]
     """(K, N, 3) positions [m] and (K, N, 4) quaternions of K control steps, written."""
+    stride: int
+    """Control steps of a sample."""
+    sampled: Array
+    """(S, N, 7) position [m] and quaternion of the reference in the first step of each, written."""
+
+
+@compiled
+def is_due(step: int, hold: int, period: int) -> bool:
+    """Return whether the controller does in a step what it does once in a ``period``.
+
+    It is held for ``hold`` steps, and takes at its next cycle what fell due since its last.
+    """
+    return step % hold == 0 and step % period < hold
+
+
+@compiled
+def look_ahead(model: bool, goals: bool, arrays: Arguments) -> int:
+    """Renew the controller's model of the arm and its reference, where due.
+
+    The end effector has been read. Returns −1, or an arm whose dynamics are not finite.
+    """
+    a = StepArrays(*arrays)
+    seen, ahead = SeenArrays(*a.seen), AheadArrays(*a.ahead)
+    position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
+    if seen.active:
+        position, quaternion, jacobian = seen.pose
+    if model:
+        q = seen.q
+        if not seen.active:
+            joints = JointArrays(*a.joints)
+            q = link_angles(joints.qpos, joints.motor, joints.spring)
+        renew_dynamics(q, ahead.dynamics)
+        bad = renew_all(jacobian, ModelArrays(*ahead.dynamics).mass, ahead.space)
+        if bad >= 0:
+            return bad
+    if goals:
+        limits, listed, times, profile, trapezoid = ahead.goals
+        time = (a.step // a.hold * a.hold).astype(np.float64) * CONTROL_DT
+        accept(
+            position, quaternion, time, limits, listed, times, profile, trapezoid, ahead.accepted
+        )
+        clock, (share, place, turn) = time - times[2], ahead.reference[:3]
+        velocity, speed = np.empty((len(clock), 3)), np.empty((len(clock), 2))
+        write_sample(clock, profile, trapezoid, place, turn, velocity, speed)
+        if share == 1.0:  # a filter moves the reference in every cycle
+            advance_reference(*ahead.reference)
+    return -1
+
+
+@compiled
+def note_reference(row: int, arrays: Arguments) -> None:
+    """Write the reference, where a sample begins with control step ``row``."""
+    a = StepArrays(*arrays)
+    if row % a.stride == 0:
+        sampled, reference = a.sampled[row // a.stride], AheadArrays(*a.ahead).reference
+        sampled[:, :3], sampled[:, 3:] = reference[3], reference[4]
 
 
 @compiled
@@ -157,23 +243,36 @@ def control_step(due: bool, row: int, arrays: Arguments) -> None:
 
 @compiled
 def follow_steps(
-    steps: int, first: int, row: int, hold: int, arrays: Arguments, loop: Arguments
-) -> None:
+    steps: int, first: int, row: int, looks: bool, arrays: Arguments, loop: Arguments
+) -> int:
     """Follow for control steps in which Python has nothing to do.
 
     Args:
         steps: number of control steps.
         first: number of the first since arms began to follow.
         row: its row in the poses.
-        hold: control steps of a controller's cycle.
+        looks: whether to look ahead where due; else Python has done so.
         arrays: as of `control_step`.
         loop: `Plant.compiled_loop`.
+
+    Returns:
+        −1, or an arm whose dynamics are not finite, at which all stop.
     """
     a, (torque, physics, substeps) = StepArrays(*arrays), loop
-    for k in range(steps):
-        control_step((first + k) % hold == 0, row + k, arrays)
+    ahead = AheadArrays(*a.ahead)
+    for k in range(first, first + steps):
+        model, goals = is_due(k, a.hold, ahead.model_period), is_due(k, a.hold, ahead.goal_period)
+        if looks and (model or goals):
+            site_kinematics(*a.site)
+            bad = look_ahead(model, goals, arrays)
+            if bad >= 0:
+                return bad
+        note_reference(row, arrays)
+        control_step(k % a.hold == 0, row, arrays)
+        row += 1
         for i in range(torque.shape[0]):
             a.step[i] += 1
             for j in range(torque.shape[1]):
                 torque[i, j] = a.torque[i, j]
         advance(physics, substeps)
+    return -1

@@ -51,7 +51,8 @@ class Stub:
             sampling.position[k] = self.end_effector.position
             sampling.quaternion[k] = self.end_effector.quaternion
             if k % sampling.stride == 0:
-                sampling.take(k)
+                noted = sampling.reference[k // sampling.stride]
+                noted[:, :3], noted[:, 3:] = self.controller.reference
             watch()
             self.count += 1
 
