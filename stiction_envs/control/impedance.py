@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -202,17 +201,13 @@ class CartesianImpedance:
             )
         bad = renew(rows, jac, mass, *self.model_arguments[0])
         if bad >= 0:
-            self.refuse(bad, jac, mass)
+            finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
+            what = "mass is singular: expected positive definite"
+            other = "Jacobian or mass: expected finite numbers"
+            raise StictionError(f"row {bad}: {what if finite else other}")
         self._known[rows] = True
         if self._damped_by_mass:
             self._damp(rows)
-
-    def refuse(self, row: int, jacobian: Array, mass: Array) -> NoReturn:
-        """Raise the `StictionError` of a row that `operational.renew` refused."""
-        finite = np.isfinite(mass[row]).all() and np.isfinite(jacobian[row]).all()
-        what = "mass is singular: expected positive definite"
-        other = "Jacobian or mass: expected finite numbers"
-        raise StictionError(f"row {row}: {what if finite else other}")
 
     def _damp(self, rows: Index) -> None:
         """Write −D of the present stiffness; 0 for ``mass`` before the first model."""

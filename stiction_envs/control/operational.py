@@ -248,13 +248,11 @@ class SpaceArrays(NamedTuple):
 
 
 @compiled
-def renew_all(jacobian: Array, mass: Array, arguments: Arguments) -> int:
+def renew_all(jacobian: Array, mass: Array, arguments: Arguments) -> None:
     """Write the operational space of all N arms, and the damping that depends on it.
 
-    Returns −1, or the first arm that has none: see `renew`.
+    Where an arm has none, `renew` writes nothing: all keep their last.
     """
     a, rows = SpaceArrays(*arguments), np.arange(len(mass))
-    bad = renew(rows, jacobian, mass, *a.space)
-    if bad < 0 and a.damped_by_mass:
+    if renew(rows, jacobian, mass, *a.space) < 0 and a.damped_by_mass:
         damp_by_mass(rows, *a.damping)
-    return bad

@@ -3,29 +3,27 @@
 An arm has some ten kilobytes of engine state. Every control step reads them, and a control interval
 has a hundred steps. A thread takes a tile through the whole interval: its state stays in the core's
 cache, and no thread waits for another in between. Engine and compiled code release Python's lock.
-Results do not depend on the tiles, nor on the threads.
+A thread without a tile helps another with its arms. Results do not depend on the tiles, nor on the
+threads.
 """
 
 from __future__ import annotations
 
 import os
-import signal
-import threading
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import isqrt
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.engines.choose import DEFAULT_ENGINE
+from stiction_envs.envs.crew import Crew
 from stiction_envs.envs.places import Places, PlacesAhead
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
+from stiction_envs.plant.loop_batch import PART
 
-T = TypeVar("T")
 PYTHON = 2.0
 """What Python does for a tile in a control step over what engine and controller do for an arm [-]:
 1.7 to 2.5 in ``benchmarks/speed/throughput``."""
@@ -66,8 +64,11 @@ class Tiles:
         self.cores: list[Episodes] = [make_core(kind.each * n, **arguments) for n in sizes]
         self._places = [kind(core) for core in self.cores]
         self._end = np.cumsum(sizes)
-        self._threads = min(threads, count)
-        self._pool = ThreadPoolExecutor(self._threads)
+        # compiled code takes arms in parts, which any thread may take
+        parts = -(-num_envs // PART) if make_core.on_one_thread else 1
+        self._crew = Crew(min(threads, max(count, parts)))
+        for core in self.cores:
+            core.rig.share = self._crew.share
 
     def _parts(self, ids: Index) -> Iterator[tuple[Places, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
@@ -90,33 +91,16 @@ class Tiles:
         for tile, _, part in parts:
             tile.core.check_reset(options[part])  # all, before any is changed
         # one after the other: what the first tile finds for all, the others look up
-        self._each([tile.start(mine, rngs[part], options[part]) for tile, mine, part in parts])
+        self._crew.run([tile.start(mine, rngs[part], options[part]) for tile, mine, part in parts])
 
     def step(self, ids: Index, action: NDArray[np.floating]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
         parts = [(tile.core, tile.of(mine), part) for tile, mine, part in self._parts(ids)]
         for core, mine, part in parts:
             core.check_step(mine, action[part])  # all, before any moves
-        return _joined(self._each([partial(c.step, mine, action[part]) for c, mine, part in parts]))
-
-    def _each(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
-        """Return what tasks return, one of each tile, run by all threads."""
-        futures: list[Future[T]] = [Future() for _ in tasks]
-        left = iter(list(zip(futures, tasks, strict=True)))
-
-        def work() -> None:
-            for future, task in left:
-                try:
-                    future.set_result(task())
-                except BaseException as error:
-                    future.set_exception(error)
-
-        with _interrupts_wait():
-            # this thread is one of them: to wake another takes as long as much of Python's work
-            others = [self._pool.submit(work) for _ in tasks[1 : self._threads]]
-            work()
-            wait(others)
-        return [future.result() for future in futures]
+        return _joined(
+            self._crew.run([partial(c.step, mine, action[part]) for c, mine, part in parts])
+        )
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
@@ -134,23 +118,6 @@ class Tiles:
         tile = self._places[k]
         mine = np.array([i - int(self._end[k] - tile.count)])
         return k, int(tile.of(mine)[0])
-
-
-@contextmanager
-def _interrupts_wait() -> Iterator[None]:
-    """Let an interrupt wait until the end: no tile is left in the middle of a step."""
-    in_main = threading.current_thread() is threading.main_thread()
-    if not in_main or signal.getsignal(signal.SIGINT) is None:
-        yield  # Python interrupts the main thread only, and only if it handles the signal
-        return
-    came: list[int] = []
-    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, usual)
-        if came:
-            signal.raise_signal(signal.SIGINT)
 
 
 def _joined(parts: Sequence[Outcome]) -> Outcome:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,6 +63,8 @@ class Rig:
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
+        self.share: Callable[[Sequence[Callable[[], None]]], object] = _in_turn
+        """Does what parts of the arms have to do."""
         self.dither = Dither.none(nsim, self.columns)
         self.dither_phase = np.zeros((nsim, self.n))
         """(N, n) phase drawn for the dither of this iteration [rad]."""
@@ -175,6 +177,11 @@ class Rig:
     def _gate_speed(self) -> Array | None:
         """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
         return self.seen_velocity if self.dither.gated else None
+
+
+def _in_turn(tasks: Sequence[Callable[[], None]]) -> None:
+    for task in tasks:
+        task()
 
 
 def dither_arrays(

@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """What a batch keeps of a simulation, in this order."""
+PART = 4
+"""Simulations that compiled code takes through many steps at a time [-]; assumed."""
 VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
@@ -32,7 +34,7 @@ class Loop(NamedTuple):
     """What compiled code steps; addresses are those of memory that lives as long as the batch."""
 
     model: int
-    """Of the model that all simulations use in turn."""
+    """Of the model that the simulations use in turn."""
     data: Addresses
     """(N,) of each simulation's `MjData`."""
     rows: Addresses
@@ -91,30 +93,35 @@ def advance(loop: Arguments, steps: int) -> None:
 
 
 class LoopBatch(Batch):
-    """N simulations of a model, each with its `MjData`, on the thread of its caller."""
+    """N simulations of a model, each with its `MjData`, in parts that do not know of each other.
+
+    A part is stepped by one thread at a time, on one thread all of them in turn.
+    """
 
     def __init__(self, model: mujoco.MjModel, nsim: int) -> None:
         """Make the simulations."""
         super().__init__(model, nsim, 1)
-        self._own_model = self.get_model(0)
-        self._own_data = [mujoco.MjData(self._own_model) for _ in range(nsim)]
+        self.parts = [slice(k, min(k + PART, nsim)) for k in range(0, nsim, PART)]
+        """The simulations of each part."""
+        self._own_models = [self.get_model(0) for _ in self.parts]
+        self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(nsim)]
         self._outputs: dict[str, Array] = {}
         self._inputs: dict[str, Array] = {}
-        self._loop: Loop | None = None
+        self._loops: list[Arguments] = []
         self._begun = False
 
     def bind(self, name: str) -> Array:
         """As `Batch.bind`."""
         out = super().bind(name)
         if not out.flags.writeable and name not in self._outputs:
-            self._outputs[name], self._loop = out, None
+            self._outputs[name], self._loops = out, []
         return out
 
     def expand(self, name: str) -> Array:
         """As `Batch.expand`."""
         out = super().expand(name)
         if name not in self._inputs:
-            self._inputs[name], self._loop = out, None
+            self._inputs[name], self._loops = out, []
         return out
 
     def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
@@ -141,26 +148,30 @@ class LoopBatch(Batch):
             self._begun = False
             super().step(ids, nstep, stage)
             return
-        advance(self.loop, nstep)
+        for loop in self.loops:
+            advance(loop, nstep)
 
     @property
-    def loop(self) -> Arguments:
-        """What `advance` steps, kinematics as those of the present state."""
-        if self._loop is None:
-            self._loop, self._begun = self._addresses(), False
+    def loops(self) -> list[Arguments]:
+        """What `advance` steps, of each part; kinematics are those of the present state."""
+        if not self._loops:
+            models = zip(self.parts, self._own_models, strict=True)
+            self._loops = [tuple(self._addresses(part, model)) for part, model in models]
+            self._begun = False
         if not self._begun:
-            begin(tuple(self._loop))
+            for loop in self._loops:
+                begin(loop)
             self._begun = True
-        return tuple(self._loop)
+        return self._loops
 
-    def _addresses(self) -> Loop:
-        data, model = self._own_data, self._own_model
+    def _addresses(self, part: slice, model: mujoco.MjModel) -> Loop:
+        data = self._own_data[part]
         inputs = [
-            (x.ctypes.data, x.strides[0], getattr(model, name).ctypes.data, x[0].nbytes)
+            (x[part].ctypes.data, x.strides[0], getattr(model, name).ctypes.data, x[0].nbytes)
             for name, x in self._inputs.items()
         ]
-        warned = [d.warning.lastinfo for d in data], self.warning
-        bound = [([getattr(d, name) for d in data], x) for name, x in self._outputs.items()]
+        warned = [d.warning.lastinfo for d in data], self.warning[part]
+        bound = [([getattr(d, name) for d in data], x[part]) for name, x in self._outputs.items()]
         outputs = [
             (*(x.ctypes.data for x in own), out.ctypes.data, out.strides[0], out[0].nbytes)
             for own, out in (warned, *bound)
@@ -168,7 +179,7 @@ class LoopBatch(Batch):
         return Loop(
             model=model._address,
             data=np.array([d._address for d in data], dtype=np.int64),
-            rows=self.state.ctypes.data + self.state.strides[0] * np.arange(self.nsim),
+            rows=self.state[part].ctypes.data + self.state.strides[0] * np.arange(len(data)),
             inputs=np.array(inputs, dtype=np.int64).reshape(-1, 4),
             outputs=np.array(outputs, dtype=np.int64),
         )

@@ -344,18 +344,22 @@ class Plant:
                 step(nstep=self._substeps, stage=stage)
 
     @property
-    def compiled_loop(self) -> tuple[Array, Arguments, int] | None:
-        """What a compiled feedback law steps all simulations with, None where it cannot.
+    def compiled_loops(self) -> list[tuple[slice, Arguments]]:
+        """What a compiled feedback law steps all simulations with, part by part, in any order.
 
-        Its torques (N, n) [N·m], then the arguments of `loop_batch.advance` for a control
-        step of 1 ms. Kinematics of the engine are those of the present state.
+        Of each part which simulations it has; then their torques (M, n) [N·m], the loop of
+        `loop_batch.advance`, and its steps in a control step of 1 ms. Kinematics of the engine are
+        those of the present state. There is none where the law cannot be compiled.
         """
-        if self._asymmetric or not isinstance(self._batch, LoopBatch):
-            return None
-        return self._torque_inputs(), self._batch.loop, self._substeps
+        batch = self._batch
+        if self._asymmetric or not isinstance(batch, LoopBatch):
+            return []
+        torque = self._torque_inputs()
+        parts = zip(batch.parts, batch.loops, strict=True)
+        return [(part, (torque[part], loop, self._substeps)) for part, loop in parts]
 
     def follow_compiled(self, advance: Callable[[int], None], steps: int) -> None:
-        """As `follow`, where ``advance`` itself takes numbers of control steps by `compiled_loop`.
+        """As `follow`, where ``advance`` itself takes numbers of control steps by `compiled_loops`.
 
         In between, what changes slowly in the friction is written.
         """

@@ -115,7 +115,7 @@ def test_turning_counts_as_shaking(monkeypatch):
         return original()
 
     monkeypatch.setattr(rig, "_law", law)
-    monkeypatch.setattr(type(rig.plant), "compiled_loop", None)  # every step goes through Python
+    monkeypatch.setattr(type(rig.plant), "compiled_loops", [])  # every step goes through Python
     shaken = []
     for action in (quiet(env), mild(env, 7, share=0.8, frequency=20.0)):
         _, info = env.reset(seed=1, options=TRIANGLE)

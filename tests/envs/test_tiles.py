@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ class Core:
 
     def __init__(self, num_envs: int, doing=lambda core: None, **_) -> None:
         self.num_envs, self.doing, self.count = num_envs, doing, 0
+        self.rig = SimpleNamespace()
 
     def check_step(self, ids, action) -> None:
         pass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -229,6 +231,7 @@ def test_a_tile_has_its_arms_for_every_thread():
 
         def __init__(self, num_envs: int, threads: int = 0, engine_threads: int = 1) -> None:
             self.num_envs, self.engine_threads = num_envs, engine_threads
+            self.rig = SimpleNamespace()
 
     def sizes(count: int, threads: int) -> list[int]:
         return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]

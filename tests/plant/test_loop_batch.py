@@ -84,9 +84,9 @@ def test_compiled_steps_are_steps(sticking):
     drive(batches, 1, sticking)
     for _ in range(8):
         batches[0].step(stage=VEL)
-    loop = batches[1].loop
-    for _ in range(4):
-        advance(loop, 2)
+    for loop in batches[1].loops:
+        for _ in range(4):
+            advance(loop, 2)
     assert same(*batches)
 
 

@@ -67,45 +67,43 @@ class ControllerModel:
             sticking: the plant's model.
             nsim: number of arms.
         """
-        self._believed = _Scratch(arm.bare_model())
         self.is_wrong = arm.xml != sticking.arm.xml
         """Whether it is not the plant's, so that `missing` has to be kept up to date."""
-        self._true = _Scratch(sticking.arm.bare_model()) if self.is_wrong else self._believed
-        n = self._believed.model.nv
+        self._models = arm.bare_model(), sticking.arm.bare_model()
+        self._rotor = sticking.parameters.rotor_inertia
+        n = self._models[0].nv
         self.mass = np.zeros((nsim, n, n))
         """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
         self.missing = np.zeros((nsim, n))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
-        self.arguments: Arguments = tuple(
+        self._data: list[mujoco.MjData] = []
+        self.arguments = self.of_arms(slice(None))
+        """The last of `renew_dynamics`."""
+
+    def of_arms(self, arms: slice) -> Arguments:
+        """Return the last of `renew_dynamics` for some arms, with data of its own."""
+        # one MjData for them stays in the cache: every update computes everything again
+        pair = [mujoco.MjData(model) for model in self._models]
+        self._data += pair  # compiled code has addresses only
+        believed, true = (
+            tuple(Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias))
+            for model, d in zip(self._models, pair, strict=True)
+        )
+        return tuple(
             ModelArrays(
-                tuple(self._believed.dynamics),
-                tuple(self._true.dynamics),
-                self.is_wrong,
-                self._believed.data.M,
-                *_entries(self._believed.model),
-                sticking.parameters.rotor_inertia,
-                self.mass,
-                self.missing,
+                *(believed, true, self.is_wrong, pair[0].M),
+                *_entries(self._models[0]),
+                *(self._rotor, self.mass[arms], self.missing[arms]),
             )
         )
-        """The last of `renew_dynamics`; always the same objects."""
 
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
-        _torques(q, dq, tuple(self._believed.dynamics), gravity, coriolis)
+        _torques(q, dq, self.arguments[0], gravity, coriolis)
 
     def update(self, q: Array) -> None:
         """Take the present angles (N, n) [rad]."""
         renew_dynamics(q, self.arguments)
-
-
-class _Scratch:
-    """One `MjData` for all arms stays in the cache: every update computes everything again."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        self.model, self.data = model, mujoco.MjData(model)
-        d = self.data
-        self.dynamics = Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
 
 
 def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
@@ -117,12 +115,19 @@ def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
 
 @compiled
 def renew_dynamics(q: Array, arguments: Arguments) -> None:
-    """Write inertias, and the gravity that is compensated wrongly, at angles q (N, n) [rad]."""
+    """Write inertias, and the gravity that is compensated wrongly, at angles q (N, n) [rad].
+
+    An arm whose angles are not finite, which the plant tells of, keeps its last.
+    """
     a = ModelArrays(*arguments)
     believed, true = Dynamics(*a.believed), Dynamics(*a.true)
     for i in range(q.shape[0]):
+        total = 0.0
         for j in range(q.shape[1]):
             believed.qpos[j] = true.qpos[j] = q[i, j]
+            total += q[i, j]
+        if not np.isfinite(total):
+            continue
         fwd_position(believed.model, believed.data)
         for k in range(len(a.rows)):
             row, column = a.rows[k], a.columns[k]

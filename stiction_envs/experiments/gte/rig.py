@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ from stiction_envs.experiments.gte.step import (
     is_due,
     look_ahead,
     note_reference,
+    of_arms,
 )
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -130,6 +132,7 @@ class GTERig(Rig):
         self._arrays: Arguments = ()
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self._accepted = np.zeros(nsim, dtype=bool)
+        self._dynamics: list[Arguments] = []
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -242,16 +245,24 @@ class GTERig(Rig):
             sampling = Sampling(*poses, steps, np.empty((1, self.nsim, 7)))
         self._sampling, self._watch = sampling, watch or _nothing
         self._count, self._row = int(self.step.max()), 0
-        self._arrays = self._step_arrays(sampling)
+        arrays = self._step_arrays(sampling)
+        self._arrays = tuple(arrays)
         if self._device is not None and self.senses is None and not self.compensator.active:
             self._follow_on_device(steps)
             return
         # what is not compiled is asked in every control step
         python = watch or self.senses or not self.dither.sines or self.controller.filters
-        if python or self.plant.compiled_loop is None:
+        loops = () if python else self.plant.compiled_loops
+        if not loops:
             self.plant.follow(self._law, steps)
-        else:
-            self.plant.follow_compiled(self._follow_block, steps)
+            return
+        for arms, _ in loops[len(self._dynamics) :]:
+            self._dynamics.append(self._model.of_arms(arms))
+        parts = [
+            (tuple(of_arms(arrays, arms, dynamics)), loop)
+            for (arms, loop), dynamics in zip(loops, self._dynamics, strict=True)
+        ]
+        self.plant.follow_compiled(partial(self._follow_block, parts), steps)
 
     def _follow_on_device(self, steps: int) -> None:
         """Follow on the engine's device, as far as its controller's model is not renewed."""
@@ -279,10 +290,12 @@ class GTERig(Rig):
         self._watch()
         self._row = row + 1
 
-    def _follow_block(self, steps: int) -> None:
-        """Follow for control steps between which friction does not change slowly."""
-        loop, end = self.plant.compiled_loop or (), self._row + steps
-        looks = not self._looks_with_numpy
+    def _follow_block(self, parts: Sequence[tuple[Arguments, Arguments]], steps: int) -> None:
+        """Follow for control steps between which friction does not change slowly.
+
+        Of each part of the arms its `StepArrays`, and its loop.
+        """
+        end, looks = self._row + steps, not self._looks_with_numpy
         while self._row < end:
             count = end - self._row
             if not looks:
@@ -291,8 +304,8 @@ class GTERig(Rig):
                     self._look_ahead(model, goals)
                 later = range(1, count)
                 count = next((k for k in later if any(self._due(self._count + k))), count)
-            bad = follow_steps(count, self._count, self._row, looks, self._arrays, loop)
-            self._refuse(bad)
+            now = count, self._count, self._row, looks
+            self.share([partial(follow_steps, *now, *part) for part in parts])
             self._count, self._row = self._count + count, self._row + count
 
     @property
@@ -339,17 +352,12 @@ class GTERig(Rig):
         """Update the controller's model of the arm and its reference, where due."""
         pose, compensator = self.seen_end_effector, self.compensator
         pose.read()
-        self._refuse(look_ahead(model, goals, self._arrays))
+        look_ahead(model, goals, self._arrays)
         if model and compensator.reads_model:
             wanted = compensator.gravity, compensator.coriolis
             self._model.torques(self.seen_position, self.seen_velocity, *wanted)
         if goals and compensator.feeds:
             compensator.look_ahead(pose.jacobian, self.sequencer.twist(self._command_time()))
-
-    def _refuse(self, row: int) -> None:
-        """Raise if an arm, from 0, has no dynamics."""
-        if row >= 0:
-            self.controller.refuse(row, self.seen_end_effector.jacobian, self._model.mass)
 
     def _control_step(self, due: bool, row: int) -> None:
         if due:
@@ -360,7 +368,7 @@ class GTERig(Rig):
                 self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
         control_step(due, row, self._arrays)
 
-    def _step_arrays(self, sampling: Sampling) -> Arguments:
+    def _step_arrays(self, sampling: Sampling) -> StepArrays:
         """Return what `control_step` works on until the arms stop following."""
         sticking, model, dither = self.plant.sticking, self._model, self.dither
         sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
@@ -387,25 +395,23 @@ class GTERig(Rig):
             accepted=self._accepted,
             reference=self.controller.reference_arguments,
         )
-        return tuple(
-            StepArrays(
-                site=self.end_effector.arguments,
-                joints=tuple(joints),
-                seen=tuple(seen),
-                ahead=tuple(ahead),
-                hold=self._hold_steps,
-                step=self.step,
-                dither=tuple(shaking),
-                compensation=(compensator.active, compensator.arguments, self._added),
-                impedance=self.controller.arguments,
-                path=self._path.arguments,
-                missing=model.missing,
-                applied=self.applied,
-                torque=self._torque,
-                poses=(sampling.position, sampling.quaternion),
-                stride=sampling.stride,
-                sampled=sampling.reference,
-            )
+        return StepArrays(
+            site=self.end_effector.arguments,
+            joints=tuple(joints),
+            seen=tuple(seen),
+            ahead=tuple(ahead),
+            hold=self._hold_steps,
+            step=self.step,
+            dither=tuple(shaking),
+            compensation=(compensator.active, compensator.arguments, self._added),
+            impedance=self.controller.arguments,
+            path=self._path.arguments,
+            missing=model.missing,
+            applied=self.applied,
+            torque=self._torque,
+            poses=(sampling.position, sampling.quaternion),
+            stride=sampling.stride,
+            sampled=sampling.reference,
         )
 
 

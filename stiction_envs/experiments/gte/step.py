@@ -136,6 +136,46 @@ class StepArrays(NamedTuple):
     """(S, N, 7) position [m] and quaternion of the reference in the first step of each, written."""
 
 
+def of_arms(arrays: StepArrays, arms: slice, dynamics: Arguments) -> StepArrays:
+    """Return what belongs to some arms, which have no senses; ``dynamics`` is of them alone."""
+
+    def cut(arguments: Arguments, shared: tuple[int, ...] = ()) -> Arguments:
+        return tuple(
+            x[arms] if isinstance(x, np.ndarray) and k not in shared else x
+            for k, x in enumerate(arguments)
+        )
+
+    ahead, compensation = AheadArrays(*arrays.ahead), CompensationArrays(*arrays.compensation)
+    (low, by_mass, damping), (limits, goals, times, profile, trapezoid) = ahead.space, ahead.goals
+    return arrays._replace(
+        site=cut(arrays.site, shared=(4, 5, 6)),
+        joints=cut(arrays.joints, shared=(2, 3)),
+        ahead=tuple(
+            ahead._replace(
+                dynamics=dynamics,
+                space=(cut(low), by_mass, cut(damping, shared=(1,))),
+                goals=(limits, cut(goals), cut(times), profile, cut(trapezoid)),
+                accepted=ahead.accepted[arms],
+                reference=cut(ahead.reference),
+            )
+        ),
+        step=arrays.step[arms],
+        dither=cut(arrays.dither),
+        compensation=(
+            compensation.active,
+            cut(compensation.arguments),
+            compensation.added[arms],
+        ),
+        impedance=cut(arrays.impedance, shared=(2,)),
+        path=cut(arrays.path),
+        missing=arrays.missing[arms],
+        applied=arrays.applied[arms],
+        torque=arrays.torque[arms],
+        poses=(arrays.poses[0][:, arms], arrays.poses[1][:, arms]),
+        sampled=arrays.sampled[:, arms],
+    )
+
+
 @compiled
 def is_due(step: int, hold: int, period: int) -> bool:
     """Return whether the controller does in a step what it does once in a ``period``.
@@ -146,11 +186,8 @@ def is_due(step: int, hold: int, period: int) -> bool:
 
 
 @compiled
-def look_ahead(model: bool, goals: bool, arrays: Arguments) -> int:
-    """Renew the controller's model of the arm and its reference, where due.
-
-    The end effector has been read. Returns −1, or an arm whose dynamics are not finite.
-    """
+def look_ahead(model: bool, goals: bool, arrays: Arguments) -> None:
+    """Renew the controller's model of the arm and its reference; the end effector has been read."""
     a = StepArrays(*arrays)
     seen, ahead = SeenArrays(*a.seen), AheadArrays(*a.ahead)
     position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
@@ -162,9 +199,7 @@ def look_ahead(model: bool, goals: bool, arrays: Arguments) -> int:
             joints = JointArrays(*a.joints)
             q = link_angles(joints.qpos, joints.motor, joints.spring)
         renew_dynamics(q, ahead.dynamics)
-        bad = renew_all(jacobian, ModelArrays(*ahead.dynamics).mass, ahead.space)
-        if bad >= 0:
-            return bad
+        renew_all(jacobian, ModelArrays(*ahead.dynamics).mass, ahead.space)
     if goals:
         limits, listed, times, profile, trapezoid = ahead.goals
         time = (a.step // a.hold * a.hold).astype(np.float64) * CONTROL_DT
@@ -176,7 +211,6 @@ def look_ahead(model: bool, goals: bool, arrays: Arguments) -> int:
         write_sample(clock, profile, trapezoid, place, turn, velocity, speed)
         if share == 1.0:  # a filter moves the reference in every cycle
             advance_reference(*ahead.reference)
-    return -1
 
 
 @compiled
@@ -244,7 +278,7 @@ def control_step(due: bool, row: int, arrays: Arguments) -> None:
 @compiled
 def follow_steps(
     steps: int, first: int, row: int, looks: bool, arrays: Arguments, loop: Arguments
-) -> int:
+) -> None:
     """Follow for control steps in which Python has nothing to do.
 
     Args:
@@ -253,10 +287,7 @@ def follow_steps(
         row: its row in the poses.
         looks: whether to look ahead where due; else Python has done so.
         arrays: as of `control_step`.
-        loop: `Plant.compiled_loop`.
-
-    Returns:
-        −1, or an arm whose dynamics are not finite, at which all stop.
+        loop: of these arms, of `Plant.compiled_loops`.
     """
     a, (torque, physics, substeps) = StepArrays(*arrays), loop
     ahead = AheadArrays(*a.ahead)
@@ -264,9 +295,7 @@ def follow_steps(
         model, goals = is_due(k, a.hold, ahead.model_period), is_due(k, a.hold, ahead.goal_period)
         if looks and (model or goals):
             site_kinematics(*a.site)
-            bad = look_ahead(model, goals, arrays)
-            if bad >= 0:
-                return bad
+            look_ahead(model, goals, arrays)
         note_reference(row, arrays)
         control_step(k % a.hold == 0, row, arrays)
         row += 1
@@ -275,4 +304,3 @@ def follow_steps(
             for j in range(torque.shape[1]):
                 torque[i, j] = a.torque[i, j]
         advance(physics, substeps)
-    return -1
