@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from functools import partial
-from math import isqrt
 from typing import Any
 
 import numpy as np
@@ -22,11 +21,8 @@ from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.envs.crew import Crew
 from stiction_envs.envs.places import Places, PlacesAhead
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
-from stiction_envs.plant.loop_batch import PART
+from stiction_envs.plant.loop_batch import FEWEST
 
-PYTHON = 2.0
-"""What Python does for a tile in a control step over what engine and controller do for an arm [-]:
-1.7 to 2.5 in ``benchmarks/speed/throughput``."""
 ON_DEVICE = 4096
 """Arms of a tile that is stepped on a device of the engine's [-]: 1,024 take 0.34 ms a step there,
 4,096 take 0.43 ms, 16,384 take 0.75 ms (``benchmarks/engines/warp``, an H100)."""
@@ -49,10 +45,6 @@ class Tiles:
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // make_core.arms_per_thread))
-        if make_core.on_one_thread:
-            even = -(-count // threads) * threads  # every thread has as many tiles
-            # only one thread is in Python at a time: of k tiles the last waits for it k times
-            count = max(count, min(even, isqrt(int(num_envs / PYTHON))))
         kind: type[Places] = Places
         if arguments.get("engine", DEFAULT_ENGINE) != DEFAULT_ENGINE:
             # such a device takes many arms at once; but what the host does for them waits for it
@@ -64,11 +56,12 @@ class Tiles:
         self.cores: list[Episodes] = [make_core(kind.each * n, **arguments) for n in sizes]
         self._places = [kind(core) for core in self.cores]
         self._end = np.cumsum(sizes)
-        # compiled code takes arms in parts, which any thread may take
-        parts = -(-num_envs // PART) if make_core.on_one_thread else 1
-        self._crew = Crew(min(threads, max(count, parts)))
-        for core in self.cores:
-            core.rig.share = self._crew.share
+        parted = make_core.on_one_thread
+        most = -(-num_envs // FEWEST) if parted else 1
+        self._crew = Crew(min(threads, max(count, most)))
+        if parted and threads > 1:
+            for core in self.cores[-threads:]:  # other threads have no tile after these
+                core.rig.share_out(self._crew.share, threads)
 
     def _parts(self, ids: Index) -> Iterator[tuple[Places, Index, slice]]:
         """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""

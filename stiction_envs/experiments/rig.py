@@ -27,6 +27,10 @@ STRONGEST = 0.5
 """Largest relative change of the dry friction by scatter [-]; assumed."""
 
 
+Share = Callable[[Sequence[Callable[[], None]]], object]
+"""Does tasks, in any order."""
+
+
 class Rig:
     """N arms that servos bring to their poses, and whose joints are dithered."""
 
@@ -63,8 +67,7 @@ class Rig:
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
-        self.share: Callable[[Sequence[Callable[[], None]]], object] = _in_turn
-        """Does what parts of the arms have to do."""
+        self._share: Share = _in_turn
         self.dither = Dither.none(nsim, self.columns)
         self.dither_phase = np.zeros((nsim, self.n))
         """(N, n) phase drawn for the dither of this iteration [rad]."""
@@ -82,6 +85,11 @@ class Rig:
             self._line = CommandLine(senses, nsim, self.columns, hold_steps=hold)
         self._sense_seed = np.zeros(nsim, dtype=np.uint64)
         self._servos = Servos(sticking, approach)
+
+    def share_out(self, share: Share, threads: int) -> None:
+        """Let ``share`` do what parts of the arms have to do, on some threads."""
+        self._share = share
+        self.plant.part(threads)
 
     # ---- where arms are put ------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ library in the same order.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import mujoco
@@ -25,8 +26,11 @@ Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """What a batch keeps of a simulation, in this order."""
-PART = 4
-"""Simulations that compiled code takes through many steps at a time [-]; assumed."""
+SHARED_OUT = 0.625
+"""Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
+less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
+FEWEST = 4
+"""Simulations of a part [-]: in every step it costs what half a simulation does."""
 VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
@@ -92,23 +96,40 @@ def advance(loop: Arguments, steps: int) -> None:
         _give_fields(a, i)
 
 
+def parts_of(nsim: int, threads: int) -> list[slice]:
+    """Return parts of simulations for some threads: each has its own, smaller ones are left."""
+    if threads == 1:
+        return [slice(0, nsim)]
+    ends = [0]
+    while ends[-1] < nsim:
+        size = max(FEWEST, round(SHARED_OUT * (nsim - ends[-1]) / threads))
+        ends += [min(ends[-1] + (k + 1) * size, nsim) for k in range(threads)]
+    return [slice(a, b) for a, b in pairwise(ends) if b > a]
+
+
 class LoopBatch(Batch):
     """N simulations of a model, each with its `MjData`, in parts that do not know of each other.
 
-    A part is stepped by one thread at a time, on one thread all of them in turn.
+    A part is stepped by one thread at a time. On one thread all simulations are one part; with more
+    there is none before `part`.
     """
 
-    def __init__(self, model: mujoco.MjModel, nsim: int) -> None:
-        """Make the simulations."""
-        super().__init__(model, nsim, 1)
-        self.parts = [slice(k, min(k + PART, nsim)) for k in range(0, nsim, PART)]
-        """The simulations of each part."""
-        self._own_models = [self.get_model(0) for _ in self.parts]
-        self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(nsim)]
+    def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
+        """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
+        self._lone = threads == 1
+        super().__init__(model, nsim, threads, persistent=not self._lone)
+        self._own_models: list[mujoco.MjModel] = []
+        self._own_data: list[mujoco.MjData] = []
         self._outputs: dict[str, Array] = {}
         self._inputs: dict[str, Array] = {}
         self._loops: list[Arguments] = []
         self._begun = False
+        self.parts = parts_of(nsim, 1) if self._lone else []
+        """The simulations of each part."""
+
+    def part(self, threads: int) -> None:
+        """Make parts for some threads, the largest first."""
+        self.parts, self._loops = parts_of(self.nsim, threads), []
 
     def bind(self, name: str) -> Array:
         """As `Batch.bind`."""
@@ -144,18 +165,24 @@ class LoopBatch(Batch):
 
     def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
         """As `Batch.step`."""
-        if ids is not None or stage != VEL:
-            self._begun = False
-            super().step(ids, nstep, stage)
+        if ids is None and stage == VEL and self._lone:
+            for loop in self.loops:
+                advance(loop, nstep)
             return
-        for loop in self.loops:
-            advance(loop, nstep)
+        if self._begun and stage == VEL:
+            self.forward(stage=VEL)
+        self._begun = False
+        super().step(ids, nstep, stage)
 
     @property
     def loops(self) -> list[Arguments]:
         """What `advance` steps, of each part; kinematics are those of the present state."""
         if not self._loops:
-            models = zip(self.parts, self._own_models, strict=True)
+            missing = len(self.parts) - len(self._own_models)
+            self._own_models += [self.get_model(0) for _ in range(missing)]
+            if not self._own_data:
+                self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(self.nsim)]
+            models = zip(self.parts, self._own_models, strict=False)
             self._loops = [tuple(self._addresses(part, model)) for part, model in models]
             self._begun = False
         if not self._begun:

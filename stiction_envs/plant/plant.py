@@ -79,8 +79,8 @@ class Plant:
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
         self._batch: Batch | WarpBatch
-        if closed_loop and threads == 1 and engine == DEFAULT_ENGINE:
-            self._batch = LoopBatch(sticking.model, nsim)
+        if closed_loop and engine == DEFAULT_ENGINE:
+            self._batch = LoopBatch(sticking.model, nsim, threads)
         else:
             self._batch = make_batch(
                 engine, sticking.model, nsim, threads=threads, closed_loop=closed_loop
@@ -343,6 +343,11 @@ class Plant:
                 torque[:] = law()
                 step(nstep=self._substeps, stage=stage)
 
+    def part(self, threads: int) -> None:
+        """Make parts of the simulations for some threads, where a law can be compiled."""
+        if isinstance(self._batch, LoopBatch):
+            self._batch.part(threads)
+
     @property
     def compiled_loops(self) -> list[tuple[slice, Arguments]]:
         """What a compiled feedback law steps all simulations with, part by part, in any order.
@@ -352,7 +357,7 @@ class Plant:
         those of the present state. There is none where the law cannot be compiled.
         """
         batch = self._batch
-        if self._asymmetric or not isinstance(batch, LoopBatch):
+        if self._asymmetric or not isinstance(batch, LoopBatch) or not batch.parts:
             return []
         torque = self._torque_inputs()
         parts = zip(batch.parts, batch.loops, strict=True)

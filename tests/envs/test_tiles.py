@@ -23,7 +23,7 @@ class Core:
 
     def __init__(self, num_envs: int, doing=lambda core: None, **_) -> None:
         self.num_envs, self.doing, self.count = num_envs, doing, 0
-        self.rig = SimpleNamespace()
+        self.rig = SimpleNamespace(share_out=lambda *_: None)
 
     def check_step(self, ids, action) -> None:
         pass

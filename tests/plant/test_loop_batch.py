@@ -11,7 +11,7 @@ from stiction_envs.errors import ExperimentError
 from stiction_envs.friction.model import COULOMB
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.plant import Plant
-from stiction_envs.plant.loop_batch import LoopBatch, advance
+from stiction_envs.plant.loop_batch import LoopBatch, advance, parts_of
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
 N = 3
@@ -25,7 +25,10 @@ def sticking():
 
 def both(sticking) -> tuple[Batch, LoopBatch]:
     """Return the same three arms in either batch, each with friction of its own."""
-    batches = (Batch(sticking.model, N, 1, persistent=True), LoopBatch(sticking.model, N))
+    batches = (
+        Batch(sticking.model, N, 1, persistent=True),
+        LoopBatch(sticking.model, N, threads=1),
+    )
     for b in batches:
         for name in READ:
             b.bind(name)
@@ -90,6 +93,44 @@ def test_compiled_steps_are_steps(sticking):
     assert same(*batches)
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_parts_are_stepped_in_any_order_between_calls_of_either_kind(sticking, threads):
+    one = Batch(sticking.model, 9, 1, persistent=True)
+    other = LoopBatch(sticking.model, 9, threads)
+    for b in (one, other):
+        for name in READ:
+            b.bind(name)
+        b.bind("qpos")[:, sticking.motor] = sticking.arm.rest + 0.01 * np.arange(9)[:, None]
+        b.forward(stage=VEL)
+    other.part(2)
+    assert [s.stop - s.start for s in other.parts] == [4, 4, 1]
+    for k in range(6):
+        for b in (one, other):
+            b.bind("ctrl")[:, sticking.torque_actuator] = 10.0 * np.sin(k + np.arange(9))[:, None]
+        one.step(stage=VEL)
+        for loop in reversed(other.loops):
+            advance(loop, 1)
+        assert same(one, other)
+        for b in (one, other):
+            b.step(nstep=2, stage=VEL)
+        assert same(one, other)
+
+
+def test_parts_are_for_threads_and_become_smaller():
+    def sizes(nsim: int, threads: int) -> list[int]:
+        return [s.stop - s.start for s in parts_of(nsim, threads)]
+
+    assert sizes(64, 1) == [64]
+    assert sizes(64, 2) == [20, 20, 8, 8, 4, 4]
+    assert sizes(8, 2) == [4, 4]
+    assert sizes(6, 4) == [4, 2]
+    assert sizes(1, 4) == [1]
+    for threads in (1, 2, 3, 16):
+        for nsim in range(1, 70):
+            assert sum(sizes(nsim, threads)) == nsim
+            assert parts_of(nsim, threads)[0].start == 0
+
+
 def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):
     batches = both(sticking)
     for b in batches:
@@ -104,7 +145,7 @@ def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):
 def test_plants_of_a_closed_loop_on_one_thread_use_it(sticking):
     plant = Plant(sticking, N, threads=1, closed_loop=True)
     assert isinstance(plant.batch, LoopBatch)
-    assert not isinstance(Plant(sticking, N, threads=2, closed_loop=True).batch, LoopBatch)
+    assert not Plant(sticking, N, threads=2, closed_loop=True).compiled_loops
     plant.state[1][2] = np.nan
     with pytest.raises(ExperimentError, match="simulation 2 stopped"):
         plant.follow(lambda: np.zeros((N, plant.n)), 2)

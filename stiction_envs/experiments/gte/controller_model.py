@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.compiled import compiled
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant.in_c import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
@@ -34,9 +34,9 @@ class Dynamics(NamedTuple):
 class ModelArrays(NamedTuple):
     """What `renew_dynamics` computes with, and writes."""
 
-    believed: Arguments
-    """`Dynamics` as the controller has them."""
-    true: Arguments
+    believed: Dynamics
+    """As the controller has them."""
+    true: Dynamics
     """Those of the plant."""
     is_wrong: bool
     """Whether the two differ."""
@@ -77,33 +77,31 @@ class ControllerModel:
         self.missing = np.zeros((nsim, n))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
         self._data: list[mujoco.MjData] = []
-        self.arguments = self.of_arms(slice(None))
-        """The last of `renew_dynamics`."""
+        self.arrays = self.of_arms(slice(None))
+        """Of `renew_dynamics`."""
 
-    def of_arms(self, arms: slice) -> Arguments:
-        """Return the last of `renew_dynamics` for some arms, with data of its own."""
+    def of_arms(self, arms: slice) -> ModelArrays:
+        """Return what `renew_dynamics` needs for some arms, with data of its own."""
         # one MjData for them stays in the cache: every update computes everything again
         pair = [mujoco.MjData(model) for model in self._models]
         self._data += pair  # compiled code has addresses only
         believed, true = (
-            tuple(Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias))
+            Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
             for model, d in zip(self._models, pair, strict=True)
         )
-        return tuple(
-            ModelArrays(
-                *(believed, true, self.is_wrong, pair[0].M),
-                *_entries(self._models[0]),
-                *(self._rotor, self.mass[arms], self.missing[arms]),
-            )
+        return ModelArrays(
+            *(believed, true, self.is_wrong, pair[0].M),
+            *_entries(self._models[0]),
+            *(self._rotor, self.mass[arms], self.missing[arms]),
         )
 
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
-        _torques(q, dq, self.arguments[0], gravity, coriolis)
+        _torques(q, dq, self.arrays[0], gravity, coriolis)
 
     def update(self, q: Array) -> None:
         """Take the present angles (N, n) [rad]."""
-        renew_dynamics(q, self.arguments)
+        renew_dynamics(q, self.arrays)
 
 
 def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
@@ -114,13 +112,13 @@ def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
 
 
 @compiled
-def renew_dynamics(q: Array, arguments: Arguments) -> None:
+def renew_dynamics(q: Array, arrays: ModelArrays) -> None:
     """Write inertias, and the gravity that is compensated wrongly, at angles q (N, n) [rad].
 
     An arm whose angles are not finite, which the plant tells of, keeps its last.
     """
-    a = ModelArrays(*arguments)
-    believed, true = Dynamics(*a.believed), Dynamics(*a.true)
+    a = arrays
+    believed, true = a.believed, a.true
     for i in range(q.shape[0]):
         total = 0.0
         for j in range(q.shape[1]):
@@ -143,9 +141,9 @@ def renew_dynamics(q: Array, arguments: Arguments) -> None:
 
 
 @compiled
-def _torques(q: Array, dq: Array, dynamics: Arguments, gravity: Array, coriolis: Array) -> None:
+def _torques(q: Array, dq: Array, dynamics: Dynamics, gravity: Array, coriolis: Array) -> None:
     """Write `ControllerModel.torques`."""
-    a = Dynamics(*dynamics)
+    a = dynamics
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):
             a.qpos[j] = q[i, j]

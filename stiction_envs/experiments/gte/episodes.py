@@ -154,7 +154,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self._random: dict[int, Key] = {}
         self._units: dict[Key, Undithered] = {}
         self._shaking_unit = self.reward_settings().shaking_unit
-        self.rig = e.replace(threads=1).rig(count, CAPACITY)
+        self.rig = e.replace(threads=self._engine_threads).rig(count, CAPACITY)
         self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
         self.recorder = Recorder(
             self.rig, e.protocol, steps=self.interval_steps, record=a.record, capacity=CAPACITY

@@ -23,10 +23,11 @@ from stiction_envs.control.sensing import CommandLine, Senses, Sensing
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.base import Experiment
-from stiction_envs.experiments.gte.controller_model import ControllerModel
+from stiction_envs.experiments.gte.controller_model import ControllerModel, ModelArrays
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.step import (
     AheadArrays,
+    CompensationArrays,
     DitherArrays,
     JointArrays,
     SeenArrays,
@@ -129,10 +130,10 @@ class GTERig(Rig):
         self.start_position, self.start_quaternion = self._nominal()
         self._watch: Callable[..., None] = _nothing
         self._count, self._row, self._hold_steps = 0, 0, self.interface.hold_steps
-        self._arrays: Arguments = ()
+        self._arrays: StepArrays
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self._accepted = np.zeros(nsim, dtype=bool)
-        self._dynamics: list[Arguments] = []
+        self._dynamics: dict[tuple[int, int], ModelArrays] = {}
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -246,7 +247,7 @@ class GTERig(Rig):
         self._sampling, self._watch = sampling, watch or _nothing
         self._count, self._row = int(self.step.max()), 0
         arrays = self._step_arrays(sampling)
-        self._arrays = tuple(arrays)
+        self._arrays = arrays
         if self._device is not None and self.senses is None and not self.compensator.active:
             self._follow_on_device(steps)
             return
@@ -256,12 +257,7 @@ class GTERig(Rig):
         if not loops:
             self.plant.follow(self._law, steps)
             return
-        for arms, _ in loops[len(self._dynamics) :]:
-            self._dynamics.append(self._model.of_arms(arms))
-        parts = [
-            (tuple(of_arms(arrays, arms, dynamics)), loop)
-            for (arms, loop), dynamics in zip(loops, self._dynamics, strict=True)
-        ]
+        parts = [(of_arms(arrays, arms, self._dynamics_of(arms)), loop) for arms, loop in loops]
         self.plant.follow_compiled(partial(self._follow_block, parts), steps)
 
     def _follow_on_device(self, steps: int) -> None:
@@ -286,11 +282,18 @@ class GTERig(Rig):
         row, given = self._row, self._sampling
         given.position[row] = self.end_effector.position
         given.quaternion[row] = self.end_effector.quaternion
-        note_reference(row, self._arrays)
+        note_reference(row, given.stride, self.controller.reference_arguments, given.reference)
         self._watch()
         self._row = row + 1
 
-    def _follow_block(self, parts: Sequence[tuple[Arguments, Arguments]], steps: int) -> None:
+    def _dynamics_of(self, arms: slice) -> ModelArrays:
+        """Return the controller's model of some arms, always the same objects."""
+        where = arms.start, arms.stop
+        if where not in self._dynamics:
+            self._dynamics[where] = self._model.of_arms(arms)
+        return self._dynamics[where]
+
+    def _follow_block(self, parts: Sequence[tuple[StepArrays, Arguments]], steps: int) -> None:
         """Follow for control steps between which friction does not change slowly.
 
         Of each part of the arms its `StepArrays`, and its loop.
@@ -305,7 +308,7 @@ class GTERig(Rig):
                 later = range(1, count)
                 count = next((k for k in later if any(self._due(self._count + k))), count)
             now = count, self._count, self._row, looks
-            self.share([partial(follow_steps, *now, *part) for part in parts])
+            self._share([partial(follow_steps, *now, *part) for part in parts])
             self._count, self._row = self._count + count, self._row + count
 
     @property
@@ -343,7 +346,6 @@ class GTERig(Rig):
         if model or goals:
             self._look_ahead(model, goals)
         self._control_step(due, row)
-        note_reference(row, self._arrays)
         self._watch()
         self.step += 1
         return self._torque
@@ -389,7 +391,7 @@ class GTERig(Rig):
         ahead = AheadArrays(
             model_period=self._model_period,
             goal_period=self._goal_period,
-            dynamics=model.arguments,
+            dynamics=model.arrays,
             space=self.controller.model_arguments,
             goals=self.sequencer.arguments,
             accepted=self._accepted,
@@ -397,13 +399,13 @@ class GTERig(Rig):
         )
         return StepArrays(
             site=self.end_effector.arguments,
-            joints=tuple(joints),
-            seen=tuple(seen),
-            ahead=tuple(ahead),
+            joints=joints,
+            seen=seen,
+            ahead=ahead,
             hold=self._hold_steps,
             step=self.step,
-            dither=tuple(shaking),
-            compensation=(compensator.active, compensator.arguments, self._added),
+            dither=shaking,
+            compensation=CompensationArrays(compensator.active, compensator.arguments, self._added),
             impedance=self.controller.arguments,
             path=self._path.arguments,
             missing=model.missing,

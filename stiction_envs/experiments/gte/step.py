@@ -28,6 +28,9 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 
+PathArrays = tuple[Array, float, Array, Array, Array]
+
+
 class JointArrays(NamedTuple):
     """State of N arms, and which of its entries are the joints'."""
 
@@ -87,8 +90,7 @@ class AheadArrays(NamedTuple):
     model_period: int
     goal_period: int
     """Control steps from one renewal to the next."""
-    dynamics: Arguments
-    """`controller_model.ModelArrays`."""
+    dynamics: ModelArrays
     space: Arguments
     """The last of `renew_all`."""
     goals: Arguments
@@ -104,23 +106,18 @@ class StepArrays(NamedTuple):
 
     site: Arguments
     """Of `site_kinematics`; it writes the last three: position, quaternion, Jacobian."""
-    joints: Arguments
-    """`JointArrays`."""
-    seen: Arguments
-    """`SeenArrays`."""
-    ahead: Arguments
-    """`AheadArrays`."""
+    joints: JointArrays
+    seen: SeenArrays
+    ahead: AheadArrays
     hold: int
     """Control steps of a controller's cycle."""
     step: Index
     """(N,) control steps since the arm began to follow."""
-    dither: Arguments
-    """`DitherArrays`."""
-    compensation: Arguments
-    """`CompensationArrays`."""
+    dither: DitherArrays
+    compensation: CompensationArrays
     impedance: Arguments
     """Of `impedance_cycle` behind the dither; the last is the command that it writes."""
-    path: tuple[Array, float, Array, Array, Array]
+    path: PathArrays
     """Of `pass_torque` between command and result."""
     missing: Array
     """(N, n) torque that acts besides, gravity compensated wrongly [N·m]."""
@@ -136,7 +133,7 @@ class StepArrays(NamedTuple):
     """(S, N, 7) position [m] and quaternion of the reference in the first step of each, written."""
 
 
-def of_arms(arrays: StepArrays, arms: slice, dynamics: Arguments) -> StepArrays:
+def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArrays:
     """Return what belongs to some arms, which have no senses; ``dynamics`` is of them alone."""
 
     def cut(arguments: Arguments, shared: tuple[int, ...] = ()) -> Arguments:
@@ -145,12 +142,12 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: Arguments) -> StepArrays:
             for k, x in enumerate(arguments)
         )
 
-    ahead, compensation = AheadArrays(*arrays.ahead), CompensationArrays(*arrays.compensation)
+    ahead, compensation = arrays.ahead, arrays.compensation
     (low, by_mass, damping), (limits, goals, times, profile, trapezoid) = ahead.space, ahead.goals
     return arrays._replace(
         site=cut(arrays.site, shared=(4, 5, 6)),
-        joints=cut(arrays.joints, shared=(2, 3)),
-        ahead=tuple(
+        joints=JointArrays(*cut(arrays.joints, shared=(2, 3))),
+        ahead=(
             ahead._replace(
                 dynamics=dynamics,
                 space=(cut(low), by_mass, cut(damping, shared=(1,))),
@@ -160,8 +157,8 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: Arguments) -> StepArrays:
             )
         ),
         step=arrays.step[arms],
-        dither=cut(arrays.dither),
-        compensation=(
+        dither=DitherArrays(*cut(arrays.dither)),
+        compensation=CompensationArrays(
             compensation.active,
             cut(compensation.arguments),
             compensation.added[arms],
@@ -186,20 +183,20 @@ def is_due(step: int, hold: int, period: int) -> bool:
 
 
 @compiled
-def look_ahead(model: bool, goals: bool, arrays: Arguments) -> None:
+def look_ahead(model: bool, goals: bool, arrays: StepArrays) -> None:
     """Renew the controller's model of the arm and its reference; the end effector has been read."""
-    a = StepArrays(*arrays)
-    seen, ahead = SeenArrays(*a.seen), AheadArrays(*a.ahead)
+    a = arrays
+    seen, ahead = a.seen, a.ahead
     position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
     if seen.active:
         position, quaternion, jacobian = seen.pose
     if model:
         q = seen.q
         if not seen.active:
-            joints = JointArrays(*a.joints)
+            joints = a.joints
             q = link_angles(joints.qpos, joints.motor, joints.spring)
         renew_dynamics(q, ahead.dynamics)
-        renew_all(jacobian, ModelArrays(*ahead.dynamics).mass, ahead.space)
+        renew_all(jacobian, ahead.dynamics.mass, ahead.space)
     if goals:
         limits, listed, times, profile, trapezoid = ahead.goals
         time = (a.step // a.hold * a.hold).astype(np.float64) * CONTROL_DT
@@ -214,16 +211,70 @@ def look_ahead(model: bool, goals: bool, arrays: Arguments) -> None:
 
 
 @compiled
-def note_reference(row: int, arrays: Arguments) -> None:
+def note_reference(row: int, stride: int, reference: Arguments, sampled: Array) -> None:
     """Write the reference, where a sample begins with control step ``row``."""
-    a = StepArrays(*arrays)
-    if row % a.stride == 0:
-        sampled, reference = a.sampled[row // a.stride], AheadArrays(*a.ahead).reference
-        sampled[:, :3], sampled[:, 3:] = reference[3], reference[4]
+    if row % stride == 0:
+        now = sampled[row // stride]
+        now[:, :3], now[:, 3:] = reference[3], reference[4]
 
 
 @compiled
-def control_step(due: bool, row: int, arrays: Arguments) -> None:
+def read_pose(row: int, site: Arguments, poses: tuple[Array, Array]) -> None:
+    """Read the end effector, and note its pose."""
+    site_kinematics(*site)
+    positions, quaternions = poses
+    positions[row], quaternions[row] = site[-3], site[-2]
+
+
+@compiled
+def compute_command(
+    site: Arguments,
+    joints: JointArrays,
+    seen: SeenArrays,
+    step: Index,
+    dither: DitherArrays,
+    compensation: CompensationArrays,
+    impedance: Arguments,
+) -> None:
+    """Do a controller's cycle; arguments are of `StepArrays`."""
+    if seen.active:
+        position, quaternion, jacobian = seen.pose
+        q, dq = seen.q, seen.dq
+    else:
+        position, quaternion, jacobian = site[-3], site[-2], site[-1]
+        q = link_angles(joints.qpos, joints.motor, joints.spring)
+        dq = link_angles(joints.qvel, joints.motor, joints.spring)
+    if dither.only_sines:
+        time = step.astype(np.float64) * CONTROL_DT
+        sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
+    added = dither.torque
+    if compensation.active:
+        reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
+        compensated = compensation.arguments
+        compensate(
+            *(position, quaternion, jacobian, dq, reference, error_matrix, stiffness),
+            *compensated,
+        )
+        added = compensation.added
+        for i in range(added.shape[0]):
+            for j in range(added.shape[1]):
+                added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
+    impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
+
+
+@compiled
+def apply_command(
+    command: Array, path: PathArrays, missing: Array, applied: Array, torque: Array
+) -> None:
+    """Pass a command on to the joints; arguments are of `StepArrays`."""
+    pass_torque(command, *path, applied)
+    for i in range(torque.shape[0]):
+        for j in range(torque.shape[1]):
+            torque[i, j] = applied[i, j] + missing[i, j]
+
+
+@compiled
+def control_step(due: bool, row: int, arrays: StepArrays) -> None:
     """Read the end effector and, where ``due``, compute the next command; pass the command on.
 
     One call of compiled code: called one by one from Python, these functions would spend half of
@@ -231,73 +282,46 @@ def control_step(due: bool, row: int, arrays: Arguments) -> None:
 
     Args:
         due: whether the controller computes in this step.
-        row: where the pose is written.
-        arrays: `StepArrays` and those within as plain tuples, which numba takes over faster.
+        row: where pose and reference are written.
+        arrays: of the arms.
     """
-    a = StepArrays(*arrays)
-    site_kinematics(*a.site)
-    positions, quaternions = a.poses
-    positions[row], quaternions[row] = a.site[-3], a.site[-2]
-    seen = SeenArrays(*a.seen)
+    a = arrays
+    read_pose(row, a.site, a.poses)
     if due:
-        joints, dither, impedance = JointArrays(*a.joints), DitherArrays(*a.dither), a.impedance
-        if seen.active:
-            position, quaternion, jacobian = seen.pose
-            q, dq = seen.q, seen.dq
-        else:
-            position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
-            q = link_angles(joints.qpos, joints.motor, joints.spring)
-            dq = link_angles(joints.qvel, joints.motor, joints.spring)
-        compensation = CompensationArrays(*a.compensation)
-        if dither.only_sines:
-            time = a.step.astype(np.float64) * CONTROL_DT
-            sine(dither.omega, dither.phase, dither.amplitude, time, dither.torque)
-        added = dither.torque
-        if compensation.active:
-            reference, error_matrix, stiffness = impedance[3], impedance[4], impedance[5]
-            compensated = compensation.arguments
-            compensate(
-                *(position, quaternion, jacobian, dq, reference, error_matrix, stiffness),
-                *compensated,
-            )
-            added = compensation.added
-            for i in range(added.shape[0]):
-                for j in range(added.shape[1]):
-                    added[i, j] = dither.torque[i, j] + compensated[-1][i, j]
-        impedance_cycle(position, quaternion, jacobian, q, dq, added, *impedance)
+        compute_command(a.site, a.joints, a.seen, a.step, a.dither, a.compensation, a.impedance)
     command = a.impedance[-1]
-    if seen.active:
-        send(due, a.step, command, seen.line)
-        command = seen.line[-1]
-    pass_torque(command, *a.path, a.applied)
-    for i in range(a.torque.shape[0]):
-        for j in range(a.torque.shape[1]):
-            a.torque[i, j] = a.applied[i, j] + a.missing[i, j]
+    if a.seen.active:
+        send(due, a.step, command, a.seen.line)
+        command = a.seen.line[-1]
+    apply_command(command, a.path, a.missing, a.applied, a.torque)
+    note_reference(row, a.stride, a.ahead.reference, a.sampled)
 
 
 @compiled
 def follow_steps(
-    steps: int, first: int, row: int, looks: bool, arrays: Arguments, loop: Arguments
+    steps: int, first: int, row: int, looks: bool, arrays: StepArrays, loop: Arguments
 ) -> None:
-    """Follow for control steps in which Python has nothing to do.
+    """Follow for control steps in which Python has nothing to do, without senses.
 
     Args:
         steps: number of control steps.
         first: number of the first since arms began to follow.
         row: its row in the poses.
         looks: whether to look ahead where due; else Python has done so.
-        arrays: as of `control_step`.
+        arrays: of some arms.
         loop: of these arms, of `Plant.compiled_loops`.
     """
-    a, (torque, physics, substeps) = StepArrays(*arrays), loop
-    ahead = AheadArrays(*a.ahead)
+    a, ahead, (torque, physics, substeps) = arrays, arrays.ahead, loop
     for k in range(first, first + steps):
         model, goals = is_due(k, a.hold, ahead.model_period), is_due(k, a.hold, ahead.goal_period)
+        # as `control_step`, which would take over a hundred arrays in every call
+        read_pose(row, a.site, a.poses)
         if looks and (model or goals):
-            site_kinematics(*a.site)
             look_ahead(model, goals, arrays)
-        note_reference(row, arrays)
-        control_step(k % a.hold == 0, row, arrays)
+        note_reference(row, a.stride, ahead.reference, a.sampled)
+        if k % a.hold == 0:
+            compute_command(a.site, a.joints, a.seen, a.step, a.dither, a.compensation, a.impedance)
+        apply_command(a.impedance[-1], a.path, a.missing, a.applied, a.torque)
         row += 1
         for i in range(torque.shape[0]):
             a.step[i] += 1
