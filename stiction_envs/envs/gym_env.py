@@ -158,7 +158,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
 
 class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
-    """N arms in tiles, each stepped by one thread; infos are Gymnasium's dict of arrays.
+    """N arms in tiles, which threads step; infos are Gymnasium's dict of arrays.
 
     `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
     those of the single environment for all, or a sequence with one dict per environment;

@@ -69,7 +69,9 @@ class ControllerModel:
         """
         self.is_wrong = arm.xml != sticking.arm.xml
         """Whether it is not the plant's, so that `missing` has to be kept up to date."""
-        self._models = arm.bare_model(), sticking.arm.bare_model()
+        self._models = [arm.bare_model()]
+        if self.is_wrong:
+            self._models.append(sticking.arm.bare_model())
         self._rotor = sticking.parameters.rotor_inertia
         n = self._models[0].nv
         self.mass = np.zeros((nsim, n, n))
@@ -83,21 +85,21 @@ class ControllerModel:
     def of_arms(self, arms: slice) -> ModelArrays:
         """Return what `renew_dynamics` needs for some arms, with data of its own."""
         # one MjData for them stays in the cache: every update computes everything again
-        pair = [mujoco.MjData(model) for model in self._models]
-        self._data += pair  # compiled code has addresses only
-        believed, true = (
+        data = [mujoco.MjData(model) for model in self._models]
+        self._data += data  # compiled code has addresses only
+        dynamics = [
             Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
-            for model, d in zip(self._models, pair, strict=True)
-        )
+            for model, d in zip(self._models, data, strict=True)
+        ]
         return ModelArrays(
-            *(believed, true, self.is_wrong, pair[0].M),
+            *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
             *_entries(self._models[0]),
             *(self._rotor, self.mass[arms], self.missing[arms]),
         )
 
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
-        _torques(q, dq, self.arrays[0], gravity, coriolis)
+        _torques(q, dq, self.arrays.believed, gravity, coriolis)
 
     def update(self, q: Array) -> None:
         """Take the present angles (N, n) [rad]."""

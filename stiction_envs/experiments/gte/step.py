@@ -137,6 +137,7 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArray
     """Return what belongs to some arms, which have no senses; ``dynamics`` is of them alone."""
 
     def cut(arguments: Arguments, shared: tuple[int, ...] = ()) -> Arguments:
+        """Return the arms' rows of arrays; those at places ``shared`` are all arms' in common."""
         return tuple(
             x[arms] if isinstance(x, np.ndarray) and k not in shared else x
             for k, x in enumerate(arguments)
@@ -145,12 +146,12 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArray
     ahead, compensation = arrays.ahead, arrays.compensation
     (low, by_mass, damping), (limits, goals, times, profile, trapezoid) = ahead.space, ahead.goals
     return arrays._replace(
-        site=cut(arrays.site, shared=(4, 5, 6)),
-        joints=JointArrays(*cut(arrays.joints, shared=(2, 3))),
+        site=cut(arrays.site, shared=(4, 5, 6)),  # joints, turn, tool
+        joints=JointArrays(*cut(arrays.joints, shared=(2, 3))),  # motor, spring
         ahead=(
             ahead._replace(
                 dynamics=dynamics,
-                space=(cut(low), by_mass, cut(damping, shared=(1,))),
+                space=(cut(low), by_mass, cut(damping, shared=(1,))),  # ratio
                 goals=(limits, cut(goals), cut(times), profile, cut(trapezoid)),
                 accepted=ahead.accepted[arms],
                 reference=cut(ahead.reference),
@@ -163,7 +164,7 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArray
             cut(compensation.arguments),
             compensation.added[arms],
         ),
-        impedance=cut(arrays.impedance, shared=(2,)),
+        impedance=cut(arrays.impedance, shared=(2,)),  # limit
         path=cut(arrays.path),
         missing=arrays.missing[arms],
         applied=arrays.applied[arms],

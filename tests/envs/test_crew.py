@@ -1,0 +1,66 @@
+"""Threads share work: nothing is done twice or left out, and whoever is free helps."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+
+import pytest
+
+from stiction_envs.envs.crew import Crew
+
+
+def test_results_are_in_the_tasks_order_on_any_number_of_threads():
+    for threads in (1, 2, 5):
+        crew = Crew(threads)
+        for _ in range(20):
+            assert crew.run([partial(pow, k, 2) for k in range(9)]) == [k * k for k in range(9)]
+        assert crew.run([]) == []
+
+
+def test_a_thread_without_a_task_helps_with_what_another_shares():
+    crew, together = Crew(2), threading.Barrier(2)
+
+    def task() -> list[int]:
+        return crew.share([partial(together.wait, 30) for _ in range(6)])
+
+    (both,) = crew.run([task])
+    assert sorted(both) == [0, 0, 0, 1, 1, 1], "two at a time"
+
+
+def test_one_thread_does_in_turn_what_is_shared():
+    crew, done = Crew(1), []
+
+    def task(k: int) -> None:
+        crew.share([partial(done.append, (k, part)) for part in range(3)])
+
+    crew.run([partial(task, k) for k in range(2)])
+    assert done == [(k, part) for k in range(2) for part in range(3)]
+
+
+def test_tasks_that_share_at_the_same_time_get_their_own_results():
+    crew = Crew(3)
+
+    def task(k: int) -> list[int]:
+        return [sum(crew.share([partial(pow, k, p) for p in range(4)])) for _ in range(5)]
+
+    for _ in range(30):
+        found = crew.run([partial(task, k) for k in range(6)])
+        assert found == [[sum(k**p for p in range(4))] * 5 for k in range(6)]
+
+
+def test_an_error_in_a_part_is_raised_by_its_task_when_all_parts_are_done():
+    crew, done = Crew(2), []
+
+    def part(k: int) -> None:
+        if k == 1:
+            raise ValueError("part 1")
+        done.append(k)
+
+    def task() -> None:
+        crew.share([partial(part, k) for k in range(4)])
+
+    with pytest.raises(ValueError, match="part 1"):
+        crew.run([task, lambda: done.append(9)])
+    assert sorted(done) == [0, 2, 3, 9]
+    assert crew.run([lambda: 1]) == [1], "the crew goes on"
