@@ -354,7 +354,9 @@ class GTERig(Rig):
         """Update the controller's model of the arm and its reference, where due."""
         pose, compensator = self.seen_end_effector, self.compensator
         pose.read()
-        look_ahead(model, goals, self._arrays)
+        a = self._arrays
+        tick = self.interface.tick(self.step)
+        look_ahead(model, goals, a.site, a.joints, a.seen, tick, a.ahead)
         if model and compensator.reads_model:
             wanted = compensator.gravity, compensator.coriolis
             self._model.torques(self.seen_position, self.seen_velocity, *wanted)

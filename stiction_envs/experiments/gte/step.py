@@ -157,6 +157,7 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArray
                 reference=cut(ahead.reference),
             )
         ),
+        seen=arrays.seen._replace(line=()),  # less to compile
         step=arrays.step[arms],
         dither=DitherArrays(*cut(arrays.dither)),
         compensation=CompensationArrays(
@@ -184,23 +185,31 @@ def is_due(step: int, hold: int, period: int) -> bool:
 
 
 @compiled
-def look_ahead(model: bool, goals: bool, arrays: StepArrays) -> None:
-    """Renew the controller's model of the arm and its reference; the end effector has been read."""
-    a = arrays
-    seen, ahead = a.seen, a.ahead
-    position, quaternion, jacobian = a.site[-3], a.site[-2], a.site[-1]
+def look_ahead(
+    model: bool,
+    goals: bool,
+    site: Arguments,
+    joints: JointArrays,
+    seen: SeenArrays,
+    tick: Index,
+    ahead: AheadArrays,
+) -> None:
+    """Renew the controller's model of the arm and its reference; the end effector has been read.
+
+    ``tick`` (N,) is the control step of the last cycle, other arguments are of `StepArrays`.
+    """
+    position, quaternion, jacobian = site[-3], site[-2], site[-1]
     if seen.active:
         position, quaternion, jacobian = seen.pose
     if model:
         q = seen.q
         if not seen.active:
-            joints = a.joints
             q = link_angles(joints.qpos, joints.motor, joints.spring)
         renew_dynamics(q, ahead.dynamics)
         renew_all(jacobian, ahead.dynamics.mass, ahead.space)
     if goals:
         limits, listed, times, profile, trapezoid = ahead.goals
-        time = (a.step // a.hold * a.hold).astype(np.float64) * CONTROL_DT
+        time = tick.astype(np.float64) * CONTROL_DT
         accept(
             position, quaternion, time, limits, listed, times, profile, trapezoid, ahead.accepted
         )
@@ -318,7 +327,8 @@ def follow_steps(
         # as `control_step`, which would take over a hundred arrays in every call
         read_pose(row, a.site, a.poses)
         if looks and (model or goals):
-            look_ahead(model, goals, arrays)
+            tick = a.step // a.hold * a.hold
+            look_ahead(model, goals, a.site, a.joints, a.seen, tick, ahead)
         note_reference(row, a.stride, ahead.reference, a.sampled)
         if k % a.hold == 0:
             compute_command(a.site, a.joints, a.seen, a.step, a.dither, a.compensation, a.impedance)
