@@ -48,6 +48,20 @@ def one_by_one(rig: GTERig, due: bool, row: int) -> None:
     rig._torque[:] = rig.applied + model.missing
 
 
+def look_ahead_by_parts(rig: GTERig, model: bool, goals: bool) -> None:
+    """`GTERig._look_ahead` by the public calls of its parts."""
+    pose, t, compensator = rig.seen_end_effector, rig.step * 1e-3, rig.compensator
+    pose.read()
+    if model:
+        rig._model.update(rig.seen_position)
+        rig.controller.update_model(None, pose.jacobian, rig._model.mass)
+    if goals:
+        rig.sequencer.accept(pose.position, pose.quaternion, t)
+        rig.controller.set_reference(*rig.sequencer.reference(t)[:2])
+        if compensator.feeds:
+            compensator.look_ahead(pose.jacobian, rig.sequencer.twist(t))
+
+
 def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
     """Compensation of this cycle (N, n), by itself."""
     tip, (x, _) = rig.end_effector, rig.controller.reference
@@ -61,6 +75,7 @@ def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
 MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
+BY_MASS = ImpedanceSettings(rate_hz=1000.0, damping_design="mass")
 FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
 
 
@@ -71,6 +86,7 @@ FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
         ("iiwa7", {}, {}),
         ("panda", {"settings": MIXED, "controller_model": HEAVY}, {}),
         ("panda", {"settings": FILTERED}, {}),
+        ("panda", {"settings": BY_MASS}, {}),
         ("panda", {}, {"gate_velocity": 0.02}),
         ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
         ("panda", {"settings": MIXED}, {"compensated": True}),
@@ -85,6 +101,7 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
     for other_way in (False, True):
         if other_way:
             monkeypatch.setattr(GTERig, "_control_step", one_by_one)
+            monkeypatch.setattr(GTERig, "_look_ahead", look_ahead_by_parts)
         b = bench(robot, **options)
         rig = b.rig(3, 2)
         stiffness = np.array([(200, 20, 0), (400, 40, 5), (200, 20, 10)], dtype=float)
@@ -116,13 +133,15 @@ def test_control_step_in_one_call_is_the_same_bits(monkeypatch, robot, options, 
         ("panda", {}),
         ("iiwa7", {}),
         ("panda", {"settings": MIXED, "controller_model": HEAVY, "timestep": 5e-4}),
-        ("iiwa14", {"compensated": True}),
+        ("iiwa14", {"compensated": "push"}),
+        ("panda", {"compensated": "feedforward"}),
+        ("iiwa7", {"compensated": "momentum_observer"}),
     ],
 )
 def test_compiled_steps_are_the_same_bits(robot, options):
     """Many control steps in one call of compiled code, as step by step through Python."""
     ids, seen, options = np.arange(3), [], dict(options)
-    compensated = options.pop("compensated", False)
+    compensated = options.pop("compensated", None)
     for watch in (None, lambda: None):
         b = bench(robot, threads=1, **options)
         rig = b.rig(3, 2)
@@ -130,7 +149,7 @@ def test_compiled_steps_are_the_same_bits(robot, options):
         rig.begin(ids, paths, np.tile((200.0, 20.0, 5.0), (3, 1)), [(k,) for k in ids])
         rig.set_dither(ids, amplitude=np.array([[1.0], [0.0], [0.5]]), frequency=30.0)
         if compensated:
-            rig.compensator.set_rows(ids, [None, *[b.compensation("push")] * 2])
+            rig.compensator.set_rows(ids, [None, *[b.compensation(compensated)] * 2])
         assert rig.plant.compiled_loops
         noted = []
         for steps in (237, 100, 3):
