@@ -2,14 +2,13 @@
 
     python -m benchmarks.servo.servo_friction [--logs FOLDER]
 
-`diagnose` reads three servo logs (commands and angles) and writes ``model.toml``, which is kept
-beside the page, and ``model.xml``. On other motions the commands drive stock MuJoCo: ``model.xml``,
-and the same arm with joint ``frictionloss`` instead of the LuGre bristle.
+`diagnose` reads servo logs (commands and angles) and writes ``model.xml``. On other motions the
+commands drive stock MuJoCo: ``model.xml``, and the same arm with joint ``frictionloss`` instead of
+the LuGre bristle.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,6 @@ from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import read_servo_logs
-from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
@@ -37,7 +35,11 @@ from stiction_envs.robots import load_arm
 Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)
 FITTED = (
-    *("friction_gravity", "step_response", "custom_motion", "fast_transitions", "gripper_cycles"),
+    "friction_gravity",
+    "step_response",
+    "custom_motion",
+    "fast_transitions",
+    "gripper_cycles",
 )
 LEFT_OUT = (
     *("actuator_bandwidth", "multisine", "single_joint_rotation", "single_joint_wrist_pitch"),
@@ -61,7 +63,7 @@ HARDEST = ([0.002, 1.0], [0.9999, 0.9999, 0.001, 0.5, 2.0])
 """MuJoCo's solreffriction and solimpfriction that creep least at steps of 1 ms."""
 SHOWN = ("wave_motion", 1, 2.0, 16.0)
 """Motion, joint (from 0), first and last time [s] of the picture."""
-PICTURE, MODEL = "servo_friction.png", "servo_so101.toml"
+PICTURE = "servo_friction.png"
 
 
 def with_frictionloss(xml: str, level: Array, *, hard: bool) -> mujoco.MjModel:
@@ -126,14 +128,11 @@ def best_level(xml: str, p: Array, logs: Sequence[ServoLog], *, hard: bool) -> A
     return out
 
 
-def measure(folder: Path) -> tuple[str, dict[str, dict[str, Array]], dict[str, Array]]:
-    """Return ``model.toml``; per group of motions errors by model (n,) [mrad]; what is drawn."""
+def measure(folder: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]]:
+    """Return per group of motions errors by model (n,) [mrad]; what is drawn."""
     path = robot_file("so101")
     arm = load_arm(path)
     result = diagnose([folder / f"so101_{name}.csv.gz" for name in FITTED], robot=path, threads=1)
-    with tempfile.TemporaryDirectory() as out:
-        result.save(out)
-        toml = (Path(out) / "model.toml").read_text("utf-8")
     found = result.diagnosis
     assert isinstance(found, ServoDiagnosis)
     xml, p = result.extension.xml, found.parameters
@@ -153,7 +152,7 @@ def measure(folder: Path) -> tuple[str, dict[str, dict[str, Array]], dict[str, A
             log = logs[k]
             shown = {name: angles[name][k][:, j] - log.q_cmd[:, j] for name in (LUGRE, DEFAULT)}
             shown |= {"t": log.t - log.t[0], "measured": log.q[:, j] - log.q_cmd[:, j]}
-    return toml, errors, shown
+    return errors, shown
 
 
 def draw(shown: Mapping[str, Array], path: Path) -> None:
@@ -216,9 +215,8 @@ def main() -> None:
     parser = STUDY.parser()
     parser.add_argument("--logs", type=Path, default=MEASURED / "servo_logs", help="folder of logs")
     options = parser.parse_args()
-    toml, errors, shown = measure(options.logs)
+    errors, shown = measure(options.logs)
     STUDY.write_page(options, **page(errors))
-    write_text_atomic(options.out / MODEL, toml)
     draw(shown, options.out / PICTURE)
 
 

@@ -139,7 +139,6 @@ DECIDES_NOTHING = ("stiction_envs.errors", "stiction_envs.version", "stiction_en
         ("learning.search_rows", "MEASURED_BY"),
         ("accuracy.blind_logs", "MADE_BY"),
         ("accuracy.real_logs", "MADE_BY"),
-        ("accuracy.tool_weighing", "MADE_BY"),
     ],
 )
 def test_places_have_all_that_is_imported(name: str, places: str):

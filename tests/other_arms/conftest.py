@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.accuracy.other_arms import Case
 from stiction_envs.experiments import conformance
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.identification import excitation, settings
 from stiction_envs.method_settings import override
+from tests.other_arms.arms import Case
 
 SHORT = {"iterations": 4, "randoms": 2, "starts": 1, "harmonics": 3, "periods": 1}
 

@@ -1,7 +1,4 @@
-"""Other people's arms in experiments: each breaks a joint away; the longer commands take turns.
-
-Every arm runs every command in `benchmarks/accuracy/other_arms.py`, by hand.
-"""
+"""Other people's arms in experiments: each breaks a joint away; the longer commands take turns."""
 
 from __future__ import annotations
 
@@ -9,7 +6,7 @@ import csv
 
 import pytest
 
-from benchmarks.accuracy.other_arms import ARMS, Case, folder, run
+from tests.other_arms.arms import ARMS, Case, folder, run
 from tests.other_arms.conftest import done
 
 ONE = ("--joint", 1, "--load", "no_load", "--direction", "+")
@@ -47,7 +44,7 @@ def test_the_longer_commands_take_turns(case: Case):
     done(case, TURNS[case.name])
 
 
-@pytest.mark.parametrize("name", [n for n, robot in ARMS.items() if robot.chain])
+@pytest.mark.parametrize("name", ["anymal-kinova", "baxter"])
 @pytest.mark.parametrize("command", ["export", "sje", "excite", "conformance"])
 def test_a_bigger_robot_without_a_chain_is_told_of_in_one_line(name: str, command: str, tmp_path):
     out = tmp_path / "out"

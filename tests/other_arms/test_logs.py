@@ -1,7 +1,4 @@
-"""Other people's arms and their logs: excited, identified, diagnosed; written models read again.
-
-`diagnose` takes turns; every arm runs it in `benchmarks/accuracy/other_arms.py`, by hand.
-"""
+"""Other people's arms and their logs: excited, identified, diagnosed; written models read again."""
 
 from __future__ import annotations
 
@@ -10,15 +7,15 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.other_arms import ARMS, Case
 from stiction_envs.robots import load_arm
+from tests.other_arms.arms import ARMS, Case
 from tests.other_arms.conftest import done
 
 DIAGNOSED = ("double_pendulum", "kinova", "b1-z1")
 REFUSED = {"baxter": "at rest the torque is 1.08 of what may be used of its limit"}
 """What `excite` says of arms that it finds no motion for: stretched out they cannot be held with a
 margin, and in few other poses the hulls of their links are apart."""
-EXCITED = [name for name in ARMS if name not in REFUSED]
+EXCITED = ("ur5", "panda_collision", "talos_left_arm", "anymal-kinova")
 
 
 @pytest.mark.parametrize("case", REFUSED, indirect=True)
