@@ -31,8 +31,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs="+",
         type=Path,
         metavar="FILE",
-        help="torque tables (as sje.csv, or as the thesis prints them; several are also checked "
-        "against each other) or logs of joints",
+        help="torque tables (as sje.csv or final.csv) or logs of joints",
     )
     parser.add_argument(
         "--robot",

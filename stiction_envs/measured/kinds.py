@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.tables import form_of
 from stiction_envs.measured.csv_text import header_of
 from stiction_envs.measured.logs.formats.csv_file import CsvFile, known_header
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS
 from stiction_envs.measured.logs.formats.registry import format_of
-from stiction_envs.measured.tables import SJE_COLUMNS
+from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, BASE_COLUMNS, SJE_COLUMNS
 
 TABLE, LOG = "torque table", "joint log"
 _LOG_COLUMN = re.compile(r"t|(q|dq|tau|q_cmd)\d+")
@@ -31,7 +30,8 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     if not isinstance(format_of(Path(path)), CsvFile):
         return LOG
     header = header_of(path)
-    if form_of(header) is not None:
+    # an SJE table has the columns of an amplitude table too
+    if any(set(columns) <= set(header) for columns in (AMPLITUDE_COLUMNS, BASE_COLUMNS)):
         return TABLE
     mark = known_header(header).mark
     if not header or mark != OUR_COLUMNS.mark or any(_LOG_COLUMN.fullmatch(c) for c in header):

@@ -11,7 +11,6 @@ import os
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,10 +37,6 @@ LOADS = ("load", "no_load")
 
 DIRECTIONS = ("+", "-")
 """Signs of the ramp, in the order of the third axis of :attr:`BaseTable.tau`."""
-
-_NAMES = {"load": LOADS, "direction": DIRECTIONS}
-_TEXT = {"robot", "subtable", "quantity", "unit", "printed"}
-_TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
 @dataclass(frozen=True)
@@ -98,8 +93,8 @@ class AmplitudeRow:
 
 
 SJE_COLUMNS = tuple(f.name for f in fields(SJERow))
-KEY = SJE_COLUMNS[:4]
-"""Robot, joint, pose and direction: what a breakaway torque is of."""
+BASE_COLUMNS = (*SJE_COLUMNS[:4], "tau_base_Nm")
+"""Of thesis table 4.3: robot, joint, pose and direction, and their base torque."""
 _ALL = tuple(f.name for f in fields(AmplitudeRow))
 AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL = _ALL[:3], _ALL[3:]
 
@@ -112,7 +107,7 @@ def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
     """
     rows = list(rows)
     text = table_text(SJE_COLUMNS, [astuple(row) for row in rows])
-    for row, again in zip(rows, _parse_sje(parse_lines(path, text, SJE_COLUMNS)), strict=True):
+    for row, again in zip(rows, parse_sje(parse_lines(path, text, SJE_COLUMNS)), strict=True):
         if row.robot != again.robot:
             raise StictionError(f"{path}: robot is {row.robot!r}: expected a name or path")
     write_text_atomic(path, text)
@@ -120,34 +115,28 @@ def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
 
 def read_sje(path: Path) -> list[SJERow]:
     """Read an SJE table, in the order of the file."""
-    return _parse_sje(read_lines(path, SJE_COLUMNS))
+    return parse_sje(read_lines(path, SJE_COLUMNS))
 
 
-def _parse_sje(lines: Iterable[Line]) -> list[SJERow]:
+def parse_sje(lines: Iterable[Line]) -> list[SJERow]:
+    """Return the rows of an SJE table's lines."""
     rows = []
     for line in lines:
-        _drive(line)
-        rows.append(SJERow(**{column: typed_cell(line, column) for column in SJE_COLUMNS}))
+        frequency, amplitude = _drive(line)
+        row = SJERow(
+            robot=line.text("robot"),
+            joint=line.whole("joint", 1),
+            load=line.name("load", LOADS),
+            direction=line.name("direction", DIRECTIONS),
+            frequency_hz=frequency,
+            amplitude_nm=amplitude,
+            tau_nm=line.number("tau_nm"),
+            std_nm=line.number("std_nm", low=0.0, nan=True),
+            iterations=line.whole("iterations", 1),
+            reduction=line.number("reduction", nan=True),
+        )
+        rows.append(row)
     return rows
-
-
-def typed_cell(line: Line, column: str) -> Any:
-    """Return a cell of an SJE table, or of one that the thesis prints, by the kind of its column.
-
-    Raises:
-        StictionError: it is not of that kind.
-    """
-    if column in _NAMES:
-        return line.name(column, _NAMES[column])
-    if column == "final_set_by_hand":
-        return line.name(column, ("yes", "no")) == "yes"
-    if column in ("joint", "iterations"):
-        return line.whole(column, 1)
-    if column in _TEXT:
-        return line.text(column)
-    if column == "std_nm":
-        return line.number(column, low=0.0, nan=True)
-    return line.number(column, nan=column == "reduction")
 
 
 def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
@@ -303,7 +292,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
     holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
     thesis = "tau_base_Nm" in header_of(path)
-    lines = read_lines(path, (*KEY, "tau_base_Nm") if thesis else SJE_COLUMNS)
+    lines = read_lines(path, BASE_COLUMNS if thesis else SJE_COLUMNS)
     if not thesis:
         lines = [x for x in lines if x.number("frequency_hz") == x.number("amplitude_nm") == 0]
     robots = list(dict.fromkeys(our_name(x.text("robot")) for x in lines))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,8 +17,6 @@ class ThesisRobot:
     """Numbers of the tables that have it."""
     weight_kg: float | None = None
     """Weight in the vendor's data sheet [kg], where the thesis prints masses."""
-    start_kg: Mapping[int, float] = field(default_factory=dict)
-    """Masses in the URDF from which the thesis started its fit [kg] by link."""
 
 
 _ROBOTS = (
@@ -33,7 +30,6 @@ _ROBOTS = (
         title="iiwa",
         tables=("4.1", "4.3", "4.5"),
         weight_kg=23.9,
-        start_kg={1: 3.4525, 2: 3.4821},
     ),
 )
 

@@ -10,19 +10,21 @@ marks one bad measurement.
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import unknown
-from stiction_envs.measured.csv_text import header_of, read_lines
-from stiction_envs.measured.tables import BaseTable, read_base, typed_cell
+from stiction_envs.measured.tables import BaseTable, read_base
 from stiction_envs.measured.thesis_robots import our_name, thesis_robots
 
 THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
 Cells = dict[str, Any]
-"""A printed row: the kind of a cell goes by its column (`tables.typed_cell`)."""
+"""A printed row."""
+_TEXT = {"robot", "load", "direction", "subtable", "quantity", "unit", "printed"}
+_TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
 
 @dataclass(frozen=True)
@@ -62,9 +64,16 @@ def thesis_table(number: str) -> list[Cells]:
 
     ``joint`` is an int, ``final_set_by_hand`` a bool, names are text, everything else is a float.
     """
-    path = thesis_file(number)
-    lines = read_lines(path, header_of(path))
-    return [{column: typed_cell(line, column) for column in line.fields} for line in lines]
+    with thesis_file(number).open(encoding="utf-8", newline="") as file:
+        return [{k: _cell(k, text) for k, text in row.items()} for row in csv.DictReader(file)]
+
+
+def _cell(column: str, text: str) -> Any:
+    if column in _TEXT:
+        return text
+    if column == "final_set_by_hand":
+        return text == "yes"
+    return int(text) if column == "joint" else float(text)
 
 
 def thesis_base(robot: str) -> BaseTable:

@@ -22,8 +22,7 @@ from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, sliding, write_csv
-from tests.measured.checks.test_checks import THESIS, sje, write_sje
-from tests.measured.checks.test_thesis_forms import IN_PRINT
+from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.bad_logs import good_values
 from tests.measured.logs.robot_csv import libfranka
 from tests.measured.logs.ros_bags import joint_states, merged, write_bag
@@ -52,28 +51,6 @@ def test_nothing_wrong(cli, work, clean, log, two):
     assert list(work.iterdir()) == []
     # the number of joints is told from the columns
     assert cli("check", log).code == 0
-
-
-def test_the_thesis_in_print(cli, work):
-    """All twelve tables at once: their misprints, and what contradicts between them."""
-    tables = sorted(THESIS.glob("table_*.csv"))
-    assert len(tables) == 12
-    ran = cli("check", *tables, "--json", "--out", "found")
-    assert ran.code == 1
-    found = json.loads(ran.out)["findings"]
-    misprints = [x for x in found if x["kind"] != "remark"]
-    assert ran.lines == [f"error: {len(misprints)} defects found"]
-    assert "panda joint 5, no_load +, intermediate" in {x["where"] for x in misprints}
-    assert len(found) == len(IN_PRINT)
-    with open(work / "found" / "findings.csv", encoding="utf-8") as file:
-        assert list(csv.DictReader(file)) == found
-    assert json.loads((work / "found" / "provenance.json").read_text())["finished"]
-
-
-def test_remarks_are_no_defects(cli, work):
-    ran = cli("check", *(THESIS / f"table_4_{i}.csv" for i in (3, 5, 6)))
-    assert ran.code == 0
-    assert ran.out.count(": remark: ") == len(ran.out.splitlines()) == 5
 
 
 def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):

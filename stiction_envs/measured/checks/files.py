@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.checks.tables import check_tables, read_rows
+from stiction_envs.measured.checks.tables import check_table
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
@@ -98,8 +98,8 @@ def check(
 ) -> Findings:
     """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
 
-    Tables: percentages that do not follow from their torques, amplitudes that are not base × scale,
-    repetitions that contradict (of one table and between tables), impossible signs, sizes, units.
+    Tables: reductions that do not follow from their torques, repetitions that contradict each
+    other, impossible signs; whatever an SJE table, base torques or an amplitude table may not hold.
     Logs: units, clock, repeated and missing rows, stuck or saturated channels, speeds that lag.
     Of servo logs also: commands beyond the joints' limits, that never move, or were copied.
 
@@ -133,13 +133,10 @@ def check(
     )
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
-    tables: dict[str, list[dict[str, str]]] = {}
     for path in (p for p in kinds if kinds[p] == TABLE):
         with _unreadable(path, findings):
-            tables[str(path)] = read_rows(path)
-    for d in check_tables(tables):
-        text = f"{d.printed}, expected {d.expected}: {d.message}"
-        findings.append(Finding(d.table, d.where, d.kind, text))
+            for d in check_table(path, limits):
+                findings.append(Finding(str(path), d.where, d.kind, d.message))
     for path in (p for p in kinds if kinds[p] != TABLE):
         with _unreadable(path, findings):
             count = n or count_joints(path, naming)
