@@ -177,7 +177,7 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     found = diagnose_logs(logs, arm)
     by = {c.name: c for c in found.causes}
     assert set(by) == {"actuator_delay", "coulomb_friction"}
-    assert by["actuator_delay"].parameters[0]["delay_s"].value == pytest.approx(0.06, abs=0.01)
+    assert by["actuator_delay"].parameters[0]["delay_s"].value == pytest.approx(-0.06, abs=0.01)
     for j in range(1, 8):
         level = by["coulomb_friction"].parameters[j]["coulomb_nm"].value
         assert level == pytest.approx(0.5, abs=0.03)

@@ -14,11 +14,16 @@ from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question, criterion
-from stiction_envs.gap.servo.findings import named_causes, verdict_of, with_payload
+from stiction_envs.gap.servo.findings import (
+    named_causes,
+    reported_columns,
+    verdict_of,
+    with_payload,
+)
 from stiction_envs.gap.servo.fit import AGAIN, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import Tip, explains_better, proposed
 from stiction_envs.gap.servo.questions import (
     Servo,
@@ -104,9 +109,7 @@ class ServoDiagnosis:
                 for c in self.minor
             ],
             "causes": [c.to_json() for c in self.causes],
-            "servo": {
-                p.key: self.parameters[:, INDEX[name]].tolist() for name, p in PARAMETERS.items()
-            },
+            "servo": {key: x.tolist() for key, x in reported_columns(self.parameters).items()},
             "notes": list(self.notes),
         }
         if self.check is not None:

@@ -13,7 +13,7 @@ from stiction_envs.gap.servo.choose import JointCauses
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
 from stiction_envs.gap.servo.payload import Tip
 from stiction_envs.gap.servo.settings import ServoPayloadSettings
-from stiction_envs.gap.servo.spread import SERVO_LAG
+from stiction_envs.gap.servo.spread import EXTRA_STICTION, SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.verdict import NamedCause
 
@@ -51,10 +51,10 @@ def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str,
     if cause == "coulomb_friction":
         return {"coulomb_nm": scaled(estimates["stiction"], 1.0 - drop)}
     if cause == "stribeck_friction":
-        out = {"stribeck_velocity": estimates["stribeck_velocity"]}
-        if "stiction" in estimates:
-            out = {"stiction_nm": estimates["stiction"], **out}
-        return out
+        return {
+            "stiction_nm": estimates[EXTRA_STICTION],
+            "stribeck_velocity": estimates["stribeck_velocity"],
+        }
     if cause == "presliding_hysteresis":
         e = estimates["bristle"]
         low, high = (level / max(x, 1e-6) for x in reversed(e.ci95))
@@ -71,6 +71,15 @@ def _reported(cause: str, estimates: dict[str, Estimate], p: Array) -> dict[str,
     out = {PARAMETERS[name].key: estimates[name] for name in names}
     if cause == "dead_zone":
         out = {k: scaled(e, 2.0) for k, e in out.items()}
+    return out
+
+
+def reported_columns(parameters: Array) -> dict[str, Array]:
+    """Return (n,) each parameter of (n, P), under the names and in the units of the causes."""
+    out = {p.key: parameters[:, INDEX[name]] for name, p in PARAMETERS.items()}
+    out["stiction_nm"] = out["coulomb_nm"] * out.pop("drop")
+    out["coulomb_nm"] = out["coulomb_nm"] - out["stiction_nm"]
+    out["width_rad"] = 2.0 * out["width_rad"]
     return out
 
 

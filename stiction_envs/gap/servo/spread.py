@@ -84,8 +84,12 @@ def spread_of(
     )
 
 
+EXTRA_STICTION = "extra_stiction"
+"""Name of the friction at rest above its level in motion, F_s s, among the estimates."""
+
+
 def estimates_of(fit: Fit, spread: Spread) -> dict[str, Estimate]:
-    """Return each fitted parameter with its 95 % interval."""
+    """Return each fitted parameter with its 95 % interval, and `EXTRA_STICTION` where it falls."""
     out = {}
     for name in spread.names:
         p, value, half = PARAMETERS[name], fit[name], spread.half_of(name)
@@ -93,6 +97,15 @@ def estimates_of(fit: Fit, spread: Spread) -> dict[str, Estimate]:
             value=value,
             ci95=(max(value - half, p.low), min(value + half, p.high)),
             on_bound=value <= p.low + 1e-9 or value >= p.high - 1e-9,
+        )
+    if "drop" in out:
+        value = fit["stiction"] * fit["drop"]
+        slope = {"stiction": fit["drop"], "drop": fit["stiction"]}
+        half = spread.half(np.array([slope.get(name, 0.0) for name in spread.names]))
+        out[EXTRA_STICTION] = Estimate(
+            value=value,
+            ci95=(max(value - half, 0.0), value + half),
+            on_bound=out["drop"].on_bound,
         )
     return out
 

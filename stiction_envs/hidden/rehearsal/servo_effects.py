@@ -141,6 +141,17 @@ def _stribeck(joint: ServoJoint, size: float) -> dict[str, float]:
     return {"stiction": stiction, "drop": drop, "stribeck_velocity": STRIBECK_VELOCITY}
 
 
+def _sliding(joint: ServoJoint, size: float) -> float:
+    """Return the friction in motion [N·m]."""
+    return (joint["stiction"] + size * joint["stiffness"]) * (1.0 - joint["drop"])
+
+
+def _extra_stiction(joint: ServoJoint, size: float) -> float:
+    """Return the friction at rest above its level in motion [N·m]."""
+    law = _stribeck(joint.on_friction(), size)
+    return law["stiction"] * law["drop"]
+
+
 def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
     return {}
 
@@ -190,12 +201,14 @@ _EFFECTS = (
     _effect(
         *("coulomb_friction", "coulomb_nm", "N·m", _SLOW),
         lambda joint, size: {"stiction": joint["stiction"] + size * joint["stiffness"]},
+        shown_as=_sliding,
         largest=0.3,
     ),
     _effect(
         *("stribeck_friction", "stiction_nm", "N·m"),
         "very slow motion, both ways, with rests",
         _stribeck,
+        shown_as=_extra_stiction,
         largest=3.0,
         on_friction=True,
     ),

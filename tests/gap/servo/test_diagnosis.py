@@ -49,6 +49,18 @@ def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
     assert h.hidden[0] in _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
+def test_stiction_is_above_the_coulomb_level_as_in_logs_of_torque(arm: Arm) -> None:
+    h = _hidden(arm, "stribeck_friction")
+    d = diagnose_servo([h.log], arm, h.servo)
+    ((_, joint),) = h.hidden
+    level = 0.75 * 0.02 * h.stiffness[joint - 1]  # both in motion and above it at rest
+    for cause, key in (("coulomb_friction", "coulomb_nm"), ("stribeck_friction", "stiction_nm")):
+        found = next(c for c in d.causes if c.name == cause).parameters[joint][key]
+        assert found.value == pytest.approx(level, rel=0.35)
+        assert found.ci95[0] < found.value < found.ci95[1]
+        assert d.to_json()["servo"][key][joint - 1] == pytest.approx(found.value, rel=0.01)
+
+
 def test_limits_of_the_model_do_not_hold_back_a_robot_that_went_further(
     arm: Arm, tmp_path: Path
 ) -> None:

@@ -1,7 +1,7 @@
 """Torque that acts late: τ(t) = dynamics(t + T), so that the residual is τ(t + T) − τ(t).
 
-A log whose torque was measured late, or behind a filter, has T < 0. The parameter is |T|, and
-`describe` says which of the two it is.
+`delay_s` is T: positive where torque acts after it was logged, negative where it was measured late,
+or behind a filter.
 """
 
 from __future__ import annotations
@@ -120,15 +120,15 @@ class ActuatorDelay(Cause):
         return False
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
-        """Return |T| [s]."""
-        return {"delay_s": abs(float(coefficients[0]))}
+        """Return T [s]."""
+        return {"delay_s": float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by how much to shift torques: MuJoCo's actuators have no delay."""
-        what = "send torques" if part.coefficients[0] >= 0 else "take measured torques as of"
+        delay = part.coefficients[0]
+        what = "send torques" if delay >= 0 else "take measured torques as of"
         behind = ", which come behind a low-pass" if len(part.shape) > 1 else ""
-        delay = self.parameters_of(part)["delay_s"]
-        draft.leave_out(part, f"{what} {delay:.4g} s earlier{behind}")
+        draft.leave_out(part, f"{what} {abs(delay):.4g} s earlier{behind}")
 
     def describe(self, coefficients: Array) -> str:
         """Return whether torque acts after it was logged, or was logged after it acted."""
