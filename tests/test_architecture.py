@@ -25,7 +25,6 @@ FLOW = (
     ("stiction_envs.robots", "stiction_envs.dither"),
     ("stiction_envs.measured",),
     ("stiction_envs.friction",),
-    ("stiction_envs.engines",),
     ("stiction_envs.plant",),
     ("stiction_envs.control",),
     ("stiction_envs.experiments",),

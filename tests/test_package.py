@@ -143,14 +143,8 @@ def imports(path: Path) -> Iterator[tuple[str, bool]]:
         yield from ((name.partition(".")[0], id(node) not in late) for name in names)
 
 
-GUARDED = (
-    *("tuning/policies/checkpoint.py", "tuning/policies/training_callbacks.py"),
-    *(f"stiction_envs/engines/{x}.py" for x in ("graphs", "mirrors", "translate")),
-    *(f"stiction_envs/engines/{x}.py" for x in ("warp_batch", "warp_friction")),
-    "stiction_envs/control/device/cycle.py",
-)
-"""Imported where what is missing has been said: by `tuning.policies.train`, and behind
-`engines.choose`."""
+GUARDED = ("tuning/policies/checkpoint.py", "tuning/policies/training_callbacks.py")
+"""Imported where what is missing has been said: by `tuning.policies.train`."""
 
 
 def test_every_import_is_declared():

@@ -54,7 +54,6 @@ class ArmArguments(TypedDict, total=False):
     friction_factor: float
     waveform: str
     threads: int
-    engine: str
 
 
 class _Experiment:

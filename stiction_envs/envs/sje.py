@@ -124,8 +124,6 @@ class SJEEnv(ArmEnv):
       units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
     * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
     * `threads`: threads, each with arms of its own, 0 for all processors. Default 0.
-    * `engine`: what steps the arms: `mujoco`, or `warp` (MuJoCo Warp, extra `warp`): up to 4096
-      arms at once, in float32. Units of the rewards remain MuJoCo's. Default `mujoco`.
     * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
       `depth_array` (the scene only, metres, 450 × 460).
 

@@ -16,7 +16,6 @@ from typing import Self
 
 from stiction_envs.control.sensing import Sensing, SensingLike, load_sensing
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.errors import unknown
 from stiction_envs.friction.model import StickingModel
 
@@ -32,8 +31,6 @@ class Experiment:
     scatter: bool
     seed: int
     threads: int
-    engine: str
-    """What steps the arms, one of `engines.choose.ENGINES`."""
 
     def __init__(
         self,
@@ -44,7 +41,6 @@ class Experiment:
         scatter: bool = False,
         seed: int = 0,
         threads: int = 0,
-        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Set the experiment up.
 
@@ -55,17 +51,15 @@ class Experiment:
             scatter: whether iterations differ by pose, friction and dither.
             seed: of that scatter.
             threads: threads, 0 for all processors.
-            engine: what steps the arms, one of `engines.choose.ENGINES`.
 
         Raises:
-            StictionError: senses that are not known, or not of this arm; no such engine, or its
-                package is missing.
+            StictionError: senses that are not known, or not of this arm.
         """
         if interface is None:
             interface = TorqueInterface.of(sticking.arm)
         self._set(sticking=sticking, interface=interface)
         self._set(sensing=load_sensing(sticking.arm, sensing))
-        self._set(scatter=scatter, seed=seed, threads=threads, engine=check_engine(engine))
+        self._set(scatter=scatter, seed=seed, threads=threads)
 
     def _set(self, **fields: object) -> None:
         for name, value in fields.items():

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
-from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.experiments.base import Experiment
@@ -91,7 +90,6 @@ class Arguments:
     friction_factor: float = 1.0
     waveform: str = DEFAULT_WAVEFORM
     threads: int = 0
-    engine: str = DEFAULT_ENGINE
     record: bool = False
     """Whether traces are kept, to be drawn."""
 
@@ -130,8 +128,6 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Most arms of a tile, measured in ``benchmarks/speed``: see `tiles.Tiles`."""
     on_one_thread: ClassVar[bool] = False
     """Whether the engine runs on the caller's thread alone."""
-    others_wait: ClassVar[bool] = False
-    """Whether simulations that are not stepped stay as they are, whatever the engine."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""
@@ -164,7 +160,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         e = self._experiment(a, arm, friction)
         self._spreads = check_spreads(a.randomise, e.sticking)
         senses = randomised_senses(load_sensing(arm, a.sensing), a.randomise)
-        self.experiment = e = e.replace(sensing=senses, engine=check_engine(a.engine))
+        self.experiment = e = e.replace(sensing=senses)
         block = self.block_steps(e)
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block

@@ -61,7 +61,6 @@ class Rig:
             parameters=parameters,
             threads=experiment.threads,
             closed_loop=closed_loop,
-            engine=experiment.engine,
         )
         self.approach_protocol = approach
         self.nsim, self.n = nsim, sticking.n

@@ -7,9 +7,8 @@ the load is the gravity *moment across the axis* (the bearing's tilting moment),
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
 from stiction_envs.friction.model import StickingModel
@@ -18,17 +17,10 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.int64] | NDArray[np.bool_] | slice
 
 
-class Bound(Protocol):
-    """What an engine's batch lets read."""
-
-    def bind(self, name: str) -> Array:
-        """Return the live (N, …) array of a field of `MjData`."""
-
-
 class LoadSensor:
     """Reads the load of every joint from a batch's own kinematics."""
 
-    def __init__(self, sticking: StickingModel, batch: Bound) -> None:
+    def __init__(self, sticking: StickingModel, batch: Batch) -> None:
         model = sticking.model
         self.joint = model.dof_jntid[sticking.motor]
         self.body = model.jnt_bodyid[self.joint]

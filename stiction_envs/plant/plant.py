@@ -8,14 +8,12 @@ own clock.
 Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here as parameters:
 
 * load, warm-up and offset, which change over tenths of a second, every `SLOW_STEPS` control steps;
-* direction, which changes within one, every control step – only if some level depends on it, and
-  the engine does not switch by itself.
+* direction, which changes within one, every control step – only if some level depends on it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -23,7 +21,6 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments
-from stiction_envs.engines.choose import DEFAULT_ENGINE, make_batch
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import (
@@ -37,10 +34,6 @@ from stiction_envs.friction.model import (
 )
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.plant.loop_batch import LoopBatch
-
-if TYPE_CHECKING:
-    from stiction_envs.engines.warp_batch import WarpBatch
-    from stiction_envs.engines.warp_friction import DeviceFriction
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -61,7 +54,6 @@ class Plant:
         parameters: FrictionParameters | None = None,
         threads: int = 0,
         closed_loop: bool = False,
-        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
 
@@ -71,20 +63,14 @@ class Plant:
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
             closed_loop: whether `follow` will be used; keeps the engine's kinematics current.
-            engine: what steps them, one of `engines.choose.ENGINES`.
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        self._batch: Batch | WarpBatch
-        if closed_loop and engine == DEFAULT_ENGINE:
-            self._batch = LoopBatch(sticking.model, nsim, threads)
-        else:
-            self._batch = make_batch(
-                engine, sticking.model, nsim, threads=threads, closed_loop=closed_loop
-            )
+        kind = LoopBatch if closed_loop else Batch
+        self._batch = kind(sticking.model, nsim, threads)
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
         self._damping = self._batch.expand("dof_damping")
@@ -100,9 +86,6 @@ class Plant:
         self._level = np.empty((nsim, self.n, 2))
         self._viscous = np.empty((nsim, self.n, 2))
         self._asymmetric = False
-        self._switch: DeviceFriction | None = None
-        if engine != DEFAULT_ENGINE:
-            self._switch = self._batch.carry(sticking, self._moving_up, self._substeps)
         self._factor = np.ones((nsim, self.n))
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
@@ -225,7 +208,7 @@ class Plant:
             self._damping[rows, s.spring[elastic]] = (
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
-        self._asymmetric = self._switch is None and FrictionParameters(**self._p).asymmetric
+        self._asymmetric = FrictionParameters(**self._p).asymmetric
         self._write_slow(np.asarray(ids))
 
     def _write(self, name: str, ids: Index, where: tuple[Index | int, ...], values: Array) -> None:
@@ -390,26 +373,6 @@ class Plant:
             k += block
         raise_if_stopped(self._batch)
 
-    @property
-    def has_device(self) -> bool:
-        """Whether the engine computes on a device of its own: for `follow_on_device`."""
-        return self._switch is not None
-
-    def follow_on_device(self, name: str, control: Callable[[int], None], steps: int) -> None:
-        """Advance all simulations by control steps of 1 ms, all of it on the engine's device.
-
-        ``control`` launches what writes the engine's controls in a control step, from 0; the same
-        launches have the same name. Raises as `follow`.
-        """
-        self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
-        clock = self._steps, SLOW_STEPS, CONTROL_DT
-        assert self._switch is not None, "of a plant that `has_device`"
-        self._switch.change_slowly(self._load_sensor, self._p, self._factor, *clock)
-        self._batch.follow(name, control, steps, self._substeps)
-        self._level[:], self._viscous[:] = self._switch.fetch_levels()
-        self._steps += steps
-        raise_if_stopped(self._batch)
-
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""
         if len(ids) == 0:
@@ -429,10 +392,7 @@ class Plant:
         self._bias_torque[rows, s.motor] = bias
         elastic = s.spring >= 0
         self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
-        if self._switch is not None:
-            levels = stiction * p["coulomb_ratio"][ids], stiction, p["stribeck_velocity"][ids]
-            self._switch.write(ids, *levels, viscous)
-        elif not self._asymmetric:
+        if not self._asymmetric:
             self._write_levels(ids, np.zeros((len(ids), self.n), dtype=np.int64))
 
     def _offset(self, ids: Index, signed: Array) -> Array:

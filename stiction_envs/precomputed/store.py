@@ -34,7 +34,6 @@ MADE_BY = (
     "plant",
     "control",
     "dither",
-    "engines",
     "envs",
     "experiments",
     "friction",

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
-
 import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs import demo
 from stiction_envs.envs.agents import (
     AGENTS,
     ConstantTable,
@@ -149,59 +145,3 @@ def test_seeds_and_gate_speeds_have_bounds(env):
         RandomDither(env, seed=-1)
     with pytest.raises(StictionError, match="gate speed 0: expected a number above 0"):
         GatedTable(env, ROWS, speed=0)
-
-
-# ---- the first minute: a demo of an agent --------------------------------------------------------
-
-
-@pytest.fixture
-def show(monkeypatch, tmp_path) -> Callable[[list[str]], int]:
-    """Run `python -m stiction_envs.envs.demo` in an empty folder without a display."""
-    monkeypatch.setattr(demo, "has_display", lambda: False)
-    monkeypatch.chdir(tmp_path)
-    return demo.main
-
-
-@pytest.mark.slow
-def test_an_episode_becomes_a_video(show, tmp_path, capsys):
-    pytest.importorskip("imageio_ffmpeg")
-    assert show(["PandaSJE-v0", "--agent", "rule", "--seed", "3"]) == 0
-    said = capsys.readouterr().out
-    assert "agent rule, seed 3: return" in said
-    assert "reduction: " in said
-    video = tmp_path / "PandaSJE-v0-rule.mp4"
-    assert video.read_bytes()[4:8] == b"ftyp"
-    assert show(["PandaSJE-v0", "--agent", "rule", "--seed", "3"]) == 2
-    assert "is there already" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["Panda-v0"], "unknown environment 'Panda-v0': expected one of IiwaGTE-v0"),
-        (["PandaSJE-v0", "--seed", "-1"], "seed -1: expected a whole number from 0"),
-        (["PandaSJE-v0", "--path", "3", "--out", "a.mp4"], "reset option 'path'"),
-        (["PandaGTE-v0", "--out", "nowhere/a.mp4"], "nowhere: no such folder"),
-    ],
-)
-def test_bad_input_is_one_line_and_nothing_is_written(show, arguments, words, capsys, tmp_path):
-    pytest.importorskip("imageio_ffmpeg")
-    assert show(arguments) == 2
-    error = capsys.readouterr().err
-    assert words in error
-    assert error.count("\n") == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_an_unknown_agent_is_bad_usage(show, capsys):
-    with pytest.raises(SystemExit) as left:
-        show(["PandaSJE-v0", "--agent", "clever"])
-    assert left.value.code == 2
-    assert "clever" in capsys.readouterr().err
-
-
-def test_without_an_encoder_one_line_says_what_to_install(show, monkeypatch, capsys, tmp_path):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    assert show(["PandaSJE-v0"]) == 2
-    assert "stiction-envs[video]" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 TRAJECTORIES = ("triangle", "pentagon", "random")
 NAMED = ("none", "gated", "random", "rule")
 EPISODES = 32  # as in tuning/policies/settings.toml
-ENGINES = ("mujoco", "warp")
 GTE_ONLY = ("trajectory", "stiffness")
 ACTIONS = ("dither", "dither+push")
 
@@ -96,11 +95,6 @@ def add_task_options(parser: common.Parser) -> None:
         "rewards (default: 1)",
     )
     parser.add_argument(
-        "--engine",
-        choices=ENGINES,
-        help="what steps the arms; warp: MuJoCo Warp (extra warp) (default: mujoco)",
-    )
-    parser.add_argument(
         "--env",
         nargs="+",
         default=[],
@@ -125,7 +119,7 @@ def read_task(args: argparse.Namespace, **more: object) -> Task:
 
     common.read_arm(args)
     arguments = dict(_named(text) for text in args.env)
-    for name in ("payload", "chain", "friction", "friction_factor", "engine"):
+    for name in ("payload", "chain", "friction", "friction_factor"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.engines.choose import DEFAULT_ENGINE, check_engine
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import unknown
@@ -38,7 +37,6 @@ class Task:
         for name in self.arguments:
             if name not in names:
                 raise unknown(f"argument of the {self.experiment} environment", name, names)
-        check_engine(self.arguments.get("engine", DEFAULT_ENGINE))
 
     @property
     def kind(self) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.engines.base import Array, Bare, Drive, Engine, Refused
-from stiction_envs.experiments.engines.warp import driven
+from stiction_envs.experiments.engines.warp import driven, print_less
 
 if TYPE_CHECKING:
     import warp as wp
@@ -38,8 +38,7 @@ class Newton(Engine):
         """See `Engine.simulate`."""
         import newton
 
-        import stiction_envs.engines.graphs  # noqa: F401 (Warp prints less)
-
+        print_less()
         bare = drive.bare
         if bare.mjcf is None:
             raise StictionError("engine newton reads MJCF: expected a robot's name, a path or text")

@@ -22,10 +22,7 @@ class Copies(Protocol):
 
 
 class Warp(Engine):
-    """MuJoCo Warp as its users run it, all in float32; a step is one captured graph.
-
-    `stiction_envs.engines.warp_batch` is the plant's engine, which sums angles in float64.
-    """
+    """MuJoCo Warp as its users run it, all in float32; a step is one captured graph."""
 
     name: ClassVar = "warp"
     packages: ClassVar = (("mujoco_warp", "mujoco-warp"), ("warp", "warp-lang"))
@@ -35,8 +32,7 @@ class Warp(Engine):
         """See `Engine.simulate`."""
         import mujoco_warp as mjw
 
-        import stiction_envs.engines.graphs  # noqa: F401 (Warp prints less)
-
+        print_less()
         host = silent(copy.copy(drive.bare.model))
         try:
             model = mjw.put_model(host)
@@ -53,6 +49,13 @@ class Warp(Engine):
         yield from driven(drive, lambda: mjw.step(model, state), restore, state)
 
 
+def print_less() -> None:
+    """Let Warp not tell of compiling, on standard output, where commands write their result."""
+    import warp as wp
+
+    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
+
+
 def driven(
     drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Copies
 ) -> Iterator[dict[str, Array]]:
@@ -64,16 +67,18 @@ def driven(
         restore: puts the copies back to their start, at rest, bristles relaxed.
         state: of the copies: ``qfrc_applied``, and the fields that are recorded.
     """
-    from stiction_envs.engines.graphs import captured
+    import warp as wp
 
-    again = captured(step)
+    step()  # which loads its kernels
+    with wp.ScopedCapture() as capture:
+        step()
     restore()
     for time in drive.chunks():
         applied = drive.torque(time).astype(np.float32)
         out: dict[str, list[Array]] = {name: [] for name in drive.record}
         for k in range(len(time)):
             state.qfrc_applied.assign(np.ascontiguousarray(applied[:, k]))
-            again()
+            wp.capture_launch(capture.graph)
             for name, values in out.items():
                 values.append(getattr(state, name).numpy().astype(float))
         yield {"time": time, **{name: np.stack(v, axis=1) for name, v in out.items()}}

@@ -24,7 +24,6 @@ from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, Segment
-from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
@@ -85,7 +84,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
         seed: int = 0,
         timestep: float | None = None,
         threads: int = 0,
-        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Set the experiment up.
 
@@ -107,7 +105,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
             threads: threads, 0 for all processors.
-            engine: what steps the arms, one of `engines.choose.ENGINES`.
 
         Raises:
             StictionError: anything wrong with the arm, its friction or senses, the start or the
@@ -121,7 +118,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
             scatter=scatter,
             seed=seed,
             threads=threads,
-            engine=engine,
         )
         arm = sticking.arm
         if settings is None:
@@ -256,7 +252,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
                     "controller_model_sha256": None if model is None else _sha256(model.xml),
                     "scatter": self.scatter,
-                    "engine": self.engine,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
                 },

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,6 @@ from stiction_envs.experiments.gte.step import (
     follow_steps,
     is_due,
     look_ahead,
-    note_reference,
     of_arms,
 )
 from stiction_envs.experiments.rig import Rig, minimum_jerk
@@ -44,9 +43,6 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
-
-if TYPE_CHECKING:
-    from stiction_envs.control.device.cycle import DeviceCycle
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -142,7 +138,6 @@ class GTERig(Rig):
         self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
-        self._device = self._device_cycle() if self.plant.has_device else None
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -232,9 +227,6 @@ class GTERig(Rig):
     ) -> None:
         """Follow for some control steps.
 
-        Where the engine has a device, controllers without senses and compensation run there. Then
-        all is noted when the steps are done, from arrays as they were in each.
-
         Args:
             steps: K control steps.
             watch: called in each, before the arms move; it costs speed.
@@ -244,13 +236,10 @@ class GTERig(Rig):
         if sampling is None:
             poses = np.empty((*shape, 3)), np.empty((*shape, 4))
             sampling = Sampling(*poses, steps, np.empty((1, self.nsim, 7)))
-        self._sampling, self._watch = sampling, watch or _nothing
+        self._watch = watch or _nothing
         self._count, self._row = int(self.step.max()), 0
         arrays = self._step_arrays(sampling)
         self._arrays = arrays
-        if self._device is not None and self.senses is None and not self.compensator.active:
-            self._follow_on_device(steps)
-            return
         # what is not compiled is asked in every control step
         python = watch or self.senses or not self.dither.sines or self.controller.filters
         loops = () if python else self.plant.compiled_loops
@@ -259,32 +248,6 @@ class GTERig(Rig):
             return
         parts = [(of_arms(arrays, arms, self._dynamics_of(arms)), loop) for arms, loop in loops]
         self.plant.follow_compiled(partial(self._follow_block, parts), steps)
-
-    def _follow_on_device(self, steps: int) -> None:
-        """Follow on the engine's device, as far as its controller's model is not renewed."""
-        joints = self._watch is not _nothing
-        modelled = joints or self.controller.needs_model or self._model.is_wrong
-        end = self._count + steps
-        while self._count < end:
-            stop = end
-            if modelled:
-                if self._due(self._count)[0]:
-                    self._look_ahead(model=True, goals=False)
-                later = range(self._count + 1, end)
-                stop = next((k for k in later if self._due(k)[0]), end)
-            part = stop - self._count
-            assert self._device is not None
-            self._device.follow(part, self.dither, watch=self._note, joints=joints)
-            self._count = stop
-
-    def _note(self) -> None:
-        """Note what the host's arrays have of a control step that the device has done."""
-        row, given = self._row, self._sampling
-        given.position[row] = self.end_effector.position
-        given.quaternion[row] = self.end_effector.quaternion
-        note_reference(row, given.stride, self.controller.reference_arguments, given.reference)
-        self._watch()
-        self._row = row + 1
 
     def _dynamics_of(self, arms: slice) -> ModelArrays:
         """Return the controller's model of some arms, always the same objects."""
@@ -320,19 +283,6 @@ class GTERig(Rig):
         """Return whether model and goals are looked at in a control step."""
         hold = self._hold_steps
         return is_due(step, hold, self._model_period), is_due(step, hold, self._goal_period)
-
-    def _device_cycle(self) -> DeviceCycle:
-        """Return the controllers of the engine's device, which is an extra."""
-        from stiction_envs.control.device.cycle import DeviceCycle
-
-        return DeviceCycle(
-            *(self.plant, self.end_effector, self.controller, self.sequencer, self._path),
-            goal_period=self._goal_period,
-            step=self.step,
-            dither_torque=self.dither_torque,
-            missing=self._model.missing,
-            applied=self.applied,
-        )
 
     def _law(self) -> Array:
         step, row = self._count, self._row

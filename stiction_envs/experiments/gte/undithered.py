@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
@@ -70,8 +69,7 @@ def undithered(
 
     It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
     over the first `EpisodeSettings.undithered_iterations`; without scatter they are all alike. What
-    is not in the store is computed in one batch; a result does not depend on it. The engine is
-    MuJoCo, whatever episodes run on.
+    is not in the store is computed in one batch; a result does not depend on it.
 
     Raises:
         StictionError: an arm that never comes to the end of the path.
@@ -91,8 +89,7 @@ def undithered(
         if missing:
             iterations = episode_settings().undithered_iterations if is_random else None
             cases = [Case(trajectory=t, stiffness=k, compensation=compensation) for t, k in missing]
-            bench = experiment.replace(engine=DEFAULT_ENGINE)
-            runs = bench.run(cases, iterations=iterations if experiment.scatter else 1)
+            runs = experiment.run(cases, iterations=iterations if experiment.scatter else 1)
             pairs = zip(missing, runs, strict=True)
             store.keep(kind, of, {names[key]: _summary(experiment, run) for key, run in pairs})
             known = store.recall(kind, of)

@@ -61,7 +61,6 @@ class SJEEpisodes(Episodes[Configuration, float]):
     groups = GROUPS
     # one after the other runs a whole block: only the block's arrays have to fit
     arms_per_thread = 256
-    others_wait = True
 
     reward_settings = staticmethod(sje_reward_settings)
 

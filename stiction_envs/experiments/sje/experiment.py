@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from stiction_envs.control.position_servo import PositionServos, put_under_servos, read_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
@@ -68,7 +67,6 @@ class SingleJointExperiment(SJESetup):
         seed: int = 0,
         timestep: float | None = None,
         threads: int = 0,
-        engine: str = DEFAULT_ENGINE,
     ) -> None:
         """Set the experiment up.
 
@@ -85,7 +83,6 @@ class SingleJointExperiment(SJESetup):
             seed: of the scatter.
             timestep: physics step [s]; None for the model's own, or 1 ms.
             threads: threads, 0 for all processors.
-            engine: what steps the arms, one of `engines.choose.ENGINES`.
 
         Raises:
             StictionError: anything wrong with the arm, its friction, its senses, its servos or its
@@ -99,7 +96,6 @@ class SingleJointExperiment(SJESetup):
             scatter=scatter,
             seed=seed,
             threads=threads,
-            engine=engine,
         )
         arm = sticking.arm
         servos = _servos_of(friction, arm.n, drive)
@@ -237,7 +233,6 @@ class SingleJointExperiment(SJESetup):
                     "interface": dataclasses.asdict(self.interface),
                     **self.sensing_record,
                     "scatter": self.scatter,
-                    "engine": self.engine,
                     "iterations": iterations,
                     "jobs": [dataclasses.asdict(job) for job in jobs],
                 },

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from stiction_envs.engines.choose import DEFAULT_ENGINE
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
@@ -31,9 +30,8 @@ def base_torques(
 
     τ_base is what an episode of the environment gives without dither and without scatter: the
     first ramp after the arm was put into its pose. (The thesis's mean over repeats, `stiction
-    sje`, also holds the later ramps, which start from a joint that has slid before.) It is
-    MuJoCo's, whatever engine the episodes run on. What is not in the store is computed in one
-    batch; a result does not depend on the batch.
+    sje`, also holds the later ramps, which start from a joint that has slid before.) What is not
+    in the store is computed in one batch; a result does not depend on the batch.
 
     Raises:
         StictionError: a joint that does not break away without dither.
@@ -42,7 +40,7 @@ def base_torques(
     key = fingerprint(experiment)
     known = store.recall(KIND, key)
     missing = [Job(c) for c, name in names.items() if name not in known]
-    still = experiment.replace(scatter=False, engine=DEFAULT_ENGINE)
+    still = experiment.replace(scatter=False)
     found = {}
     for m in still.run(missing, iterations=1):
         c = m.job.configuration

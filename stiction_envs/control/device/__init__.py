@@ -1,1 +1,0 @@
-"""Controllers on Warp's device, beside the arms that they control (extra ``warp``)."""

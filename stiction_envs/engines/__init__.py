@@ -1,1 +1,0 @@
-"""Engines that step N simulations of one model: MuJoCo itself, and MuJoCo Warp."""
