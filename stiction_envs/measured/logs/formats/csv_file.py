@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
+import math
 import zlib
-from collections.abc import Iterator, Sequence
-from io import BufferedReader
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from operator import itemgetter
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
-from stiction_envs.measured.logs.columns import drives_in, joints_of, sort_columns
+from stiction_envs.measured.logs.columns import Columns, drives_in, joints_of, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     MOST_LINE_BYTES,
@@ -25,14 +29,14 @@ from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, About, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.text import TextRows, decode_header
 
 HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 """Columns of robots' own logs; any other CSV has ours. `registry.register` adds more."""
 
-_BLOCK = 2**22
-"""Bytes read at once; assumed."""
-_BROKEN = (EOFError, zlib.error, gzip.BadGzipFile)
+MISSING = ("", "nan", "na", "n/a", "null", "none")
+"""How a cell says that it has no value, in any case of letters."""
+_GZIP = b"\x1f\x8b"
+"""The first bytes of a gzip file."""
 
 
 class CsvFile(LogFormat):
@@ -69,64 +73,32 @@ def _our_names(where: str, naming: Naming) -> list[str]:
 
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
-    time, kind, packed = wanted.time, OUR_COLUMNS, where.lower().endswith(".gz")
-    rows: TextRows | None = None
-    line = 1
-    try:
-        with open(where, "rb") as file:
-            start = file.read(2)
-            file.seek(0)
-            if packed and start and start != b"\x1f\x8b":
-                raise StictionError(
-                    f"{where}: not gzip: expected gzip-compressed CSV, or the name .csv"
-                )
-            if not packed and start == b"\x1f\x8b":
-                raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
-            stream = gzip.GzipFile(fileobj=file) if packed else file
-            for block in _blocks(where, stream):
-                if rows is None:
-                    header, block, line = decode_header(where, block, line, MOST_LINE_BYTES)
-                    if header is None:
-                        continue
-                    kind = known_header(header)
-                    if not kind.has_names:
-                        _check_unnamed(where, wanted.naming)
-                    about = About(where=where, naming=wanted.naming, n_joints=wanted.n_joints)
-                    names = kind.ours(header, about)
-                    columns = sort_columns(
-                        where, names, wanted.n_joints, time=time, drive=wanted.drive
-                    )
-                    rows = TextRows(where, header, columns)
-                line = rows.add(block, line)
-                check_size(where, rows.count, len(rows.columns.numbers))
-    except _BROKEN as error:
-        reason = "ends early" if isinstance(error, EOFError) else "is damaged"
-        raise StictionError(
-            f"{where}: the compressed file {reason} after line {line - 1}: "
-            "expected a whole gzip file"
-        ) from None
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{where}: {reason}: expected a readable log file") from None
-    if rows is None:
+    lines = _lines(where)
+    header = next((h for h in (_header(where, *line) for line in lines) if h), None)
+    if header is None:
         raise StictionError(f"{where}: empty file: expected a header and one second of rows")
-    values, run, lines = rows.take()
-    columns = rows.columns
-    start_column, data = int(time), {}
+    kind = known_header(header)
+    if not kind.has_names:
+        _check_unnamed(where, wanted.naming)
+    names = kind.ours(header, About(where=where, naming=wanted.naming, n_joints=wanted.n_joints))
+    columns = sort_columns(where, names, wanted.n_joints, time=wanted.time, drive=wanted.drive)
+    values, labels, numbers = _numbers(where, lines, header, columns)
+    first, data = int(wanted.time), {}
     for channel, group in columns.channels.items():
-        data[channel] = np.ascontiguousarray(values[:, start_column : start_column + len(group)])
-        start_column += len(group)
-    t = values[:, 0] / kind.per_second if time else np.arange(float(len(values)))
+        data[channel] = np.ascontiguousarray(values[:, first : first + len(group)])
+        first += len(group)
+    t = values[:, 0] / kind.per_second if wanted.time else np.arange(float(len(values)))
+    run = np.cumsum(np.diff(labels, prepend=labels[:1]) != 0)
     if kind.sparse:
         keep = measured_rows(data)
-        t, run, lines = t[keep], run[keep], lines[keep]
+        t, run, numbers = t[keep], run[keep], numbers[keep]
         data = {k: np.ascontiguousarray(x[keep]) for k, x in data.items()}
     log = RawLog(
         source=where,
         t=t,
         data=data,
         run=run,
-        place=lambda i: f"{where}, line {lines[i]}",
+        place=lambda i: f"{where}, line {numbers[i]}",
         ignored=columns.ignored if kind is OUR_COLUMNS else (),
         side=kind.side,
     )
@@ -136,6 +108,114 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
     return log
 
 
+def _lines(where: str) -> Iterator[tuple[int, bytes]]:
+    """Yield the number and the bytes of each line that is not blank.
+
+    Raises:
+        StictionError: the file cannot be read, is too large, damaged, or packed and not named so.
+    """
+    packed, number, total = where.lower().endswith(".gz"), 0, 0
+    try:
+        with open(where, "rb") as file:
+            start = file.read(2)
+            file.seek(0)
+            if packed and start and start != _GZIP:
+                raise StictionError(
+                    f"{where}: not gzip: expected gzip-compressed CSV, or the name .csv"
+                )
+            if not packed and start == _GZIP:
+                raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
+            stream = gzip.GzipFile(fileobj=file) if packed else file
+            while line := stream.readline(MOST_LINE_BYTES + 1):
+                number, total = number + 1, total + len(line)
+                if len(line) > MOST_LINE_BYTES:
+                    raise StictionError(
+                        f"{where}, line {number}: a line of over {MOST_LINE_BYTES} bytes: "
+                        "expected comma-separated text"
+                    )
+                if total > MOST_BYTES:
+                    raise StictionError(
+                        f"{where}: over {MOST_BYTES >> 20} MiB of text: expected a shorter log"
+                    )
+                if line.strip():
+                    yield number, line
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        reason = "ends early" if isinstance(error, EOFError) else "is damaged"
+        raise StictionError(
+            f"{where}: the compressed file {reason} after line {number}: expected a whole gzip file"
+        ) from None
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise StictionError(f"{where}: {reason}: expected a readable log file") from None
+
+
+def _header(where: str, number: int, line: bytes) -> list[str]:
+    """Return the names in the first line; none where it has only a byte order mark.
+
+    A leading ``#`` (as :func:`numpy.savetxt` writes it) does not count.
+    """
+    try:
+        text = line.decode("utf-8-sig").strip()
+    except UnicodeDecodeError as error:
+        raise StictionError(
+            f"{where}, line {number}: byte {error.start} is not UTF-8: expected CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        raise StictionError(
+            f"{where}, line {number}: not text: expected comma-separated text in UTF-8"
+        )
+    try:
+        names = next(csv.reader([text.removeprefix("#")]), [])
+    except csv.Error:
+        names = text.split(",")
+    return [name.strip() for name in names]
+
+
+def _numbers(
+    where: str, lines: Iterable[tuple[int, bytes]], header: Sequence[str], columns: Columns
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int32]]:
+    """Return the used columns (T, k), a number for each row's label of its run, and its line.
+
+    Raises:
+        StictionError: a row with too few or too many values, or a value that is no number.
+    """
+    used = [c for c in columns.numbers if c >= 0]
+    pick, width = itemgetter(*used), len(header)
+    values, labels, numbers = array("d"), array("q"), array("i")
+    codes: dict[bytes, int] = {}
+    for number, line in lines:
+        cells = line.replace(b'"', b"").split(b",")
+        if len(cells) != width:
+            raise StictionError(
+                f"{where}, line {number}: {len(cells)} values: "
+                f"expected one for each of the {width} columns"
+            )
+        try:
+            # float takes Python's own 1_000, which is no number anywhere else
+            row = None if b"_" in line else [*map(float, pick(cells))]
+        except ValueError:
+            row = None
+        values.extend(row or [_number(where, number, header[c], cells[c]) for c in used])
+        numbers.append(number)
+        label = b"" if columns.run is None else cells[columns.run].strip()
+        labels.append(codes.setdefault(label, len(codes)))
+        check_size(where, len(numbers), len(used))
+    table = np.array(values).reshape(-1, len(used))
+    return table, np.array(labels, np.int64), np.array(numbers, np.int32)
+
+
+def _number(where: str, line: int, column: str, cell: bytes) -> float:
+    raw = cell.strip()
+    try:
+        return float("?" if b"_" in raw else raw.decode("ascii"))
+    except ValueError:
+        shown = raw.decode("utf-8", "replace")
+    if shown.lower() in MISSING:
+        return math.nan
+    short = shown if len(shown) < 40 else shown[:37] + "..."
+    raise StictionError(f"{where}, line {line}: {column} is {short!r}: expected numbers")
+
+
 def _check_unnamed(where: str, naming: Naming) -> None:
     """Refuse names for a log whose joints have numbers."""
     for option, given in (("joints", naming.joints), ("topic", naming.topic)):
@@ -143,41 +223,3 @@ def _check_unnamed(where: str, naming: Naming) -> None:
             raise StictionError(
                 f"{option}: the joints of {where} have numbers: expected a log with names"
             )
-
-
-def _blocks(where: str, stream: gzip.GzipFile | BufferedReader) -> Iterator[bytes]:
-    """Whole lines in blocks of some megabytes; the last line gets an end if it has none.
-
-    Lines before a damage of the file come first, so that the error can name the place.
-    """
-    rest, total, broken = bytearray(), 0, None
-    while True:
-        try:
-            chunk = stream.read1(_BLOCK)
-        except _BROKEN as error:
-            broken = error
-            break
-        if not chunk:
-            break
-        total += len(chunk)
-        if total > MOST_BYTES:
-            raise StictionError(
-                f"{where}: over {MOST_BYTES >> 20} MiB of text: expected a shorter log"
-            )
-        line_start = rest.rfind(b"\n") + 1
-        rest += chunk
-        if len(rest) - line_start > MOST_LINE_BYTES and rest.find(b"\n", line_start) < 0:
-            raise StictionError(
-                f"{where}: a line of over {MOST_LINE_BYTES} bytes: expected comma-separated text"
-            )
-        if len(rest) > _BLOCK:
-            end = rest.rfind(b"\n") + 1
-            yield bytes(rest[:end])
-            del rest[:end]
-    if broken is None and rest and not rest.endswith(b"\n"):
-        rest += b"\n"
-    end = rest.rfind(b"\n") + 1
-    if end:
-        yield bytes(rest[:end])
-    if broken is not None:
-        raise broken
