@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
+from benchmarks.thesis.line_fit import Line, lines_of
 from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
 from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation.least_squares import Line, lines_of
 from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.plant import CONTROL_DT, Plant

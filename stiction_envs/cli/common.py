@@ -317,7 +317,7 @@ NOT_RECORDED = {
     *("command", "run", "show", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
     # no result depends on them
-    *("out", "force", "json", "threads", "slots", "video", "rrd", "mcap"),
+    *("out", "force", "json", "threads", "slots", "video", "rrd"),
 }
 
 

@@ -13,11 +13,11 @@ from stiction_envs.reporting.json_text import JsonRecord
 
 Given = dict[str, Any]
 """Options by their names, as the parser checked them."""
-NEWER = ("drive", "units", "calibration", "servo_stiffness", "servo_damping", "same_servo")
-"""Options that are in the run's identity only where they are given."""
-
-VIEWERS = ("rrd", "mcap")
-"""Options of files for viewers."""
+SHARED = (
+    *("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed", "drive", "units"),
+    *("calibration", "servo_stiffness", "servo_damping", "same_servo"),
+)
+"""Options that are arguments of a diagnosis and of a rehearsal, by the same names."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -88,12 +88,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="known inclination of the base: about the world's x, then its y [rad]",
     )
     parser.add_argument(
-        "--method",
-        choices=("auto", "lsm"),
-        default="auto",
-        help="lsm adds the thesis's least squares (equation 3.1) beside the tool's result",
-    )
-    parser.add_argument(
         "--rehearse",
         action="store_true",
         help="instead: hide each cause at three sizes in the motion and noise of the logs, and say "
@@ -112,41 +106,21 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="also measured and simulated over time, the causes and the arm in 3-D, for Rerun's "
         "viewer (needs the extra rerun)",
     )
-    parser.add_argument(
-        "--mcap",
-        type=Path,
-        metavar="FILE.mcap",
-        help="also the same series as messages of ROS 2, for Foxglove and PlotJuggler (needs the "
-        "extra ros)",
-    )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
-    newer: Given = {name: getattr(args, name) for name in NEWER}
-    inputs = common.calibration_input(args)
-    for name, value in newer.items():
-        if not value:  # digests are those of versions without the option
-            delattr(args, name)
     if args.rehearse:
-        return _rehearse(args, newer, inputs)
+        return _rehearse(args)
     if args.rehearse_causes:
         raise StictionError("--rehearse-causes: expected --rehearse too")
-    # so that digests are those of versions without rehearsals
-    del args.rehearse, args.rehearse_causes
-    from stiction_envs.gap.diagnose import default_nominal, diagnose
+    from stiction_envs.gap.diagnose import diagnose
     from stiction_envs.gap.stages import Stages
-    from stiction_envs.gap.viewers.files import write_viewer_file
-    from stiction_envs.robots.registry import robot_files
 
-    inputs |= common.log_inputs("log", [*args.logs, *args.poses])
-    inputs |= common.log_inputs("check", args.check)
-    if args.nominal is None:
-        args.nominal = default_nominal(args.logs)
-    inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
+    inputs = _inputs(args)
     folder = common.output_folder(args, common.arm_name(args), inputs)
-    viewer_files = _viewer_files(args, folder.path)
+    _check_rrd(args, folder.path)
     with Progress() as progress:
         say = Stages(progress.whole, without=() if args.check else ("check",))
         # an error up to here is one of the data: bad input
@@ -156,86 +130,72 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             **_about_the_logs(args),
             poses=args.poses,
             check=args.check,
-            method=args.method,
-            **newer,
             threads=args.threads,
             progress=say,
         )
         with common.working(), folder:
             result.write(folder.path, progress=say)
-            for path in viewer_files.values():
-                write_viewer_file(result.series(), path)
+            if args.rrd is not None:
+                result.write_rrd(args.rrd, force=args.force)
     return {
         "command": "diagnose",
         "out": str(folder.path),
         "summary": result.summary,
-        **{name: str(path) for name, path in viewer_files.items()},
+        **({} if args.rrd is None else {"rrd": str(args.rrd)}),
         **result.to_json(),
     }
 
 
-def _viewer_files(args: argparse.Namespace, folder: Path) -> dict[str, Path]:
-    """Return the files for viewers by their option, without a dash.
-
-    Raises:
-        StictionError: one that cannot be written, or of torque tables.
-    """
-    from stiction_envs.gap.viewers.files import check_viewer_file
+def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
+    """Raise if the recording cannot be written, before any work."""
     from stiction_envs.measured.kinds import TABLE, file_kind
 
-    asked = {name: getattr(args, name) for name in VIEWERS if getattr(args, name) is not None}
-    for name, path in asked.items():
-        for table in (x for x in args.logs if file_kind(x) == TABLE):
-            raise StictionError(f"--{name}: {table} is a torque table: expected logs")
-        check_viewer_file(path, f".{name}", force=args.force, made=folder)
-    return asked
+    if args.rrd is None:
+        return
+    from stiction_envs.gap.report.rerun_file import check_rrd
+
+    for table in (x for x in args.logs if file_kind(x) == TABLE):
+        raise StictionError(f"--rrd: {table} is a torque table: expected logs")
+    check_rrd(args.rrd, force=args.force, made=folder)
+
+
+def _inputs(args: argparse.Namespace) -> dict[str, Path]:
+    """Return the files on which the run depends; set the nominal model where none is given."""
+    from stiction_envs.gap.diagnose import default_nominal
+    from stiction_envs.robots.registry import robot_files
+
+    logs = common.log_inputs("log", [*args.logs, *args.poses])
+    logs |= common.log_inputs("check", args.check)
+    if args.nominal is None:
+        args.nominal = default_nominal(args.logs)
+    files = {**robot_files(args.robot), "nominal": Path(args.nominal)}
+    return common.calibration_input(args) | logs | files
 
 
 def _about_the_logs(args: argparse.Namespace) -> Given:
     """Return the arguments that a diagnosis and a rehearsal share."""
-    same = ("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed")
-    return {name: getattr(args, name) for name in same} | {"cutoff_hz": args.cutoff}
+    return {name: getattr(args, name) for name in SHARED} | {"cutoff_hz": args.cutoff}
 
 
-def _rehearse(args: argparse.Namespace, newer: Given, inputs: dict[str, Path]) -> dict[str, object]:
+def _rehearse(args: argparse.Namespace) -> dict[str, object]:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
-
-    Args:
-        args: of the command.
-        newer: options of `NEWER`.
-        inputs: the calibration file, where one is given.
 
     Raises:
         StictionError: an option that a rehearsal does not take.
     """
-    from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.hidden.rehearsal.rehearse import plan
     from stiction_envs.hidden.rehearsal.runs import RUNS
-    from stiction_envs.robots.registry import robot_files
 
-    for option, given in (
-        ("--check", args.check),
-        ("--poses", args.poses),
-        ("--method lsm", args.method != "auto"),
-        *((f"--{name}", getattr(args, name) is not None) for name in VIEWERS),
-    ):
-        if given:
-            raise StictionError(f"{option}: cannot be used with --rehearse")
-    inputs |= common.log_inputs("log", args.logs)
-    if args.rehearse_causes is None:
-        del args.rehearse_causes
-    causes = getattr(args, "rehearse_causes", None)
-    if args.nominal is None:
-        args.nominal = default_nominal(args.logs)
-    inputs |= {**robot_files(args.robot), "nominal": Path(args.nominal)}
-    folder = common.output_folder(args, common.arm_name(args), inputs, resumable=True)
+    for option in ("check", "poses", "rrd"):
+        if getattr(args, option):
+            raise StictionError(f"--{option}: cannot be used with --rehearse")
+    folder = common.output_folder(args, common.arm_name(args), _inputs(args), resumable=True)
     with Progress() as progress:
         planned = plan(
             args.logs,
             args.robot,
             **_about_the_logs(args),
-            **newer,
-            causes=causes,
+            causes=args.rehearse_causes,
             progress=progress.whole,
         )
         with common.working(), folder:
@@ -255,5 +215,5 @@ def show(result: JsonRecord) -> str:
     from stiction_envs.gap.report.result import describe
 
     text = describe(result["verdict"], result["summary"], result["causes"])
-    also = "".join(f"\nwritten: {result[name]}" for name in VIEWERS if name in result)
+    also = f"\nwritten: {result['rrd']}" if "rrd" in result else ""
     return f"{text}\nwritten to {result['out']}: report.html{also}"

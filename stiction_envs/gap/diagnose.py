@@ -44,9 +44,6 @@ from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
-METHODS = ("auto", "lsm")
-"""The tool's result, or also the thesis's least squares (equation 3.1)."""
-
 
 def diagnose(
     data: Log | Sequence[Log],
@@ -68,7 +65,6 @@ def diagnose(
     tilt: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
     cutoff_hz: float | None = None,
-    method: str = "auto",
     seed: int = 0,
     threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
@@ -107,7 +103,6 @@ def diagnose(
         tilt: known roll and pitch of the base [rad]; None as for ``payload``.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
         cutoff_hz: bandwidth of a log's zero-phase filter; None chooses it from the data.
-        method: "lsm" adds the thesis's least squares to a log's result.
         seed: of the bootstrap.
         threads: threads, 0 for all processors.
         progress: called with a stage and the part of it that is done.
@@ -125,8 +120,6 @@ def diagnose(
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
     torque_side(torque, ())  # report an invalid side first
-    if method not in METHODS:
-        raise unknown("method", method, METHODS)
     naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
     kind = _kind(given, drive, naming)
     options = Options(
@@ -148,7 +141,6 @@ def diagnose(
         tilt=tilt,
         chain=chain,
         cutoff_hz=cutoff_hz,
-        method=method,
         seed=seed,
         threads=threads,
         progress=progress,
@@ -256,7 +248,6 @@ def _diagnose_joint_logs(
     return LogDiagnosis(
         diagnosis=found,
         torque=side,
-        with_lines=options.method == "lsm",
         check=None if to_check is None else check_model(found, *to_check),
         **identity,
     )

@@ -76,7 +76,6 @@ class Options:
     tilt: Sequence[float] | None
     chain: Sequence[str] | None
     cutoff_hz: float | None
-    method: str
     seed: int
     threads: int
     progress: Callable[[str, float], None] | None
@@ -100,7 +99,6 @@ class Options:
         """Return by name which options of logs with torque are used, but for its side."""
         return {
             "poses": bool(self.poses),
-            "method": self.method != "auto",
             "cutoff": self.cutoff_hz is not None,
         }
 
@@ -121,7 +119,7 @@ class Options:
             settings: all constants of the method.
         """
         sources = log_sources([*self.given, *self.poses]) | log_sources(self.check, "check")
-        arguments = self._arguments(arm, side) | sources.in_memory | self._newer(settings)
+        arguments = self._arguments(arm, side, settings) | sources.in_memory
         inputs = sources.files | self._files()
         nominal = self.nominal
         return {
@@ -131,36 +129,29 @@ class Options:
             "threads": self.threads,
         }
 
-    def _arguments(self, arm: Arm, side: str) -> dict[str, object]:
-        """Return what changes the result, but for newer options."""
+    def _arguments(self, arm: Arm, side: str, settings: GapSettings) -> dict[str, object]:
+        """Return what changes the result."""
         return {
             "logs": [_name(x) for x in self.given],
             "check": [_name(x) for x in self.check],
             "robot": arm.name if isinstance(self.robot, Arm) else self.robot,
+            "chain": self.chain,
             "torque": side,
-            "joints": list(self.joints),
-            "topic": self.topic,
-            "cutoff": self.cutoff_hz,
-            "poses": list(self.poses),
-            "nominal": self.nominal if isinstance(self.nominal, str | Path) else "parameters",
-            "payload": self.payload,
-            "tilt": self.tilt,
-            "method": self.method,
-        }
-
-    def _newer(self, settings: GapSettings) -> dict[str, object]:
-        """Return those newer options that are used: digests of runs without them stay."""
-        newer = {
             "drive": self.drive,
+            "joints": self.joints,
+            "topic": self.topic,
             "units": self.units,
             "calibration": None if self.calibration is None else str(self.calibration),
-            "servo_stiffness": _listed(self.servo_stiffness),
-            "servo_damping": _listed(self.servo_damping),
-            "same_servo": self.same_servo or None,
-            "chain": _listed(self.chain),
+            "cutoff": self.cutoff_hz,
+            "poses": self.poses,
+            "nominal": self.nominal if isinstance(self.nominal, str | Path) else "parameters",
+            "servo_stiffness": self.servo_stiffness,
+            "servo_damping": self.servo_damping,
+            "same_servo": self.same_servo,
+            "payload": self.payload,
+            "tilt": self.tilt,
             "settings": None if self.settings is None else fingerprint(settings),
         }
-        return {k: v for k, v in newer.items() if v is not None}
 
     def _files(self) -> dict[str, Path]:
         """Return the files besides logs that change the result."""
@@ -179,7 +170,3 @@ def _refuse(used: dict[str, bool], expected: str, why: str = "") -> None:
 
 def _name(log: Log) -> str:
     return log.source if isinstance(log, RobotLog) else str(log)
-
-
-def _listed(values: Sequence[object] | None) -> list[object] | None:
-    return None if values is None else list(values)

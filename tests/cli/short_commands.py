@@ -69,7 +69,7 @@ SLOW = {
     "sje": Command("sje {two.xml} --iterations 1 --no-scatter"),
     "gte": Command("gte panda --trajectory {path.csv} --stiffness 500 30 0 --iterations 1"),
     "calibrate": Command("calibrate {two.xml} {base.csv}", out="out/friction.toml"),
-    "diagnose": Command("diagnose {log.csv} --robot {two.xml} --method lsm"),
+    "diagnose": Command("diagnose {log.csv} --robot {two.xml}"),
     "rehearse": Command(
         "diagnose {log.csv} --robot {two.xml} --rehearse --rehearse-causes coulomb_friction", True
     ),

@@ -92,7 +92,6 @@ def test_goes_on_after_an_interruption(cli, work, call, monkeypatch):
     [
         (("--check", "{log.csv}"), "--check: cannot be used with --rehearse"),
         (("--poses", "{log.csv}"), "--poses: cannot be used with --rehearse"),
-        (("--method", "lsm"), "--method lsm: cannot be used with --rehearse"),
         (("--rehearse-causes", "rust"), "unknown cause 'rust': expected one of coulomb_friction"),
         (("--cutoff", "nan"), "expected"),
     ],

@@ -14,11 +14,10 @@ from stiction_envs.friction.assumed import friction_note
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.report.series import Series, log_series
 from stiction_envs.gap.validation.check import Check, describe
 from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
-from stiction_envs.gap.validation.least_squares import LeastSquares, least_squares
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion, leave_out_motions
-from stiction_envs.gap.viewers.series import Series, log_series
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints, short
 
@@ -33,8 +32,6 @@ class LogDiagnosis(DiagnosisResult):
     """With its signals and fits."""
     torque: str
     """Side of the gear on which it was measured, "motor" or "link"."""
-    with_lines: bool
-    """Whether the thesis's least squares are reported too."""
     check: Check | None = None
     """Test of the model on logs that took no part; None without such logs."""
 
@@ -97,16 +94,9 @@ class LogDiagnosis(DiagnosisResult):
         """Errors on each log under the fit to the others; None for a single one."""
         return leave_out_motions(self.diagnosis)
 
-    @cached_property
-    def lines(self) -> LeastSquares | None:
-        """The thesis's least squares; None if they are not reported."""
-        return least_squares(self.diagnosis.logs, self.diagnosis.base) if self.with_lines else None
-
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``; validates the model forward, which takes some seconds."""
         answer = self.diagnosis.to_json()
-        if self.lines is not None:
-            answer["lsm"] = self.lines.to_json()
         if isinstance(self.forward, ForwardValidation):
             answer["forward"] = self.forward.to_json()
         if self.check is not None:
@@ -131,7 +121,6 @@ class LogDiagnosis(DiagnosisResult):
             forward=self.forward,
             check=self.check,
             left_out=self.left_out_motion,
-            lines=self.lines,
             threads=self.threads,
         )
 

@@ -21,7 +21,6 @@ from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.gap.validation import check as checks
 from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import REPLAY, SECONDS, ForwardValidation
-from stiction_envs.gap.validation.least_squares import LeastSquares
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
 from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.reader import JointLog
@@ -125,7 +124,6 @@ def log_page(
     forward: ForwardValidation | str,
     check: Check | None = None,
     left_out: LeftOutMotion | None = None,
-    lines: LeastSquares | None = None,
     threads: int = 0,
 ) -> dict[str, object]:
     """Draw the pictures of a report of logs into ``plots``; return its template's variables."""
@@ -139,8 +137,6 @@ def log_page(
     if left_out is not None:
         page["left_out_errors"] = _left_out_errors(left_out, d)
         page["left_out_causes"] = _left_out_causes(left_out)
-    if lines is not None:
-        page["squares_lines"], page["squares_rms"] = _lines(lines), _line_residuals(lines, d)
     sections = []
     for c in d.causes:
         by_joint = {"arm" if j == 0 else f"joint {j}": x for j, x in sorted(c.parameters.items())}
@@ -160,7 +156,6 @@ def log_page(
         "check": check,
         "check_worse": checks.WORSE,
         "left_out": left_out,
-        "squares": lines,
         "about_logs": [
             *_about(d.logs),
             *_about(check.logs if check else (), " (check)"),
@@ -280,23 +275,6 @@ def _left_out_causes(left_out: LeftOutMotion) -> str:
         rows.append([c.name, f"joint {c.joint}", many or "none", *cells, verdict])
     header = ["cause", "", "judged on", "error without it [N·m]", "with it [N·m]", "share", ""]
     return table_text(header, rows) if rows else ""
-
-
-def _lines(squares: LeastSquares) -> str:
-    rows = [
-        [
-            f"joint {x.joint} ({x.direction.replace('-', '−')})",
-            *(str(x.rows), short(x.intercept), short(x.slope), short(x.r2)),
-        ]
-        for x in squares.lines
-    ]
-    header = ["joint", "samples", "intercept [N·m]", "slope [N·m·s/rad]", "R²"]
-    return table_text(header, rows)
-
-
-def _line_residuals(squares: LeastSquares, d: Diagnosis) -> str:
-    header = ["its lines leave [N·m]", "the tool leaves [N·m]"]
-    return by_joint(header, squares.rms, d.extended_rms)
 
 
 def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:

@@ -13,12 +13,12 @@ from typing import ClassVar
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.report.series import Series
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.gap.verdict import NamedCause
-from stiction_envs.gap.viewers.series import Series
 from stiction_envs.measured.logs.sources import LogSources
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
 from stiction_envs.reporting.markdown import joints, listed, number, table_text
 from stiction_envs.reporting.provenance import Provenance
@@ -111,13 +111,9 @@ class DiagnosisResult(Result):
     def page(self, plots: Path) -> dict[str, object]:
         """Draw the report's pictures into a folder; return the variables of its template."""
 
-    def series(self) -> Series:
-        """Return what was measured and simulated over time, for viewers.
-
-        Raises:
-            StictionError: of torque tables, which have no time.
-        """
-        raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
+    def series(self) -> Series | None:
+        """Return what was measured and simulated over time; None of torque tables."""
+        return None
 
     def write_rrd(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write a recording for Rerun, of the extra rerun.
@@ -129,17 +125,13 @@ class DiagnosisResult(Result):
         Raises:
             StictionError: the extra is missing, the path is wrong, or torque tables were diagnosed.
         """
-        return self._write_series(Path(path), ".rrd", force)
+        from stiction_envs.gap.report.rerun_file import check_rrd, rrd_bytes
 
-    def write_mcap(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write an MCAP for Foxglove and PlotJuggler, of the extra ros; otherwise `write_rrd`."""
-        return self._write_series(Path(path), ".mcap", force)
-
-    def _write_series(self, path: Path, suffix: str, force: bool) -> Path:
-        from stiction_envs.gap.viewers.files import check_viewer_file, write_viewer_file
-
-        check_viewer_file(path, suffix, force=force)
-        write_viewer_file(self.series(), path)
+        series, path = self.series(), Path(path)
+        if series is None:
+            raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
+        check_rrd(path, force=force)
+        write_bytes_atomic(path, rrd_bytes(series))
         return path
 
     def rows(self) -> list[tuple[str, str]]:
@@ -150,7 +142,7 @@ class DiagnosisResult(Result):
         """Compute what takes long before the report is written; ``say`` is called as progress."""
 
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
-        """Write ``diagnosis.json``, ``model.xml``, ``model.toml``, the report and its pictures.
+        """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs.
 
         Args:
             folder: an existing one.
@@ -167,6 +159,8 @@ class DiagnosisResult(Result):
         title = f"{self.robot} as its {self.data} show it"
         meta = {"title": title, "units": "SI", "verdict": self.verdict}
         write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
+        if (series := self.series()) is not None:
+            write_text_atomic(folder / "series.csv", series.csv())
         (folder / PLOTS).mkdir(exist_ok=True)
         inputs = [
             (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")

@@ -12,10 +12,10 @@ from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.report.series import Series, servo_series
 from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.model import said_of, servo_mjcf, servo_toml
-from stiction_envs.gap.viewers.series import Series, servo_series
 from stiction_envs.reporting.markdown import joints, short
 from stiction_envs.robots import Arm
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.thesis import lsm
+from benchmarks.thesis.line_fit import lines_of
 from benchmarks.thesis.rosdyn import rosdyn
 from stiction_envs.errors import StictionError
 from stiction_envs.hidden import excited_logs as excited
@@ -63,7 +64,7 @@ def test_bands_are_means_of_table_4_3():
 def test_lines_are_those_of_known_data():
     speed = np.linspace(-1, 1, 401)[:, None]
     torque = np.where(speed > 0, 0.5 + 0.2 * speed, -0.3 + 0.1 * speed)
-    plus, minus = lsm.lines_of(speed, torque)
+    plus, minus = lines_of(speed, torque)
     assert (plus.intercept, plus.slope) == (pytest.approx(0.5), pytest.approx(0.2))
     assert (minus.intercept, minus.slope) == (pytest.approx(-0.3), pytest.approx(0.1))
     assert plus.r2 == pytest.approx(1.0)

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.thesis import lsm
 from benchmarks.thesis.catalogue import chosen
 from benchmarks.thesis.items import Found, Written
+from benchmarks.thesis.line_fit import Line
 from benchmarks.thesis.lines import compare_curve
 from benchmarks.thesis.paths import (
     compare_errors,
@@ -218,7 +219,7 @@ def fit(intercepts: float | None = None) -> lsm.LineFit:
         sign = 1 if r["direction"] == "+" else -1
         b = r["intercept_Nm"] if intercepts is None else sign * intercepts * bands[r["joint"] - 1]
         values = {"slope": r["slope_Nms_per_rad"], "r2": r["r2"], "rows": 10}
-        lines.append(lsm.Line(joint=r["joint"], direction=r["direction"], intercept=b, **values))
+        lines.append(Line(joint=r["joint"], direction=r["direction"], intercept=b, **values))
     speed = np.linspace(-1, 1, 100)[:, None].repeat(7, axis=1)
     torque = lsm.friction(speed, bands)
     return lsm.LineFit(robot="panda", speed=speed, torque=torque, lines=tuple(lines), links=None)

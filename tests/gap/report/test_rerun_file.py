@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import re
+import sys
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.report import rerun_file
 from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.rerun_file import body_poses
 from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.viewers import rrd
-from stiction_envs.gap.viewers.links import body_poses
 
 Array = NDArray[np.float64]
 
@@ -92,7 +96,7 @@ def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
     assert end <= d.touching[0][-1][1]
     model = angles.arm.model()
     for name, q in (("measured", d.logs[0].q), ("simulated", d.angles[0])):
-        places, turns = body_poses(angles.arm, q)
+        places, turns = body_poses(model, q)
         # the upper link turns where it stands, so that its quaternion shows the motion
         where = read.values(f"/arm/{name}/upper", "Transform3D:translation")[:, 0]
         np.testing.assert_allclose(where, places[:, model.body("upper").id], atol=1e-6)
@@ -111,7 +115,7 @@ def test_a_capsule_begins_at_the_joint_that_it_leaves(tmp_path: Path, angles: Se
 def test_few_poses_of_a_long_log_are_drawn(
     tmp_path: Path, angles: ServoResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rrd, "POSES", 100)
+    monkeypatch.setattr(rerun_file, "POSES", 100)
     read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
     time = read.time("/angle/joint_1")
     every = int(np.ceil(len(time) / 100))
@@ -120,20 +124,47 @@ def test_few_poses_of_a_long_log_are_drawn(
     assert f"one row of {every}" in text
 
 
-def test_shapes_of_every_kind_are_drawn(tmp_path: Path) -> None:
-    """Those of the arms that come with the package, and a mesh."""
-    look = (1, 2, 3)
-    at = {"link": 1, "place": np.zeros(3), "turn": np.array([1.0, 0, 0, 0]), "size": np.ones(3)}
-    mesh = {"vertices": np.eye(3, dtype=np.float32), "faces": np.array([[0, 1, 2]], np.int32)}
-    names = {}
-    for kind in ("box", "ellipsoid", "cylinder", "capsule", "mesh"):
-        of = mesh if kind == "mesh" else {}
-        drawn = rrd._archetypes(rrd.Shape(kind=kind, **at, **of), look)
-        names[kind] = [type(x).__name__ for x in drawn]
-    assert names == {
-        "box": ["Boxes3D"],
-        "ellipsoid": ["Ellipsoids3D"],
-        "cylinder": ["Cylinders3D"],
-        "capsule": ["Capsules3D"],
-        "mesh": ["Transform3D", "Mesh3D"],
+def test_the_solids_that_mujoco_s_viewer_shows_are_drawn(
+    tmp_path: Path, angles: ServoResult
+) -> None:
+    """Geoms that only collide are not drawn where a link has others."""
+    kinds = {
+        "box": 'type="box" size="1 1 1"',
+        "ball": 'type="sphere" size="0.1"',
+        "ellipsoid": 'type="ellipsoid" size="1 2 3"',
+        "cylinder": 'type="cylinder" size="0.1 1"',
+        "capsule": 'type="capsule" size="0.1 1"',
+        "mesh": 'type="mesh" mesh="m"',
     }
+    seen = "".join(f'<geom {x} contype="0" conaffinity="0"/>' for x in kinds.values())
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody>'
+        f'<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{seen}'
+        '<geom type="box" size="1 1 1"/><geom group="3" size="1"/></body></worldbody></mujoco>'
+    )
+    drawn = [[type(x).__name__ for x in solid] for _, solid in rerun_file._geoms(model, (1, 2, 3))]
+    assert drawn == [
+        *(["Boxes3D"], ["Ellipsoids3D"], ["Ellipsoids3D"], ["Cylinders3D"], ["Capsules3D"]),
+        ["Transform3D", "Mesh3D"],
+    ]
+
+
+def test_what_cannot_be_written_is_refused(
+    tmp_path: Path, torques: LogDiagnosis, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = tmp_path / "there.rrd"
+    there.write_text("old")
+    for path, says in (
+        (tmp_path / "x.csv", "ends in '.csv': expected a path to a .rrd"),
+        (tmp_path / "none" / "x.rrd", "none: expected a folder that is there"),
+        (there, "there.rrd: exists: choose another name, or force"),
+    ):
+        with pytest.raises(StictionError, match=re.escape(says)):
+            torques.write_rrd(path)
+    assert there.read_text() == "old"
+    torques.write_rrd(there, force=True)
+    assert there.read_bytes()[:4] == b"RRF2"
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(StictionError, match=re.escape("pip install 'stiction-envs[rerun]'")):
+        torques.write_rrd(tmp_path / "x.rrd")
+    assert list(tmp_path.iterdir()) == [there]

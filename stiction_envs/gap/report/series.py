@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -58,6 +59,21 @@ class Series:
     def unit(self) -> str:
         """Of what was compared."""
         return "N·m" if self.quantity == "torque" else "rad"
+
+    def csv(self) -> str:
+        """Return ``series.csv``: time, and a column for each signal of each joint."""
+        x = "tau" if self.quantity == "torque" else "q"
+        signals = {"q": self.q, "dq": self.dq, "q_cmd": self.q_cmd, x: self.measured}
+        signals |= {f"{x}_nominal": self.nominal, f"{x}_simulated": self.simulated, **self.causes}
+        columns = {"t": self.time[:, None]} | {k: v for k, v in signals.items() if v is not None}
+        names = [f"{k}{j}" for k in columns if k != "t" for j in range(1, self.arm.n + 1)]
+        if self.contact is not None:
+            columns["contact"] = self.contact[:, None].astype(np.float64)
+            names.append("contact")
+        out = io.StringIO()
+        rows = np.concatenate([*columns.values()], axis=1)
+        np.savetxt(out, rows, "%.9g", ",", header=",".join(["t", *names]), comments="")
+        return out.getvalue()
 
 
 def log_series(d: Diagnosis, text: str) -> Series:

@@ -1,4 +1,4 @@
-"""One diagnosis of each kind of log, for all viewers."""
+"""One diagnosis of each kind of log."""
 
 from __future__ import annotations
 

@@ -1,1 +1,0 @@
-"""Files of a diagnosis over time for other people's viewers: Rerun, Foxglove, PlotJuggler."""

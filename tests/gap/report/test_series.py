@@ -1,0 +1,100 @@
+"""Series for viewers: those of the diagnosis, on one clock, with few enough rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.gap.report import series
+from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.series import PAUSE, common_time
+from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.measured.logs.reader import JointLog, read_logs
+
+
+def _log(*, date: float | None = None) -> JointLog:
+    return JointLog(
+        source="x.csv",
+        t=np.arange(3.0),
+        q=np.zeros((3, 1)),
+        dq=None,
+        tau=np.zeros((3, 1)),
+        date=date,
+    )
+
+
+def _columns(path: Path) -> dict[str, np.ndarray]:
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {name: table[name] for name in table.dtype.names}
+
+
+def test_a_joint_log_s_series_are_measured_torques_models_and_causes(
+    tmp_path: Path, torques: LogDiagnosis
+) -> None:
+    """They are a joint log again."""
+    (tmp_path / "series.csv").write_text(torques.series().csv())
+    read, d = _columns(tmp_path / "series.csv"), torques.diagnosis
+    for j in (1, 2):
+        found = {name: read[f"{name}{j}"] for name in ("tau", "tau_nominal", "tau_simulated")}
+        np.testing.assert_allclose(found["tau"], d.data.tau[:, j - 1], atol=1e-7)
+        np.testing.assert_allclose(found["tau_nominal"], d.data.nominal[:, j - 1], atol=1e-7)
+        # nothing but the cause was fitted here, so it is the whole difference
+        cause = read[f"coulomb_friction{j}"]
+        np.testing.assert_allclose(found["tau_simulated"] - found["tau_nominal"], cause, atol=1e-7)
+        left = np.sqrt(np.mean((found["tau"] - found["tau_simulated"]) ** 2))
+        assert left == pytest.approx(torques.extended_rms[j - 1], rel=0.2)
+    (log,) = read_logs([tmp_path / "series.csv"], 2)
+    np.testing.assert_allclose(log.t, d.data.t, atol=1e-7)
+    np.testing.assert_allclose(log.q, d.data.q, atol=1e-7)
+    np.testing.assert_allclose(log.tau, d.data.tau, atol=1e-7)
+
+
+def test_a_servo_log_s_series_are_commands_angles_and_contact(
+    tmp_path: Path, angles: ServoResult
+) -> None:
+    (tmp_path / "series.csv").write_text(angles.series().csv())
+    read, d = _columns(tmp_path / "series.csv"), angles.diagnosis
+    touches = read["contact"].astype(bool)
+    for j in (1, 2):
+        np.testing.assert_allclose(read[f"q{j}"], d.logs[0].q[:, j - 1], atol=1e-8)
+        np.testing.assert_allclose(read[f"q_cmd{j}"], d.logs[0].q_cmd[:, j - 1], atol=1e-8)
+        free = (read[f"q{j}"] - read[f"q_simulated{j}"])[~touches]
+        assert np.sqrt(np.mean(free**2)) == pytest.approx(d.extended_rms[j - 1], rel=1e-5)
+    begin, end = d.touching[0][0]
+    assert touches[np.searchsorted(read["t"], 0.5 * (begin + end))]
+    assert not touches[np.searchsorted(read["t"], begin) - 1]
+
+
+def test_a_long_log_loses_rows_and_says_so(
+    angles: ServoResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = angles.series()
+    monkeypatch.setattr(series, "ROWS", 400)
+    few = angles.series()
+    every = int(np.ceil(len(whole.time) / 400))
+    assert every > 1
+    assert len(few.time) <= 400
+    np.testing.assert_array_equal(few.measured, whole.measured[::every])
+    assert f"One row of {every} is in this file." in few.text
+    assert "is in this file" not in whole.text
+
+
+def test_logs_without_dates_follow_one_another() -> None:
+    t, log = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), np.array([0, 0, 0, 1, 1, 1])
+    time, date = common_time(t, log, [_log(), _log()])
+    np.testing.assert_allclose(time, [0, 1, 2, 2 + PAUSE, 3 + PAUSE, 4 + PAUSE])
+    assert date == 0.0
+
+
+def test_dates_and_a_clock_that_runs_on_are_kept() -> None:
+    t, log = np.array([0.0, 1.0, 0.0, 1.0]), np.array([0, 0, 1, 1])
+    time, date = common_time(t, log, [_log(date=1000.0), _log(date=1060.0)])
+    np.testing.assert_allclose(time, [0, 1, 60, 61])
+    assert date == 1000.0
+    time, _ = common_time(np.array([0.0, 1.0, 5.0, 6.0]), log, [_log(), _log()])
+    np.testing.assert_allclose(time, [0, 1, 5, 6])
+    # one date alone says nothing
+    _, date = common_time(t, log, [_log(date=1000.0), _log()])
+    assert date == 0.0
