@@ -50,8 +50,6 @@ class BoundsSettings:
     """
     largest_scale: Positive
     """Largest amplitude over the joint's largest base torque [-]."""
-    gate_rad_s: tuple[Positive, Positive]
-    """Slowest and fastest gate speed [rad/s]."""
     offset_scale: Positive
     """Largest offset over the joint's largest base torque [-]."""
     compensation_factor: tuple[NotNegative, NotNegative]
@@ -108,19 +106,8 @@ class SharedSettings:
     """Longest wait for a connection [s]."""
     heartbeat_s: Positive
     """Time between two heartbeats of a running trial [s]."""
-    beats: Positive
-    """The database counts as away after this many missed heartbeats, though no call failed [-].
-
-    A connection may hang and still return normally.
-    """
     grace_s: Positive
     """A trial without a heartbeat for this time belongs to a worker that died [s]."""
-    poll_s: Positive
-    """Time between two checks while other workers run the last trials [s]."""
-    retry_s: Positive
-    """Wait before a database that does not answer is called again [s]."""
-    give_up_s: Positive
-    """A worker ends when the database has not answered for this time [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)

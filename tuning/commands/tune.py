@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 OBJECTIVES = ("sje", "gte", "both")
 FREE = ("waveform", "offset")
-GATES = ("none", "one", "each")
 TREATMENTS = (
     *("dither", "feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer", "observer", "all"),
@@ -30,7 +28,7 @@ PRICES = ("shaking", "power", "torque_rate")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
-    *("search", "gates", "compensation", "without_dither", "treatment", "ask", "tell"),
+    *("search", "compensation", "treatment", "ask", "tell"),
 )
 WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
 """Options of the search that tuning on a real robot has too."""
@@ -104,7 +102,7 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--sampler",
-        choices=(*SAMPLERS, *(p.name for p in entry_points(group="stiction_envs.samplers"))),
+        choices=SAMPLERS,
         help="default: gp for the SJE, cmaes for the GTE",
     )
     group.add_argument(
@@ -129,11 +127,6 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         help=f"search these too: {', '.join(FREE)}",
     )
     group.add_argument(
-        "--gates",
-        choices=GATES,
-        help="search a gate speed: one for all joints, or one for each (objective gte or both)",
-    )
-    group.add_argument(
         "--treatment",
         choices=TREATMENTS,
         help="search this against friction, alone, on paths: dither, a compensation, both "
@@ -146,16 +139,12 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         metavar="KIND",
         help="search a compensation together with dither (objective gte or both)",
     )
-    # as --treatment KIND, but for the limits at rest and on the torque rate
-    group.add_argument(
-        "--without-dither", action="store_true", default=None, help=argparse.SUPPRESS
-    )
     group.add_argument(
         "--bounds",
         type=Path,
         metavar="FILE.toml",
         help="[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
-        "vibration_mm, vibration_at_rest_mm, gate_rad_s",
+        "vibration_mm, vibration_at_rest_mm",
     )
     group.add_argument(
         "--limit",
@@ -254,9 +243,7 @@ def _search(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
         "sampler": args.sampler,
         "pareto": args.pareto,
         "free": None if args.search is None else tuple(args.search),
-        "gates": args.gates,
         "compensation": args.compensation,
-        "without_dither": args.without_dither,
         "treatment": args.treatment,
         "evaluations": args.evaluations,
     }

@@ -38,7 +38,7 @@ from tuning.protocol.measurements import as_data, from_data
 from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
 from tuning.study.record import Outcome, Parameters, Search
-from tuning.study.samplers import sampler
+from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import TuningRun
 from tuning.study.workers import fill
 
@@ -113,12 +113,12 @@ class ThesisTuner:
         1.0.
         """
         n = self.experiment.n
-        cells = {
+        space = {
             "frequency_hz": CategoricalDistribution(self.frequencies),
             "scale": CategoricalDistribution(sorted({1.0, *self.scales})),
         }
         joints = range(1, n + 1)
-        searches = [self._search(f"joint{j}", cells, self.settings.batch) for j in joints]
+        searches = [self._search(f"joint{j}", space, self.settings.batch) for j in joints]
 
         def jobs(k: int, cell: Parameters) -> list[Job]:
             return [
@@ -229,12 +229,14 @@ class ThesisTuner:
 
     def _search(self, name: str, space: dict[str, CategoricalDistribution], batch: int) -> Search:
         """Return the search of a whole grid; each cell occurs once, in an order from the seed."""
+        every = cells(space, 1, self.experiment.seed)
         return Search(
             record=self.run.record(name),
             space=space,
             sampler=sampler("grid", space, seed=self.experiment.seed),
-            evaluations=int(np.prod([len(d.choices) for d in space.values()])),
+            evaluations=len(every),
             batch=batch,
+            first=every,
         )
 
     def _measure(

@@ -1,4 +1,4 @@
-"""Bounds of a search: amplitudes, frequencies and gates of every joint, and what is forbidden.
+"""Bounds of a search: amplitudes and frequencies of every joint, and what is forbidden.
 
 A setting's amplitude is drawn as a share of the largest one *at its frequency*, so that no setting
 passes the limits of torque and torque rate. Forbidden bands (resonances) are a constraint: a
@@ -32,7 +32,7 @@ BELOW_NYQUIST = 0.9
 TRIED = 2000
 """Frequencies checked to find those outside forbidden bands (assumed)."""
 PER_JOINT = ("amplitude_nm", "frequency_hz", "displacement_rad", "forbidden_hz")
-WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm", "gate_rad_s")
+WHOLE_ARM = ("vibration_mm", "vibration_at_rest_mm")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,8 +47,6 @@ class Bounds:
     """(n,) [N·m/s]; inf is no limit."""
     offset_nm: Array
     """(n,) largest offset either way [N·m]."""
-    gate_rad_s: tuple[float, float]
-    """Slowest and fastest gate [rad/s]."""
     forbidden_hz: tuple[tuple[tuple[float, float], ...], ...]
     """Per joint, bands that no setting may lie in [Hz]."""
     displacement_rad: Array
@@ -102,7 +100,6 @@ class Bounds:
             float(low + parameters["amplitude"] * max(high - low, 0.0)),
             parameters.get("waveform", DEFAULT_WAVEFORM),
             float(parameters.get("offset_nm", 0.0)),
-            float(parameters.get("gate_rad_s", 0.0)),
         )
 
     def share(self, row: AmplitudeRow) -> dict[str, float]:
@@ -176,7 +173,6 @@ def bounds_of(
         frequency_hz=np.tile([low, min(high, BELOW_NYQUIST * half)], (n, 1)),
         torque_rate=np.array(experiment.interface.torque_rate),
         offset_nm=s.offset_scale * base,
-        gate_rad_s=s.gate_rad_s,
         forbidden_hz=((),) * n,
         displacement_rad=np.full(n, np.nan),
         vibration_m=(np.nan, np.nan),
@@ -241,13 +237,8 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
             forbidden[j] = _bands(mine["forbidden_hz"], f"{where}forbidden_hz")
     moving, resting = (
         _positive(arm[key], f"{file}: {key}") / 1e3 if key in arm else now
-        for key, now in zip(WHOLE_ARM[:2], bounds.vibration_m, strict=True)
+        for key, now in zip(WHOLE_ARM, bounds.vibration_m, strict=True)
     )
-    gate = bounds.gate_rad_s
-    if "gate_rad_s" in arm:
-        gate = _pair(arm["gate_rad_s"], f"{file}: gate_rad_s")
-        if gate[0] <= 0:
-            raise StictionError(f"{file}: gate_rad_s is {list(gate)}: expected 0 < low < high")
     return dataclasses.replace(
         bounds,
         amplitude_nm=amplitude,
@@ -255,7 +246,6 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
         displacement_rad=displacement,
         forbidden_hz=tuple(forbidden),
         vibration_m=(moving, resting),
-        gate_rad_s=gate,
     )
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from stiction_envs.control.compensation import KINDS
 from stiction_envs.errors import StictionError, unknown
 from tuning.search.bounds import OPTIONS
-from tuning.study.samplers import available
+from tuning.study.samplers import SAMPLERS
 
 OBJECTIVES = ("sje", "gte", "both")
-GATES = ("none", "one", "each")
 COMPENSATIONS = ("none", *KINDS)
 _OBSERVERS = ("lugre_observer", "momentum_observer")
 TREATMENTS: dict[str, tuple[str, ...]] = {
@@ -31,18 +30,14 @@ class Options:
     objective: str = "sje"
     """One of `OBJECTIVES`."""
     sampler: str | None = None
-    """One of `samplers.available`; None: gp for the SJE, cmaes for the GTE."""
+    """One of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
     pareto: str | None = None
     """Second objective, one of `PRICES`; None: one objective. Shaking is a constraint
     unless it is this objective."""
     free: tuple[str, ...] = ()
     """Some of `bounds.OPTIONS`: parameters to search besides amplitude and frequency."""
-    gates: str = "none"
-    """Gates of the GTE, one of `GATES`."""
     compensation: str = "none"
     """Friction compensation of the GTE to search too, one of `COMPENSATIONS`."""
-    without_dither: bool = False
-    """Whether compensation is searched without dither."""
     treatment: str | None = None
     """One of `TREATMENTS`: each of them is searched alone, and they are compared; None: dither,
     and compensation as above."""
@@ -52,37 +47,28 @@ class Options:
     def __post_init__(self) -> None:
         for name, choices in (
             ("objective", OBJECTIVES),
-            ("sampler", (None, *available())),
+            ("sampler", (None, *SAMPLERS)),
             ("pareto", (None, *PRICES)),
-            ("gates", GATES),
             ("compensation", COMPENSATIONS),
             ("treatment", (None, *TREATMENTS)),
         ):
             if getattr(self, name) not in choices:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
         if self.treatment is not None:
-            if self.compensation != "none" or self.without_dither:
+            if self.compensation != "none":
                 raise StictionError("treatment: expected no compensation besides")
             if self.objective != "gte":
                 raise StictionError("treatment: expected objective gte")
-            if self.gates != "none" and "dither" not in TREATMENTS[self.treatment]:
-                raise StictionError("gates: expected dither to be searched")
         if self.compensation != "none" and self.objective == "sje":
             raise StictionError("compensation: expected objective gte or both")
-        if self.without_dither and (self.compensation == "none" or self.objective != "gte"):
-            raise StictionError("without dither: expected objective gte, and a compensation")
         still = self.treatment is not None and "dither" not in TREATMENTS[self.treatment]
-        if self.pareto == "power" and (self.without_dither or still):
+        if self.pareto == "power" and still:
             raise StictionError("pareto power, of the dither: expected dither to be searched")
-        if self.without_dither and self.gates != "none":
-            raise StictionError("gates: expected dither to be searched")
         for name in self.free:
             if name not in OPTIONS:
                 raise unknown("search option", name, OPTIONS)
         if self.evaluations is not None and self.evaluations < 1:
             raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
-        if self.gates != "none" and self.objective == "sje":
-            raise StictionError("gates: expected objective gte or both: in the SJE a joint rests")
         paths = self.objective != "sje"
         if "waveform" in self.free and "cmaes" in (self.sampler, paths and self.sampler_of("gte")):
             raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")

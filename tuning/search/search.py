@@ -45,9 +45,7 @@ def search(
     sampler: str | None = None,
     pareto: str | None = None,
     free: Sequence[str] = (),
-    gates: str = "none",
     compensation: str = "none",
-    without_dither: bool = False,
     treatment: str | None = None,
     evaluations: int | None = None,
     bounds: str | Path | None = None,
@@ -73,12 +71,10 @@ def search(
         robot: name, model file, arm, or an arm with its friction (`load_model`).
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
             "both": the second starts from the table of the first. None: "gte" for a treatment.
-        sampler: one of `samplers.available`; None: gp for the SJE, cmaes for the GTE.
+        sampler: one of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
         pareto: second objective, of `options.PRICES`; None for one objective.
         free: of "waveform" and "offset": what is searched besides amplitude and frequency.
-        gates: of the GTE: "none", "one" gate speed for all joints, or "each" its own.
-        compensation: of the GTE: "none", "feedforward" or "push", searched together with dither.
-        without_dither: whether compensation is searched alone.
+        compensation: of the GTE, one of `options.COMPENSATIONS`: searched together with dither.
         treatment: one of `options.TREATMENTS`: each is searched alone with the same budget and
             under the same limits on vibration and torque rate, and the best on other paths that
             does not shake at rest is recommended.
@@ -110,9 +106,7 @@ def search(
         sampler=sampler,
         pareto=pareto,
         free=tuple(free),
-        gates=gates,
         compensation=compensation,
-        without_dither=without_dither,
         treatment=treatment,
         evaluations=evaluations,
     )

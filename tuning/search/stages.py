@@ -40,7 +40,7 @@ from tuning.search.verify import (
 )
 from tuning.settings import TuningSettings
 from tuning.study.record import Outcome, Parameters, Record, Search, Space
-from tuning.study.samplers import sampler
+from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import TuningRun
 from tuning.study.workers import Evaluate, fill
 
@@ -49,8 +49,8 @@ TUNED = TRAJECTORIES[:1]
 """Paths on which a table is tuned; it is verified on others too."""
 SEARCHED = "search gte"
 """Name of what was searched on paths."""
-BELIEVED = ("feedforward", "push")
-"""Compensations with the gains of the model, to compare with."""
+BELIEVED = ("feedforward", "push", "momentum_observer")
+"""Compensations with the gains of the model, to compare with; the last leaves least error."""
 UNSEEN = 7919
 """Added to the seed of drawn frictions [-]; assumed: larger than the seeds that people use."""
 
@@ -160,8 +160,12 @@ class Stages:
         """Return a search by the sampler of a stage; a grid is one batch of all its cells."""
         s, options = self.search, self.options
         name = options.sampler_of(stage)
+        begin: tuple[Parameters, ...] = () if first is None else (first,)
+        evaluations = options.evaluations or evaluations
         if name == "grid":
-            population = evaluations = s.points ** len(space)
+            begin = cells(space, s.points, seed)
+            population = len(begin)
+            evaluations = min(options.evaluations or population, population)
         return Search(
             record=self.run.record(study, options.objectives, name),
             space=space,
@@ -171,13 +175,12 @@ class Stages:
                 seed=seed,
                 startup=startup,
                 population=population,
-                points=s.points,
                 first=first,
                 step=s.step,
             ),
-            evaluations=options.evaluations or evaluations,
+            evaluations=evaluations,
             batch=population,
-            first=() if first is None else (first,),
+            first=begin,
         )
 
     def _fill(self, stage: str, searches: list[Search], evaluate: Evaluate) -> None:
@@ -255,9 +258,7 @@ class Stages:
     def tracking(self, begin: Table | None, kind: str) -> Treatment:
         """Search a treatment of the whole arm, ``kind`` of `Options.searched`; return the best."""
         s, options = self.search, self.options
-        compensation, still = options.compensation, options.without_dither
-        if kind:
-            compensation, still = ("none", False) if kind == "dither" else (kind, True)
+        still = kind not in ("", "dither")
         name = options.sampler_of("gte")
         places: list[Place] = [(path, k) for path in TUNED for k in thesis_stiffness()]
         objective = TrackingObjective(
@@ -268,8 +269,7 @@ class Stages:
             iterations=s.iterations,
             joints=() if still else range(1, self.sje.n + 1),
             free=() if still else options.free,
-            gates="none" if still else options.gates,
-            compensation=compensation,
+            compensation=kind if still else options.compensation,
             rest_margin=s.rest_margin if kind else None,
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,

@@ -118,7 +118,6 @@ class TrackingObjective:
         iterations: int,
         joints: Sequence[int],
         free: tuple[str, ...] = (),
-        gates: str = "none",
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
@@ -138,7 +137,6 @@ class TrackingObjective:
             free: from `bounds.OPTIONS`, waveform and offset: what else is searched for each joint.
             compensation: kind to search, or "none"; its gains are those of the friction that the
                 controller assumes, times a factor.
-            gates: "none", "one" for one gate speed of all joints, "each" for one per joint.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint, for samplers without constraints.
             pareto: second objective, of `options.PRICES`; None for one objective only.
@@ -150,7 +148,7 @@ class TrackingObjective:
         self.pareto = pareto
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
-        self.joints, self.gates, self.penalty = tuple(joints), gates, penalty
+        self.joints, self.penalty = tuple(joints), penalty
         self.free, self._settings = free, settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
         self._loaded = rest_margin is not None and compensation == "push"
@@ -177,11 +175,6 @@ class TrackingObjective:
         for j in self.joints:
             for name, d in self.bounds.space(j, self.free).items():
                 out[f"{name}_{j}"] = d
-        gate = FloatDistribution(*self.bounds.gate_rad_s, log=True)
-        if self.gates == "one":
-            out["gate_rad_s"] = gate
-        elif self.gates == "each":
-            out |= {f"gate_rad_s_{j}": gate for j in self.joints}
         if self._believed is not None:
             reach = self._settings.compensation_reach
             out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
@@ -220,8 +213,7 @@ class TrackingObjective:
         rows = []
         for j in self.joints:
             mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j, self.free)}
-            gate = parameters.get(f"gate_rad_s_{j}", parameters.get("gate_rad_s", 0.0))
-            rows.append(self.bounds.setting(j, {**mine, "gate_rad_s": gate}))
+            rows.append(self.bounds.setting(j, mine))
         return tuple(rows)
 
     def parameters(self, table: Table) -> Parameters:
@@ -235,10 +227,6 @@ class TrackingObjective:
                 out[f"waveform_{j}"] = row.waveform
             if "offset" in self.free:
                 out[f"offset_nm_{j}"] = row.offset_nm
-            if self.gates == "each":
-                out[f"gate_rad_s_{j}"] = self.bounds.gate_rad_s[1]
-        if self.gates == "one":
-            out["gate_rad_s"] = self.bounds.gate_rad_s[1]
         if self._believed is not None:
             out["compensation"] = float(np.mean(self._settings.compensation_factor))
             out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}

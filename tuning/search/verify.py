@@ -221,4 +221,5 @@ def measured_once(
         first=tuple({"row": k} for k in range(count)),
     )
     fill([one], lambda asked: measure([things[p["row"]] for _, p in asked]), progress)
-    return [dict(t.user_attrs) for t in record.trials]
+    found = {t.params["row"]: dict(t.user_attrs) for t in record.trials}
+    return [found[k] for k in range(count)]

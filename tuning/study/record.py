@@ -28,7 +28,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
-from tuning.settings import SharedSettings, tuning_settings
+from tuning.settings import SharedSettings
 from tuning.study.storage import (
     is_shared,
     only_writer,
@@ -90,14 +90,13 @@ class Record:
                 robot, protocol, version or option.
         """
         self.name = name
-        self.settings = settings or tuning_settings().shared
         self.shared = is_shared(storage)
-        """Whether several machines fill it: `shared.run` is used instead of `run`."""
+        """Whether several machines fill it: `workers.run` is used instead of `run`."""
         self.place = shown(storage)
         """The storage as it may be printed."""
         self.file: Path | None = storage_file(storage)
         """File of the storage, None for a database server."""
-        opened = open_storage(storage, self.settings)
+        opened = open_storage(storage, settings)
         definition = json.dumps([objectives, about], sort_keys=True, default=str)
         fingerprint = hashlib.sha256(definition.encode()).hexdigest()
         try:
@@ -132,16 +131,9 @@ class Record:
 
     @property
     def trials(self) -> list[FrozenTrial]:
-        """Trials whose outcome is known, in the order in which their settings were proposed.
-
-        That is the order of their numbers; but where machines share the study, a trial whose worker
-        died is replaced by the one that tried its setting again, under another number.
-        """
+        """Trials whose outcome is known, in the order of their numbers."""
         with writing(self.place):
-            known = self.study.get_trials(deepcopy=False)
-        again = retried(known)
-        found = [t for t in known if has_outcome(t) and t.number not in again]
-        return sorted(found, key=lambda t: t.system_attrs.get("failed_trial", t.number))
+            return [t for t in self.study.get_trials(deepcopy=False) if has_outcome(t)]
 
     def add(self, trial: FrozenTrial) -> None:
         """Write a finished trial in one transaction.
@@ -178,11 +170,6 @@ def attributes_of(outcome: Outcome) -> Parameters:
     return {**out, UNMEASURED: True} if outcome.values is None else out
 
 
-def retried(trials: Sequence[FrozenTrial]) -> set[int]:
-    """Return the numbers of trials that were queued again, as Optuna notes it in the new ones."""
-    return {n for t in trials for n in t.system_attrs.get("retry_history", ())}
-
-
 @dataclass(frozen=True, kw_only=True)
 class Search:
     """One record, and how to fill it."""
@@ -196,7 +183,7 @@ class Search:
     batch: int = 1
     """Trials proposed together; none of them knows the outcomes of the others."""
     first: tuple[Parameters, ...] = ()
-    """Settings to start with, before the sampler's."""
+    """Settings that are known beforehand, tried before the sampler's: a start, or all of a grid."""
 
 
 def run(

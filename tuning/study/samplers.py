@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,8 +19,6 @@ from stiction_envs.errors import StictionError, unknown
 from tuning.study.record import CONSTRAINTS, Parameters, Space
 
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
-GROUP = "stiction_envs.samplers"
-"""Entry points of samplers from other packages."""
 
 
 def fixed(setting: Parameters) -> BaseSampler:
@@ -58,23 +55,14 @@ class NsgaInOrder(optuna.samplers.NSGAIISampler):
         return sorted(super().select_parent(study, generation), key=lambda t: t.number)
 
 
-def available() -> tuple[str, ...]:
-    """Return the names of all samplers: our own, and those of installed packages.
-
-    A package adds one by an entry point of the group `GROUP`: a function of space and seed that
-    returns an Optuna sampler.
-    """
-    return (*SAMPLERS, *(point.name for point in entry_points(group=GROUP)))
-
-
 def installed(name: str) -> str:
     """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``.
 
     Raises:
         StictionError: unknown name, or cmaes without its package.
     """
-    if name not in available():
-        raise unknown("sampler", name, available())
+    if name not in SAMPLERS:
+        raise unknown("sampler", name, SAMPLERS)
     if name == "cmaes" and find_spec("cmaes") is None:
         raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
     return "tpe" if name == "gp" and find_spec("torch") is None else name
@@ -87,19 +75,18 @@ def sampler(
     seed: int,
     startup: int = 0,
     population: int = 1,
-    points: int = 1,
     first: Parameters | None = None,
     step: float = 0.2,
 ) -> Callable[[int], BaseSampler]:
     """Return a function that makes the sampler of a trial from the trial's number.
 
     Args:
-        name: one of `available`; if it is not `installed`, another is used, with a warning.
+        name: one of `SAMPLERS`; if it is not `installed`, another is used, with a warning. A grid's
+            settings are `cells`; beyond them it draws at random.
         space: parameters to search.
         seed: seed of all draws.
         startup: trials drawn at random before a model is fitted (gp, tpe).
         population: trials per generation of cmaes and nsga2.
-        points: values of a grid per parameter; trials beyond its cells start again.
         first: start of cmaes; None for the middle.
         step: initial step size of cmaes, over the range [-].
 
@@ -109,10 +96,6 @@ def sampler(
     used = installed(name)
     if used != name:
         warnings.warn(f"sampler {name} needs PyTorch: {used} is used", stacklevel=2)
-    if used == "grid":
-        # Optuna's own counts finished trials, and gives two machines the same cell
-        cells = _cells(space, points, seed)
-        return lambda number: fixed(cells[number % len(cells)])
 
     def make(seed: int) -> BaseSampler:
         if used == "gp":
@@ -137,11 +120,7 @@ def sampler(
             return NsgaInOrder(
                 seed=seed, population_size=population, constraints_func=constraints_of
             )
-        if used == "random":
-            return optuna.samplers.RandomSampler(seed=seed)
-        (point,) = entry_points(group=GROUP, name=used)
-        made: BaseSampler = point.load()(space, seed)
-        return made
+        return optuna.samplers.RandomSampler(seed=seed)
 
     def numbered(number: int) -> BaseSampler:
         drawn = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
@@ -171,14 +150,14 @@ def grid(space: Space, points: int) -> dict[str, list[float]]:
     return out
 
 
-def _cells(space: Space, points: int, seed: int) -> list[Parameters]:
+def cells(space: Space, points: int, seed: int) -> tuple[Parameters, ...]:
     """Return the cells of a grid in a random order: a part of them represents the whole."""
-    cells = [
+    out = [
         dict(zip(space, values, strict=True))
         for values in itertools.product(*grid(space, points).values())
     ]
-    np.random.default_rng(seed).shuffle(cells)
-    return cells
+    np.random.default_rng(seed).shuffle(out)
+    return tuple(out)
 
 
 def constraints_of(trial: FrozenTrial) -> list[float]:

@@ -21,7 +21,6 @@ from optuna.storages import (
 )
 from optuna.storages.journal import JournalFileBackend
 from optuna.storages.journal._file import BaseJournalFileLock
-from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError, SQLAlchemyError
 
@@ -171,7 +170,7 @@ def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
             engine_kwargs={"pool_pre_ping": True, "connect_args": connect},
             heartbeat_interval=int(settings.heartbeat_s),
             grace_period=int(settings.grace_s),
-            heartbeat_stale_trial_callback=retry,
+            heartbeat_stale_trial_callback=RetryHeartbeatStaleTrialCallback(),
         )
 
 
@@ -179,20 +178,6 @@ def _template(url: URL) -> str:
     """Return a URL with its password; Optuna interprets braces."""
     text = url.render_as_string(hide_password=False)
     return text.replace("{", "{{").replace("}", "}}")
-
-
-def retry(study: optuna.Study, trial: FrozenTrial) -> None:
-    """Queue the setting of a trial whose worker died, without the attributes of half an outcome."""
-    bare = optuna.trial.create_trial(
-        state=TrialState.FAIL,
-        params=trial.params,
-        distributions=trial.distributions,
-        system_attrs=trial.system_attrs,
-    )
-    bare.number = trial.number
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        RetryHeartbeatStaleTrialCallback()(study, bare)
 
 
 def _cannot_open(url: URL, error: BaseException) -> StictionError:

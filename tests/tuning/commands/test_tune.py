@@ -2,6 +2,8 @@
 
 import csv
 import json
+import re
+from pathlib import Path
 
 import pytest
 
@@ -14,6 +16,7 @@ from tuning.protocol import tune as tuner
 from tuning.search import bounds, options
 from tuning.study import samplers
 
+ROOT = Path(__file__).parents[3]
 SEARCH = ["--protocol", "search"]
 ROBOT = [*SEARCH, "--out", "out", "--threads", 1]
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
@@ -102,21 +105,6 @@ def test_a_scale_beyond_its_bounds_is_refused(refused, two):
     assert "scale 7.0: expected above 0 up to 5" in line
 
 
-@pytest.mark.parametrize(
-    ("storage", "message"),
-    [
-        ("postgresql+psycopg://tuner:s3cret@127.0.0.1:1/x", "tuner:***@127.0.0.1:1/x: cannot be"),
-        ("postgresql://tuner:s3@cret@host/x", "more than one @ in the URL"),
-        ("sqlite:////nowhere/x.db", "unable to open database file"),
-        ("study.txt", "expected a URL, or a file that ends in .journal"),
-    ],
-)
-def test_tune_with_a_storage_that_cannot_be_opened(refused, two, storage, message):
-    line = refused("tune", two, *TUNE, "--out", "t", "--storage", storage)
-    assert message in line
-    assert "cret" not in line
-
-
 def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
     monkeypatch.setattr("tuning.study.tuning_run.Record", lambda *_, **__: None)
     monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
@@ -155,11 +143,18 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
 def test_names_written_out_for_help_are_the_packages_own():
     assert tune_command.SAMPLERS == samplers.SAMPLERS
     assert tune_command.OBJECTIVES == options.OBJECTIVES
-    assert tune_command.GATES == options.GATES
     assert tune_command.COMPENSATIONS == options.COMPENSATIONS
     assert set(tune_command.TREATMENTS) == set(options.TREATMENTS)
     assert tune_command.PRICES == options.PRICES
     assert set(tune_command.FREE) == set(bounds.OPTIONS)
+
+
+def test_options_that_contributing_names_exist(cli):
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    text = text[text.index("## A waveform") : text.index("## A friction compensation")]
+    shown = cli("tune", "--help").out
+    (option,) = re.findall(r"a search with\s+`(--\w+) waveform`", text)
+    assert f"{option} WHAT" in shown
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated

@@ -56,7 +56,7 @@ def test_a_file_changes_all_joints_or_one(panda, tmp_path):
         tmp_path / "bounds.toml",
         "[all]\nfrequency_hz = [20, 60]\nforbidden_hz = [[38.0, 42.0]]\n"
         "[joint.7]\namplitude_nm = [0.1, 0.5]\ndisplacement_rad = 3e-4\n"
-        "[arm]\nvibration_mm = 0.1\ngate_rad_s = [0.02, 0.5]\n",
+        "[arm]\nvibration_mm = 0.1\n",
     )
     bounds = bounds_of(panda, file)
     assert np.all(bounds.frequency_hz == [20.0, 60.0])
@@ -65,7 +65,6 @@ def test_a_file_changes_all_joints_or_one(panda, tmp_path):
     assert np.isnan(bounds.displacement_rad[0])
     assert bounds.vibration_m[0] == pytest.approx(1e-4)
     assert np.isnan(bounds.vibration_m[1])
-    assert bounds.gate_rad_s == (0.02, 0.5)
     assert bounds.forbidden(1, 40.0) == pytest.approx(2.0)
     assert bounds.forbidden(1, 37.0) == pytest.approx(-1.0)
 
@@ -96,7 +95,6 @@ def test_bounds_that_are_met_are_named(panda):
         ("[joint.2]\namplitude_nm = [20, 50]\nfrequency_hz = [70, 80]\n", "leave nothing"),
         ("[all]\nforbidden_hz = [[10, 90]]\n", "leaves no frequency"),
         ("[all]\ndisplacement_rad = 0\n", "more than 0"),
-        ("[arm]\ngate_rad_s = [-1, 1]\n", "0 < low"),
     ],
 )
 def test_bad_bounds_are_one_clear_line(panda, tmp_path, text, what):

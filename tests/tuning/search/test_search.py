@@ -118,7 +118,7 @@ def test_two_objectives_make_a_front(small, tmp_path, price):
         ({"objective": "speed"}, "objective"),
         ({"sampler": "annealing"}, "sampler"),
         ({"evaluations": 0}, "1 or more"),
-        ({"gates": "one"}, "gte or both"),
+        ({"compensation": "push"}, "gte or both"),
         ({"sampler": "nsga2"}, "pareto"),
         ({"sampler": "gp", "pareto": "power"}, "two objectives"),
         ({"pareto": "weight"}, "torque_rate"),
@@ -226,7 +226,6 @@ def test_treatments_are_compared_under_the_same_limits(small, tmp_path):
         ({"treatment": "pull"}, "'pull': expected one of dither"),
         ({"treatment": "push", "objective": "sje"}, "expected objective gte"),
         ({"treatment": "push", "compensation": "push"}, "no compensation besides"),
-        ({"treatment": "push", "gates": "one"}, "expected dither to be searched"),
     ],
 )
 def test_treatments_that_cannot_be(options, words):

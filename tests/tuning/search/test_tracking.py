@@ -110,16 +110,6 @@ def test_no_compensation_is_none_at_all(make):
     assert full.measures["position_left"] < 0.9
 
 
-def test_gates_reach_the_table(make):
-    one = make(gates="one")
-    table = one.table({**one.parameters(thesis_final_dither()), "gate_rad_s": 0.05})
-    assert [row.gate_rad_s for row in table] == [0.05, 0.05]
-    each = make(gates="each")
-    parameters = each.parameters(thesis_final_dither())
-    table = each.table({**parameters, "gate_rad_s_7": 0.02})
-    assert [row.gate_rad_s for row in table] == [1.0, 0.02]
-
-
 def test_waveform_and_offset_reach_the_table(make):
     free = make(free=("waveform", "offset"))
     parameters = free.parameters(thesis_final_dither())

@@ -8,7 +8,6 @@ import os
 import random
 import sqlite3
 import time
-import warnings
 from pathlib import Path
 
 import optuna
@@ -21,7 +20,7 @@ from tuning.protocol.tune import tune
 from tuning.settings import SharedSettings
 from tuning.study import workers
 from tuning.study.record import Outcome, Record, Search, run
-from tuning.study.samplers import SAMPLERS, sampler
+from tuning.study.samplers import SAMPLERS, cells, sampler
 
 
 @event.listens_for(Engine, "connect")
@@ -43,8 +42,10 @@ STUCK = 0.3
 def search(storage, name, *, evaluations=10, batch=3, seed=0, about=ABOUT, **options):
     """Return a search with a sampler by its name."""
     record = Record(str(storage), f"small-{name}", about=about, **options)
-    make = sampler(name, SPACE, seed=seed, startup=4, population=4, points=4)
+    make = sampler(name, SPACE, seed=seed, startup=4, population=4)
     first = ({"amplitude_nm": 1.0, "frequency_hz": 30.0},) if name in ("gp", "tpe") else ()
+    if name == "grid":
+        first = cells(SPACE, 4, seed)
     return Search(
         record=record, space=SPACE, sampler=make, evaluations=evaluations, batch=batch, first=first
     )
@@ -148,31 +149,24 @@ def run_to_its_end(begin, folder):
 
 # ---- shared by machines --------------------------------------------------------------------------
 
-IMPATIENT = SharedSettings(
-    connect_s=3.0, heartbeat_s=1.0, beats=2.5, grace_s=4.0, poll_s=0.2, retry_s=0.3, give_up_s=60.0
-)
+IMPATIENT = SharedSettings(connect_s=3.0, heartbeat_s=1.0, grace_s=4.0)
 
 
-def work(storage, log, *, names=("random",), evaluations=24, batch=1, pause=0.5):
+def work(storage, log, *, names=("random",), evaluations=24, pause=0.5):
     """Work as one of several machines; every evaluated setting is a line in ``log``."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    options = {"evaluations": evaluations, "batch": batch, "settings": IMPATIENT}
+    options = {"evaluations": evaluations, "settings": IMPATIENT}
     searches = [search(storage, name, **options) for name in names]
     me = os.getpid()
 
     def slowly(wanted):
-        for k, params in wanted:
-            note(log, "begin", me, time.time(), names[k], *params.values())
+        ((k, params),) = wanted
+        note(log, "begin", me, time.time(), names[k], *params.values())
         time.sleep(pause)
-        for k, params in wanted:
-            note(log, "end", me, time.time(), names[k], *params.values())
+        note(log, "end", me, time.time(), names[k], *params.values())
         return evaluate(wanted)
 
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        workers.run(searches, slowly)
-    for w in said:
-        note(log, "said", me, time.time(), str(w.message))
+    workers.run(searches, slowly)
 
 
 def note(log, *what):
@@ -190,5 +184,5 @@ def tune_small(model, storage, out):
         protocol=protocol,
         frequencies=(40.0, 15.0),
         storage=storage,
-        settings={"shared.poll_s": 0.2, "thesis.batch": 2},
+        settings={"thesis.batch": 2},
     )
