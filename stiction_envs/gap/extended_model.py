@@ -23,7 +23,7 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
-from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION
+from stiction_envs.gap.causes.draft import LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
@@ -248,14 +248,15 @@ def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> 
     """Return the friction half-way through the logs at their mean load, as MJCF represents it."""
     clipped = np.clip(level, friction.load_low, friction.load_high)
     stiction = friction.stiction + (friction.load_coefficient * clipped)[:, None]
-    late = np.exp(-1 / (2 * LATE))  # half-way
-    drifting = np.isclose(draft.warm[:, 1], friction.warm_up_time) & (draft.warm[:, 0] != 0)
-    factor = np.where(drifting, 1.0 + draft.warm[:, 0] * late, 1.0)
+    cold = np.exp(-draft.duration / (2 * friction.warm_up_time))  # half-way
+    warm_up = 1.0 + friction.warm_up_friction * cold
     ripple = friction.ripple_amplitude > 0  # a ripple of no amplitude has no periods in MJCF
     return friction.replace(
         ripple_periods=np.where(ripple, friction.ripple_periods, 0.0),
         ripple_phase=np.where(ripple, friction.ripple_phase, 0.0),
-        stiction=np.maximum(stiction * factor[:, None], LEAST_FRICTION),
+        stiction=np.maximum(stiction * warm_up[:, None], LEAST_FRICTION),
+        viscous=friction.viscous * (1.0 + friction.warm_up_viscous * cold)[:, None],
         load_coefficient=np.zeros_like(level),
         warm_up_friction=np.zeros_like(level),
+        warm_up_viscous=np.zeros_like(level),
     )

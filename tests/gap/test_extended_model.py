@@ -8,11 +8,14 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.model import STICTION
+from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
+from stiction_envs.gap.signals.dataset import assemble
+from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
@@ -202,12 +205,99 @@ def test_drift_starts_at_its_level_with_its_slope(data):
     assert slope == pytest.approx(0.01)
 
 
-def test_second_ripple_and_negative_rotor_are_left_out(data):
-    two = part("position_dependent_friction", 0.05, 0.0, shape=(33.0,))
-    parts = (two, PARTS["position_dependent_friction"], part("link_inertia", -0.2))
-    made = extend(data, Nominal(robot="panda", parts=parts))
-    assert made.friction.ripple_periods[3] == 20.0
-    assert len(made.missing) == 2
+def test_negative_rotor_is_left_out(data):
+    made = extend(data, Nominal(robot="panda", parts=(part("link_inertia", -0.2),)))
+    assert len(made.missing) == 1
+
+
+def sticky(**quantities: float) -> FrictionParameters:
+    """The Panda's friction without elastic gears and load, some quantities of joint 4 set."""
+    friction = load_friction("panda")
+    values = {name: getattr(friction, name).copy() for name in quantities}
+    for name, x in quantities.items():
+        values[name][3] = x
+    rigid = {"joint_stiffness": np.full(7, np.inf), "load_coefficient": np.zeros(7)}
+    return friction.replace(**rigid, **values)
+
+
+def ripples(*parts: Part) -> Nominal:
+    """A nominal friction whose joint 4 has 12 ripples a turn, and parts."""
+    friction = sticky(ripple_amplitude=0.3, ripple_periods=12.0, ripple_phase=0.4)
+    return Nominal(robot="panda", friction=friction, parts=parts)
+
+
+def judged_by(nominal: Nominal):
+    """A log against the nominal friction, without the parts."""
+    arm = panda()
+    return assemble(arm, prepare([hidden(arm)]), friction=nominal.friction)
+
+
+@pytest.mark.parametrize("periods", [12.0, 33.0])
+def test_a_found_ripple_is_added_to_that_of_the_nominal_friction(periods):
+    """Also where the nominal friction, or an earlier diagnosis, has one already."""
+    own = part("position_dependent_friction", 0.2, 0.1, shape=(periods,))
+    nominal = ripples(own)
+    data = judged_by(nominal)
+    made = extend(data, nominal)
+    assert made.missing == ()
+    assert not made.left_out.any()
+    assert bool(made.friction_missing) == (periods == 33.0)
+    model = mujoco.MjModel.from_xml_string(made.xml)
+    work = mujoco.MjData(model)
+    for k in rows_of(data):
+        q = data.q[k, 3]
+        work.qpos[:], work.qvel[:] = data.q[k], 0.0
+        mujoco.mj_forward(model, work)
+        found = 0.2 * np.sin(periods * q) + 0.1 * np.cos(periods * q)
+        offset = nominal.friction.offset[3]
+        want = 0.3 * np.sin(12.0 * q + 0.4) - found - offset
+        assert work.qfrc_actuator[3] == pytest.approx(want, abs=1e-9)
+
+
+def test_the_nominal_torque_has_the_friction_s_ripple_and_warm_up():
+    """As the plant simulates both, and the model file writes both."""
+    with_both = sticky(
+        ripple_amplitude=0.3, ripple_periods=12.0, ripple_phase=0.4,
+        warm_up_friction=0.5, warm_up_viscous=0.2, warm_up_time=20.0,
+    )  # fmt: skip
+    plain = judged_by(Nominal(robot="panda", friction=sticky()))
+    both = judged_by(Nominal(robot="panda", friction=with_both))
+    added = (both.nominal - plain.nominal)[:, 3]
+    cold = np.exp(-plain.recording.since_session / 20.0)
+    dry = plain.direction(3) * (plain.friction.level[3])
+    fast = np.abs(plain.dq[:, 3]) > 0.3  # friction is at its level in motion
+    want = -0.3 * np.sin(12.0 * plain.q[:, 3] + 0.4) + cold * (
+        0.5 * dry + 0.2 * with_both.viscous[3].mean() * plain.dq[:, 3]
+    )
+    assert np.abs(want[fast]).max() > 0.3
+    np.testing.assert_allclose(added[fast], want[fast], atol=0.03)
+
+
+def test_mjcf_has_the_nominal_warm_up_half_way_through_the_logs():
+    friction = sticky(warm_up_friction=0.5, warm_up_viscous=0.2, warm_up_time=20.0)
+    data = judged_by(Nominal(robot="panda", friction=friction))
+    half = np.exp(-0.5 * np.ptp(data.recording.since_session) / 20.0)
+    cold, warm = (
+        mujoco.MjModel.from_xml_string(extend(data, Nominal(robot="panda", friction=f)).xml)
+        for f in (friction, sticky())
+    )
+    name = panda().joint_names[3]
+    levels = [x.actuator(f"{name}_torque").biasprm[STICTION] for x in (cold, warm)]
+    assert levels[0] / levels[1] == pytest.approx(1.0 + 0.5 * half)
+    damping = cold.joint(name).damping[0] / warm.joint(name).damping[0]
+    assert damping == pytest.approx(1.0 + 0.2 * half)
+
+
+def test_a_drift_on_a_nominal_warm_up_is_left_out_whole():
+    nominal = Nominal(
+        robot="panda",
+        friction=sticky(warm_up_friction=0.5, warm_up_time=20.0),
+        parts=(part("warm_up_drift", 0.01),),
+    )
+    data = judged_by(nominal)
+    made = extend(data, nominal)
+    drift = cause_named("warm_up_drift").torque(data, nominal.parts[0])
+    np.testing.assert_array_equal(made.left_out, drift)
 
 
 def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):

@@ -69,8 +69,8 @@ class FrictionState:
 def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
     """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m].
 
-    It is our friction in steady sliding, with the direction of bristles, rotor inertia (seen in
-    front of the gear) and offset.
+    It is our friction in steady sliding, with the direction of bristles, warm-up since the session
+    began, ripple, rotor inertia (seen in front of the gear) and offset.
     """
     state, load, dq = FrictionState.of(friction), recording.gravity, recording.dq
     direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
@@ -84,10 +84,13 @@ def friction_torque(recording: Recording, friction: FrictionParameters) -> Array
     stiction, ratio = of_side(level), of_side(friction.coulomb_ratio)
     stribeck = of_side(friction.stribeck_velocity)
     g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(dq / stribeck)))
+    cold = np.exp(-recording.since_session[:, None] / friction.warm_up_time)
+    angle = friction.ripple_periods * recording.q + friction.ripple_phase
     clipped = np.clip(load, -friction.load_high, friction.load_high)
     return recording.smooth(
-        direction * g
-        + of_side(friction.viscous) * dq
+        direction * (g * (1.0 + friction.warm_up_friction * cold))
+        + of_side(friction.viscous) * (1.0 + friction.warm_up_viscous * cold) * dq
+        - friction.ripple_amplitude * np.sin(angle)
         + (recording.torque == "motor") * friction.rotor_inertia * recording.ddq
         + friction.offset
         + friction.gravity_error * clipped

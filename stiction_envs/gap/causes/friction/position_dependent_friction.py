@@ -101,18 +101,29 @@ class PositionDependentFriction(Cause):
         }
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Take MuJoCo's cogging, of which a joint has one."""
+        """Add to the joint's cogging, or take another motor's where that has other periods."""
         j = part.joint - 1
         if len(part.shape) > 1:
             draft.leave_out(part, "MuJoCo's ripple does not turn with the motion")
-        elif draft.ripple[j, 0] > 0:
-            draft.leave_out(part, "MuJoCo has room for one ripple per joint, a stronger one stands")
-        else:  # MuJoCo's cogging drives the joint; ours is what the motor must overcome
-            v = self.parameters_of(part)
-            draft.ripple[j] = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
+            return
+        v = self.parameters_of(part)
+        # MuJoCo's cogging drives the joint; ours is what the motor must overcome
+        size, periods, angle = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
+        there, its_periods, its_angle = draft.ripple[j]
+        if there == 0:
+            draft.ripple[j] = size, periods, angle
+        elif periods == its_periods:
+            both = there * np.exp(1j * its_angle) + size * np.exp(1j * angle)
+            draft.ripple[j] = abs(both), periods, np.angle(both)
+        else:
+            draft.waves.append((j, size, periods, angle))
+            draft.not_in_tables.append(
+                f"{part.cause} of {part.where}: {periods:g} periods per turn are in model.xml; the "
+                "tables hold one ripple per joint"
+            )
 
     def contribution_order(self, part: Part) -> tuple[int, float]:
-        """Return the strongest first: it is the one that MuJoCo takes."""
+        """Return the strongest first: it is the one that the friction tables take."""
         return 1, -float(np.hypot(part.coefficients[0], part.coefficients[1]))
 
     def why_not_identifiable(self, data: Data, joint: int) -> str:

@@ -97,7 +97,7 @@ class WarmUpDrift(Cause):
     def held(self, draft: ModelDraft, part: Part, data: Data) -> Array | None:
         """Return the level half-way through the logs."""
         j = part.joint - 1
-        if draft.warm[j, 0] == 0:
+        if draft.warm[j, 1] != LATE * draft.duration:
             return None
         return part.coefficients[0] * (draft.duration / 2) * data.smooth(data.direction(j))
 
