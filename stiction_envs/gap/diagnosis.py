@@ -182,7 +182,7 @@ def diagnose_logs(
     read, signals = correct_torques(
         logs,
         arm,
-        partial(prepare, cutoff_hz=cutoff_hz, most_samples=own.recording.most_rows, settings=own),
+        partial(prepare, cutoff_hz=cutoff_hz, settings=own),
         own,
         baseline.torque_sign,
         baseline.torque_lag,

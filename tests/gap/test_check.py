@@ -17,6 +17,7 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.validation import check as module
 from stiction_envs.gap.validation.check import blocks, check_logs, check_model, describe
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.method_settings import override
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, dry, found, hidden, motion, only, panda, write_csv
 from tests.robots.arms import chain
@@ -143,6 +144,16 @@ def test_what_scatters_or_hardly_harms_is_not_named(two, sprung, part, until, na
     assert check.not_transferring == (("external_spring",) if named else ())
 
 
+@pytest.mark.parametrize("changes", [{"least_torque": 1e3}, {"chance": 1e-30}])
+def test_settings_of_the_selection_reach_the_check(two, sprung, changes):
+    own = override(OWN, {f"selection.{k}": x for k, x in changes.items()})
+    recording = replace(sprung.data.recording, settings=own)
+    d = replace(sprung, data=replace(sprung.data, recording=recording))
+    log = partly(two, 0.46)
+    assert held(sprung, log).not_transferring == ("external_spring",)
+    assert held(d, log).not_transferring == ()
+
+
 @pytest.mark.parametrize(("joint", "named"), [(1, ()), (0, ("payload",))])
 def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(tmp_path, joint, named):
     """A payload that one joint does not feel: the load is most of joint 1's torque."""
@@ -185,7 +196,7 @@ def test_blocks_are_of_one_log_and_long_enough(two, friction):
     assert (np.diff(block) >= 0).all()
     least = module.SHORTEST_BLOCK / check.data.dt
     assert np.bincount(block).min() >= np.floor(least)
-    assert len(np.unique(block[log == 1])) == module.BLOCKS
+    assert len(np.unique(block[log == 1])) == OWN.recording.blocks
 
 
 def test_torques_are_inverted_as_the_diagnosed_ones_were(two):

@@ -240,9 +240,9 @@ def _check_errors(check: Check, d: Diagnosis) -> str:
 
 
 def _check_causes(check: Check) -> str:
-    rows = []
+    rows, least = [], check.data.settings.selection.least_torque
     for x in check.transfers:
-        for j in np.flatnonzero(x.torque > checks.LEAST_TORQUE * check.noise):
+        for j in np.flatnonzero(x.torque > least * check.noise):
             harm = "**does not transfer**" if x.fails else "makes it worse"
             cells = [short(v) for v in (x.torque[j], x.without[j], check.extended_rms[j])]
             marked = harm if j + 1 in x.harmed else ""

@@ -153,11 +153,7 @@ def _late(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
     for j in range(log.n):
         integral = lone.held_integral(nodes, log.q_cmd[s, j])
         late = np.arange(steps + 1) * CONTROL_DT - parameters[j, INDEX["delay"]]
-        mean = np.diff(np.interp(late, nodes, integral)) / CONTROL_DT
-        # a command later than the log's first is not known: the first counts
-        early = late[:-1] < nodes[0]
-        mean[early] = log.q_cmd[s.start, j]
-        out[:, j] = mean
+        out[:, j] = np.diff(np.interp(late, nodes, integral)) / CONTROL_DT
     return out
 
 

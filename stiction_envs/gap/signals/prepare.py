@@ -47,8 +47,6 @@ MOST_RATE = 100.0
 hundredth of the filter's period. With a fiftieth, delays and bristles of a real log were lost."""
 LEAST_RATE = 5.0
 """Least number of samples kept per period of the cutoff [-]; assumed."""
-MOST_SAMPLES = 120000
-"""Default number of samples kept of all logs together [-]; assumed, to limit the memory."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -146,7 +144,7 @@ def prepare(
             segment long enough for it.
     """
     own = settings or gap_settings()
-    most_samples = MOST_SAMPLES if most_samples is None else most_samples
+    most_samples = own.recording.most_rows if most_samples is None else most_samples
     if not logs:
         raise StictionError("no log given: expected one or more")
     for log in logs:

@@ -51,18 +51,11 @@ from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-CHANCE = 0.01
-"""Chance that scatter between blocks names a cause as not transferring [-]; assumed, as in
-`selection`."""
-LEAST_TORQUE = 0.5
-"""Least torque of a cause, root mean square, over the noise floor of a joint [-]; assumed."""
 WORSE = 0.05
 """A joint is worse if its error exceeds the nominal one by this part of it [-]; assumed."""
 HARM = 0.1
 """Part of a joint's squared error that a cause must add to it [-]; assumed: 5 % of the error, as
 `WORSE`."""
-BLOCKS = 12
-"""Blocks of time into which each log is cut to see the scatter [-]; assumed."""
 SHORTEST_BLOCK = 0.5
 """Least length of a block [s]; assumed: neighbours share noise and friction state."""
 
@@ -170,8 +163,7 @@ def check_logs(
                 f"{where}: {has} moves more than {span:g} rad in it, {took} in the diagnosed logs: "
                 "expected one or more that move in both"
             )
-    most = settings.recording.most_rows
-    make = partial(prepare, cutoff_hz=cutoff_hz, most_samples=most, settings=settings)
+    make = partial(prepare, cutoff_hz=cutoff_hz, settings=settings)
     return correct_torques(logs, arm, make, settings, known_lag=lag)
 
 
@@ -250,7 +242,8 @@ def _transfers(
     names = list(dict.fromkeys(p.cause for p in new))
     block = blocks(base)
     count, out = int(block.max()) + 1, []
-    limit = float(student.ppf(1 - CHANCE, count - 1)) if count > 1 else np.inf
+    own = base.settings.selection
+    limit = float(student.ppf(1 - own.chance, count - 1)) if count > 1 else np.inf
     for name in names:
         rest = [p for p in new if p.cause != name]
         less = replace(found, parts=(*baseline.parts, *rest)).extend(base).nominal
@@ -262,7 +255,7 @@ def _transfers(
         grown = before - 2 * pe.sum(axis=0) + pp.sum(axis=0)
         harmed = (
             (share + limit * error < 0.5)
-            & (torque > LEAST_TORQUE * base.noise)
+            & (torque > own.least_torque * base.noise)
             & (grown > (1 + HARM) * before)
         )
         cause = cause_named(name)
@@ -289,7 +282,8 @@ def blocks(data: Data) -> NDArray[np.int64]:
     out, first = np.zeros(len(data.t), dtype=np.int64), 0
     for log in np.unique(data.recording.log):
         rows = np.flatnonzero(data.recording.log == log)
-        many = int(np.clip(len(rows) * data.dt / SHORTEST_BLOCK, 1, BLOCKS))
+        most = data.settings.recording.blocks
+        many = int(np.clip(len(rows) * data.dt / SHORTEST_BLOCK, 1, most))
         out[rows] = first + np.arange(len(rows)) * many // len(rows)
         first += many
     return out

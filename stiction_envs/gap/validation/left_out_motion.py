@@ -28,7 +28,7 @@ from stiction_envs.gap.linear.bounded_fit import RIDGE, solve
 from stiction_envs.gap.linear.grams import share_found
 from stiction_envs.gap.linear.model_columns import of_joints
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
-from stiction_envs.gap.validation.check import CHANCE, HARM, LEAST_TORQUE
+from stiction_envs.gap.validation.check import HARM
 
 Array = NDArray[np.float64]
 SINGLE_BLOCK = 0.05
@@ -131,7 +131,7 @@ def leave_out_motions(d: Diagnosis) -> LeftOutMotion | None:
                 _sums(library, d.terms, none, x * own)[1][:, mine].sum(axis=1)
                 for x in (known, d.coefficients)
             )
-            seen = whole > LEAST_TORQUE**2 * count[:, mine].sum(axis=1)
+            seen = whole > d.settings.selection.least_torque**2 * count[:, mine].sum(axis=1)
             judged[i][:, mine] = ((part >= KNOWN**2 * whole) & seen)[:, None]
     titles = [Path(d.logs[k].source).name for k in numbers]
     noise, total = d.data.noise, count.sum(axis=1)
@@ -164,7 +164,8 @@ def _acts_on(d: Diagnosis, name: str) -> list[int]:
     none = np.zeros_like(d.coefficients)
     size = _sums(d.library, d.terms, none, d.coefficients * own)[1].sum(axis=1)
     count = np.array([g.count.sum() for g in d.library.grams.joints])
-    return [int(j) for j in np.flatnonzero(np.sqrt(size / np.maximum(count, 1)) > LEAST_TORQUE)]
+    torque = np.sqrt(size / np.maximum(count, 1))
+    return [int(j) for j in np.flatnonzero(torque > d.settings.selection.least_torque)]
 
 
 def _judged(
@@ -189,7 +190,7 @@ def _judged(
         grown = max(before - 2 * float(pe.sum()) + float(pp.sum()), 0.0)
         without, with_it = (float(np.sqrt(x / count) * noise) for x in (before, grown))
         a, error = (float(x[0]) for x in share_found(pe[:, None], pp[:, None]))
-        room = float(student.ppf(1 - CHANCE, max(len(pe) - 1, 1))) * error
+        room = float(student.ppf(1 - d.settings.selection.chance, max(len(pe) - 1, 1))) * error
         share, verdict = a, UNCLEAR
         if a + room < 0.5 and grown > (1 + HARM) * before:
             verdict = HARMS
@@ -239,7 +240,7 @@ def _fit(d: Diagnosis, terms: Sequence[Candidate], weight: Array) -> tuple[Array
     part = np.minimum(np.einsum("bii->bi", each) / share, 1.0)
     moved = (along - each @ value) / (share * np.maximum(1 - part, SINGLE_BLOCK))
     spread = np.sqrt(np.square(moved).sum(axis=0) * len(some) / max(len(some) - 1, 1))
-    limit = float(student.ppf(1 - CHANCE / 2, max(len(some) - 1, 1)))
+    limit = float(student.ppf(1 - d.settings.selection.chance / 2, max(len(some) - 1, 1)))
     known = informed & (np.abs(value) > limit * spread) & (part.max(axis=0) < 1 - SINGLE_BLOCK)
     unknown = metric @ v[:, ~known]
     held = xx + STIFF * across * (unknown @ unknown.T)

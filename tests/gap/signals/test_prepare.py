@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals import prepare as module
 from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass, prepare
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.method_settings import override
 
 N = 3
 
@@ -271,6 +273,8 @@ def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=20.0, most_samples=4000)
     assert thin.dt == pytest.approx(0.01)
     assert len(only(thin).t) <= 4000
+    own = override(gap_settings(), {"recording.most_rows": 4000})
+    assert prepare([log], cutoff_hz=20.0, settings=own).dt == thin.dt
     assert np.array_equal(only(thin).dq, only(full).dq[::10])
     assert any("every 10th sample, 100 Hz" in note for note in thin.notes)
     chosen = prepare([log], most_samples=1000)
