@@ -1,7 +1,8 @@
 """Draw the README's animation: `python docs/make_animation.py`.
 
 The same push on a joint of the Panda, in real time, without dither and with it: the Single Joint
-Experiment on joint 7 with the dither that `make tune` finds for it. Needs OpenGL (MUJOCO_GL=egl).
+Experiment on joint 7 with the dither that `make tune` finds for it, as `stiction sje --video` shows
+it. Needs OpenGL (MUJOCO_GL=egl).
 """
 
 from itertools import pairwise
@@ -10,11 +11,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from stiction_envs.envs.render.ramp_film import RampFilm
+from stiction_envs.envs.render.sje_frames import sje_video
+from stiction_envs.envs.render.video import FPS
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
-FPS, COLOURS, NEAR = 10.0, 250, 6
+SIZE, COLOURS, NEAR = (600, 675), 250, 6
 OUT = Path(__file__).with_name("push.gif")
 
 
@@ -23,9 +25,10 @@ def main() -> None:
     experiment = SingleJointExperiment("panda", scatter=False)
     where = Configuration(7, "load", "+")
     jobs = [Job(where), Job(where, 15.0, 0.801)]
-    measured = sorted(experiment.run(jobs, iterations=1), key=lambda m: m.job.amplitude_nm)
-    film = RampFilm(experiment, measured, fps=FPS)
-    frames = [Image.fromarray(f) for f in film.frames()]
+    video = sje_video(experiment, list(experiment.run(jobs, iterations=1)))
+    # without dither above, with it below
+    stacked = (np.concatenate(np.hsplit(frame, 2)) for frame in video.frames())
+    frames = [Image.fromarray(f).resize(SIZE, Image.Resampling.LANCZOS) for f in stacked]
     save(frames, OUT)
     seconds = len(frames) / FPS
     print(f"{OUT}: {len(frames)} frames, {seconds:.1f} s, {OUT.stat().st_size / 1e6:.2f} MB")

@@ -13,7 +13,7 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
-    from stiction_envs.envs.render.film import Film
+    from stiction_envs.envs.render.video import Video
     from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load the engine
@@ -206,14 +206,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             progress=lambda seconds: progress.add("gte", seconds, total),
         )
 
-    def make_film() -> Film:
-        from stiction_envs.envs.render.path_film import PathFilm
+    def make_video() -> Video:
+        from stiction_envs.envs.render.gte_frames import gte_video
 
-        return PathFilm(bench, cases)
+        return gte_video(bench, cases)
 
     with common.working(), Progress() as progress, folder:
         result.write(folder.path)
-        filmed, no_video = write_video(video, make_film, progress)
+        filmed, no_video = write_video(video, make_video, progress)
     lost = result.unfinished
     unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
     return {

@@ -12,7 +12,7 @@ from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
-    from stiction_envs.envs.render.film import Film
+    from stiction_envs.envs.render.video import Video
 
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
@@ -125,14 +125,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     if not result.rows:
         raise common.Failed(f"{stuck}: nothing was written")
 
-    def make_film() -> Film:
-        from stiction_envs.envs.render.ramp_film import RampFilm, shown
+    def make_video() -> Video:
+        from stiction_envs.envs.render.sje_frames import sje_video
 
-        return RampFilm(experiment, shown(result.measurements))
+        return sje_video(experiment, result.measurements)
 
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        filmed, no_video = write_video(video, make_film, progress)
+        filmed, no_video = write_video(video, make_video, progress)
     failed = [f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None, no_video]
     return {
         "command": "sje",

@@ -12,7 +12,7 @@ from stiction_envs.errors import StictionError, one_line
 
 if TYPE_CHECKING:
     from stiction_envs.cli.progress import Progress
-    from stiction_envs.envs.render.film import Film
+    from stiction_envs.envs.render.video import Video
     from stiction_envs.reporting.output_folder import OutputFolder
 
 IN_FOLDER = Path("in --out")
@@ -39,7 +39,7 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
     """
     if args.video is None:
         return None
-    from stiction_envs.envs.render.film import check_film
+    from stiction_envs.envs.render.video import check_video
     from stiction_envs.reporting.output_folder import check_file
 
     path: Path = args.video
@@ -49,12 +49,12 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
         check_file(path, ".mp4", force=args.force)
         if not path.parent.is_dir():
             raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
-    check_film()
+    check_video()
     return path
 
 
 def write_video(
-    path: Path | None, make_film: Callable[[], Film], progress: Progress
+    path: Path | None, make: Callable[[], Video], progress: Progress
 ) -> tuple[dict[str, object], str | None]:
     """Write a video after all else has been written.
 
@@ -63,10 +63,8 @@ def write_video(
     """
     if path is None:
         return {}, None
-    from stiction_envs.envs.render.film import write_film
-
     try:
-        write_film(make_film(), path, progress=lambda k, n: progress.set("video", k, n, "frames"))
+        make().write(path, lambda k, n: progress.set("video", k, n, "frames"))
     except (StictionError, OSError) as error:
         return {"video": None}, f"no video: {one_line(error)}; all else is written"
     return {"video": str(path)}, None

@@ -1,9 +1,8 @@
-"""``stiction view``: push the joints of an arm that sticks, in MuJoCo's viewer or a browser."""
+"""``stiction view``: push the joints of an arm that sticks, in MuJoCo's viewer."""
 
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,16 +11,11 @@ from stiction_envs.cli import common
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
-    from stiction_envs.envs.render.push_page import PushPage
-    from stiction_envs.envs.render.push_view import PushView
-    from stiction_envs.envs.render.push_window import PushWindow
     from stiction_envs.friction.model import StickingModel
     from stiction_envs.measured import AmplitudeRow
 
 MOST = 0.5
 """Largest amplitude of an arm without a table, over its torque limit [-]; assumed."""
-PORT = 8080
-"""Default port of the page; assumed, a usual one for local servers."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -30,7 +24,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         subparsers,
         "view",
         summary="Push a joint of an arm that sticks, see it hold, and switch its dither on, in "
-        "MuJoCo's viewer; where there is no display, in a browser (extra `web`).",
+        "MuJoCo's viewer.",
         example="stiction view panda --joint 7",
         interrupted="the window was closed",
         run=run,
@@ -52,15 +46,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="amplitude table (default: the robot's of the thesis, else the one that is shipped, "
         "else one in proportion to the stiction)",
     )
-    parser.add_argument(
-        "--browser",
-        type=common.whole(1),
-        nargs="?",
-        const=PORT,
-        metavar="PORT",
-        help="serve a page at this port of this machine, until Ctrl-C, instead of opening a window "
-        f"(default: {PORT})",
-    )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument(
         "--seed", type=common.whole(0), default=0, metavar="S", help="seed of all that is random"
@@ -68,10 +53,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> dict[str, object]:
-    """Show the window until it is closed, or the page until Ctrl-C."""
+    """Show the window until it is closed."""
     arm = common.read_arm(args)
 
-    from stiction_envs.envs.render.push_view import KEYS, PushView
+    from stiction_envs.envs.render.push_window import KEYS, PushView, PushWindow
     from stiction_envs.experiments.gte.protocol import read_dither
     from stiction_envs.experiments.sje.push import Push
     from stiction_envs.friction.sticking import sticking_model
@@ -81,26 +66,13 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     push = Push(sticking, dither=rows, seed=args.seed)
     push.choose(args.joint)
     shown = PushView(push)
-    face = _face(shown, args.browser)
+    window = PushWindow(shown)
     print(f"keys: {KEYS}", file=sys.stderr)
     try:
-        face.run(lambda line: print(line, file=sys.stderr))
+        window.run(lambda line: print(line, file=sys.stderr))
     finally:
-        face.close()
+        window.close()
     return {"command": "view", "robot": arm.name, "simulated_s": shown.time}
-
-
-def _face(view: PushView, port: int | None) -> PushWindow | PushPage:
-    """Open a window; a page where a port is given, or where there is no display but viser."""
-    from stiction_envs.envs.render.window import has_display
-
-    if port is None and (has_display() or importlib.util.find_spec("viser") is None):
-        from stiction_envs.envs.render.push_window import PushWindow
-
-        return PushWindow(view)  # without a display it says what there is instead
-    from stiction_envs.envs.render.push_page import PushPage
-
-    return PushPage(view, PORT if port is None else port)
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:

@@ -92,7 +92,7 @@ class _Experiment:
     def _make_renderer(self, core: Episodes) -> Renderer:
         if self.renderer is None:
             raise StictionError(f"{type(self).__name__} has no pictures: expected no render_mode")
-        return self.renderer(core)
+        return self.renderer(core.arm)
 
 
 class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
@@ -143,7 +143,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
             return None
         if self._renderer is None:
             self._renderer = self._make_renderer(self.core)
-        return self._renderer.frame(0, self.render_mode)
+        return self._renderer.frame(self.core, 0, self.render_mode)
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -354,7 +354,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         tile, place = self.tiles.locate(i)
         if tile not in self._renderers:
             self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
-        frame = self._renderers[tile].frame(place, mode)
+        frame = self._renderers[tile].frame(self.tiles.cores[tile], place, mode)
         assert frame is not None  # no batch has the mode human
         return frame
 

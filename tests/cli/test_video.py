@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import json
 import sys
-from functools import partial
 
 import pytest
 
-from stiction_envs.envs.render import film as films
-from stiction_envs.envs.render import offscreen, path_film, ramp_film
+from stiction_envs.envs.render import offscreen
+from stiction_envs.envs.render import video as videos
 from stiction_envs.experiments.gte import experiment
 from tests.envs.helpers import sprint
 
@@ -20,23 +19,22 @@ GTE = ["gte", "panda", "--trajectory", "triangle", "--stiffness", 400, 40, 0, "-
 @pytest.fixture(autouse=True)
 def few_frames(monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
-    for module, name in ((ramp_film, "RampFilm"), (path_film, "PathFilm")):
-        monkeypatch.setattr(module, name, partial(getattr(module, name), fps=0.2))
+    monkeypatch.setattr(videos, "LONGEST", 0.2)
     monkeypatch.setattr(experiment, "MotionLimits", sprint)
 
 
 @pytest.fixture
-def film(monkeypatch):
-    """Films without OpenGL: what is asked of the encoder."""
+def written(monkeypatch):
+    """Videos without OpenGL."""
     written = []
 
-    def write_film(what, path, progress=None):
-        written.append(what)
+    def write(video, path, progress):
+        written.append(video)
         path.write_bytes(b"mp4")
         progress(1, 1)
 
-    monkeypatch.setattr(films, "write_film", write_film)
-    monkeypatch.setattr(films, "check_film", lambda: None)
+    monkeypatch.setattr(videos.Video, "write", write)
+    monkeypatch.setattr(videos, "check_video", lambda: None)
     return written
 
 
@@ -44,7 +42,7 @@ def film(monkeypatch):
     "command",
     [pytest.param(SJE, id="sje"), pytest.param(GTE, id="gte", marks=pytest.mark.slow)],
 )
-def test_results_are_the_same_bytes_with_and_without(cli, work, film, dither, command):
+def test_results_are_the_same_bytes_with_and_without(cli, work, written, dither, command):
     command = [*command, "--dither", dither, "--seed", 3]
     assert cli(*command, "--out", "a").code == 0
     ran = cli(*command, "--out", "b", "--video", "--json")
@@ -52,7 +50,7 @@ def test_results_are_the_same_bytes_with_and_without(cli, work, film, dither, co
     name = f"{command[0]}.mp4"
     result = json.loads(ran.out)
     assert result["video"] == f"b/{name}"
-    assert len(film) == 1
+    assert len(written) == 1
     a, b = ({p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab")
     assert b.keys() - a.keys() == {name}
     assert all(a[k] == b[k] for k in a.keys() - {"provenance.json"})
@@ -61,14 +59,7 @@ def test_results_are_the_same_bytes_with_and_without(cli, work, film, dither, co
     assert before["arguments_sha256"] == after["arguments_sha256"]
 
 
-def test_the_film_of_sje_is_of_the_measurement(cli, film, dither):
-    ran = cli(*SJE, "--dither", dither, "--out", "a", "--video", "--json")
-    measured = [row["iterations_tau_nm"][0] for row in json.loads(ran.out)["rows"]]
-    assert [r.tau for r in film[0]._ramps] == measured
-    assert [r.title for r in film[0]._ramps] == ["no dither", "dither 15 Hz, 0.6 N·m"]
-
-
-def test_a_file_of_its_own(cli, work, film):
+def test_a_file_of_its_own(cli, work, written):
     assert cli(*SJE, "--out", "a", "--video", "mine.mp4").code == 0
     assert (work / "mine.mp4").read_bytes() == b"mp4"
     assert not (work / "a" / "sje.mp4").exists()
@@ -77,12 +68,12 @@ def test_a_file_of_its_own(cli, work, film):
 @pytest.mark.parametrize(
     ("video", "says"),
     [
-        ("film.gif", "expected a path to a .mp4"),
+        ("a.gif", "expected a path to a .mp4"),
         ("there.mp4", "exists"),
         ("nowhere/a.mp4", "expected a folder that is there"),
     ],
 )
-def test_bad_places_are_said_before_the_work(refused, work, film, video, says):
+def test_bad_places_are_said_before_the_work(refused, work, written, video, says):
     (work / "there.mp4").write_text("mine")
     assert says in refused(*SJE, "--out", "a", "--video", video)
 
@@ -100,11 +91,11 @@ def test_no_opengl_is_said_before_the_work(refused, monkeypatch):
     assert "rendering needs OpenGL" in refused(*GTE, "--out", "a", "--video")
 
 
-def test_a_film_that_fails_leaves_the_results(cli, work, film, monkeypatch):
-    def write_film(*_, **__):
+def test_a_video_that_fails_leaves_the_results(cli, work, written, monkeypatch):
+    def write(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(films, "write_film", write_film)
+    monkeypatch.setattr(videos.Video, "write", write)
     ran = cli(*SJE, "--out", "a", "--video")
     assert ran.code == 1
     assert ran.lines[-1].startswith("error: no video: ")

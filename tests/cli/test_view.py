@@ -9,26 +9,24 @@ import pytest
 
 from stiction_envs.cli import view
 from stiction_envs.dither.tables import HERE
-from stiction_envs.envs.render import push_page, push_window, window
+from stiction_envs.envs.render import push_window, window
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import thesis_table
 
 
 def test_without_a_display_it_is_one_clear_line(refused, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: False)
-    monkeypatch.setattr(view.importlib.util, "find_spec", lambda name: None)
     assert refused("view", "panda", "--joint", 7) == (
         "error: view: no display found: `stiction sje panda --joint 7 --dither TABLE.csv --video` "
-        "writes an mp4 without one; `--browser` shows a page (pip install 'stiction-envs[web]')"
+        "writes an mp4 without one"
     )
 
 
 class Face:
     """A window that is closed after a tenth of a second."""
 
-    def __init__(self, controls, port=None):
-        self.controls = controls
-        Face.last, Face.port = controls, port
+    def __init__(self, controls):
+        self.controls = Face.last = controls
 
     def run(self, say):
         self.controls.advance(0.1)
@@ -58,33 +56,10 @@ def test_what_was_asked_for_reaches_the_window(cli, dither, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("display", "options", "port"),
-    [
-        (True, [], None),
-        (True, ["--browser"], 8080),
-        (True, ["--browser", 8123], 8123),
-        (False, [], 8080),
-        (False, ["--browser", 8123], 8123),
-    ],
-)
-def test_a_page_where_it_is_asked_for_or_nothing_else_is_there(
-    cli, monkeypatch, display, options, port
-):
-    pytest.importorskip("viser")
-    monkeypatch.setattr(window, "has_display", lambda: display)
-    monkeypatch.setattr(push_window, "PushWindow", Face)
-    monkeypatch.setattr(push_page, "PushPage", Face)
-    assert cli("view", "panda", *options).code == 0
-    assert Face.port == port
-
-
-@pytest.mark.parametrize(
     ("options", "says"),
     [
         ("--joint 8", "unknown joint 8: expected one of 1, 2"),
         ("--joint 0", "whole numbers from 1"),
-        ("--browser 0", "whole numbers from 1"),
-        ("--browser 70000", "view: port 70000: no such port: expected a free one"),
         ("--dither nowhere.csv", "nowhere.csv"),
         ("--friction nowhere.toml", "nowhere.toml"),
     ],

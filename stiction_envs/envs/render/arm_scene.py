@@ -88,14 +88,6 @@ class ArmScene:
         self.data.qpos[self.model.jnt_qposadr[self.joints]] = q
         mujoco.mj_forward(self.model, self.data)
 
-    def fade(self, alpha: float) -> None:
-        """Make the arm translucent: 1 is opaque, 0 not seen."""
-        floor = self.model.geom("stiction_floor").id
-        arm = np.arange(self.model.ngeom) != floor
-        self.model.geom_rgba[arm, 3] *= alpha
-        materials = np.unique(self.model.geom_matid[arm])
-        self.model.mat_rgba[materials[materials >= 0], 3] *= alpha
-
     @property
     def flange(self) -> Array:
         """(3,) position of the flange [m]."""

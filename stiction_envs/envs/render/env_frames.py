@@ -1,4 +1,4 @@
-"""Frames of the environments: the arm in a scene, a panel of plots next to it.
+"""Frames of the environments, and of the commands' videos: the arm in a scene, plots next to it.
 
 What is drawn into them is in `sje_frames.py` and `gte_frames.py`. The graphics context is made at
 the first frame; without OpenGL only rendering fails.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import Any, Generic, Protocol, TypeVar
 
 import mujoco
 import numpy as np
@@ -19,9 +19,7 @@ from stiction_envs.envs.render.arm_scene import ArmScene
 from stiction_envs.envs.render.panel import draw_panel
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError, unknown
-
-if TYPE_CHECKING:
-    from stiction_envs.experiments.episodes import Episodes
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.uint8] | NDArray[np.float32]
@@ -29,6 +27,18 @@ Frame = NDArray[np.uint8] | NDArray[np.float32]
 RENDER_MODES = ("human", "rgb_array", "depth_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel next to it [pixel]."""
+WIDTH = SCENE_WIDTH + PANEL_WIDTH
+
+
+class State(Protocol):
+    """What a run of an experiment is at a moment."""
+
+    @property
+    def position(self) -> Array:
+        """(n,) joint angles [rad]."""
+
+
+Shown = TypeVar("Shown", bound=State)
 
 
 def check_render_mode(mode: str | None, *, batch: bool = False) -> None:
@@ -38,69 +48,73 @@ def check_render_mode(mode: str | None, *, batch: bool = False) -> None:
         raise unknown("render mode", mode, expected)
 
 
-class Renderer(ABC):
-    """Draws the simulations of one environment; made lazily, closed by the environment."""
+class Renderer(ABC, Generic[Shown]):
+    """Draws runs of one experiment; made lazily, closed by its owner."""
 
-    def __init__(self, core: Episodes) -> None:
+    def __init__(self, arm: Arm) -> None:
         """Prepare the scene; OpenGL is not touched yet."""
-        self._core = core
-        self._arm = ArmScene(core.arm, SCENE_WIDTH, HEIGHT)
+        self._arm = ArmScene(arm, SCENE_WIDTH, HEIGHT)
         self._window: Window | None = None
         self._shown = 0.0
 
-    def frame(self, i: int, mode: str) -> Frame | None:
-        """Return the frame of simulation ``i``; in human mode show it and return None."""
-        self._arm.pose(self._core.rig.plant.position[i])
-        if mode == "human":
-            self._show(i)
-            return None
-        camera = self._camera(i)
+    def frame(self, core: Any, i: int, mode: str) -> Frame | None:
+        """Return the frame of episode ``i`` of ``core``; in human mode show it and return None."""
+        state = self.state(core, i)
+        if mode == "rgb_array":
+            return self.picture(state)
+        self._arm.pose(state.position)
         if mode == "depth_array":
-            return self._arm.depth(camera)
-        picture = self._arm.picture(camera, lambda scene: self._decorate(scene, i))
-        return np.concatenate([picture, self._panel(i)], axis=1)
+            return self._arm.depth(self._camera(state))
+        self._show(state, core.interval)
+        return None
+
+    def picture(self, state: Shown) -> NDArray[np.uint8]:
+        """Return a picture (HEIGHT, WIDTH, 3)."""
+        self._arm.pose(state.position)
+        camera = self._camera(state)
+        scene = self._arm.picture(camera, lambda scene: self._decorate(scene, state))
+        return np.concatenate([scene, self._panel(state)], axis=1)
+
+    @staticmethod
+    @abstractmethod
+    def state(core: Any, i: int) -> Shown:
+        """Return what episode ``i`` of the experiment's `Episodes` is now."""
 
     @abstractmethod
-    def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
-        """Draw markers of the experiment into the scene."""
+    def _decorate(self, scene: mujoco.MjvScene, state: Shown) -> None:
+        """Draw markers of the experiment into the scene; the arm is posed."""
 
     @abstractmethod
-    def _lines(self, i: int) -> tuple[list[str], str]:
-        """Return the lines above the plots of simulation ``i``, and its state."""
+    def _lines(self, state: Shown) -> list[str]:
+        """Return the lines above the plots: a title, what is done, and how it goes."""
 
     @abstractmethod
-    def _plot(self, draw: ImageDraw.ImageDraw, i: int) -> None:
-        """Draw the plots of simulation ``i``."""
+    def _plot(self, draw: ImageDraw.ImageDraw, state: Shown) -> None:
+        """Draw the plots."""
 
-    @abstractmethod
-    def _words(self, i: int) -> tuple[str, str]:
-        """Return names and values that describe simulation ``i``, each in lines."""
+    def _panel(self, state: Shown) -> NDArray[np.uint8]:
+        lines = self._lines(state)
+        return draw_panel(PANEL_WIDTH, HEIGHT, lines, lambda draw: self._plot(draw, state))
 
-    def _panel(self, i: int) -> NDArray[np.uint8]:
-        return draw_panel(PANEL_WIDTH, HEIGHT, *self._lines(i), lambda draw: self._plot(draw, i))
+    def _camera(self, state: Shown) -> mujoco.MjvCamera:
+        return self._arm.camera(self._arm.points)
 
-    def _points(self, i: int) -> Array:
-        """Return (K, 3) points [m] that must be in the frame."""
-        return self._arm.points
-
-    def _camera(self, i: int) -> mujoco.MjvCamera:
-        return self._arm.camera(self._points(i))
-
-    def _show(self, i: int) -> None:
+    def _show(self, state: Shown, interval: float) -> None:
+        """Show a state in the window, ``interval`` [s] after the one before."""
         if self._window is None:
             what = "render_mode human"
             check_display(what, "use rgb_array or depth_array")
-            self._window = Window(what, self._arm.model, self._arm.data, self._camera(i))
+            self._window = Window(what, self._arm.model, self._arm.data, self._camera(state))
         viewer = self._window.viewer
         if not viewer.is_running():
             raise StictionError("the window was closed")
         with viewer.lock():
             viewer.user_scn.ngeom = 0
-            self._decorate(viewer.user_scn, i)
-        self._window.show(self._panel(i), (None, None, *self._words(i)))
+            self._decorate(viewer.user_scn, state)
+        self._window.show(self._panel(state), self._lines(state)[0])
         # in real time if the machine is fast enough
         late = time.monotonic() - self._shown
-        time.sleep(max(0.0, self._core.interval - late))
+        time.sleep(max(0.0, interval - late))
         self._shown = time.monotonic()
 
     def close(self) -> None:

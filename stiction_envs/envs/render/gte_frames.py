@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -9,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageDraw
 
-from stiction_envs.control.rotation import to_matrix
+from stiction_envs.control.rotation import from_rpy, to_matrix
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ball, connect, polyline
 from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
 from stiction_envs.envs.render.panel import (
@@ -23,6 +26,13 @@ from stiction_envs.envs.render.panel import (
     font,
     round_up,
 )
+from stiction_envs.envs.render.video import Picture, Video
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import Case, Run, Stiffness
+from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.gte.rows import case_name
+from stiction_envs.experiments.observation import STICTION_FACTOR, largest_stiction
+from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.plant import CONTROL_DT
 
 if TYPE_CHECKING:
@@ -36,79 +46,121 @@ _AXES = np.array(
 _TRAIL = 400  # most segments of the tool point's trail
 _LINE, _GOAL, _AXIS = 0.0025, 0.009, 0.12  # radius of lines and goals, length of an axis [m]
 _NEARER = 0.8  # camera's distance over that for any pose [-]: the arm keeps its shape
+_SAMPLE = 0.05  # between two poses of a video [s]
 
 
-class PathRenderer(Renderer):
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """One run along one path, so far."""
+
+    title: str
+    stiffness: Stiffness
+    start: Array
+    """(n,) joint angles at the start [rad]."""
+    position: Array
+    """(n,) joint angles [rad]."""
+    path: Array
+    """(goals + 1, 3) start and goals [m]."""
+    reached: int
+    """Number of goals that were reached."""
+    accepted: Array
+    """(goals,) when each was accepted [s]; NaN where it was not."""
+    reference: Array
+    """(3,) where the tool point should be [m]."""
+    turn: Array
+    """(3, 3) how the hand should be oriented; columns are its axes."""
+    trail: Array
+    """(K, 3) where the tool point was [m]."""
+    time: Array
+    """(S,) of the errors [s]."""
+    error: Array
+    """(S, 6) position [m] and orientation [rad] less the reference's."""
+    tolerance: Array
+    """(2,) errors that are always on the plots [m], [rad]."""
+    end: float
+    """When the undithered run ends [s]."""
+    amplitude: Array
+    """(n,) of the dither [N·m]."""
+    frequency: Array
+    """(n,) of the dither [Hz]."""
+    most: Array
+    """(n,) amplitude that fills a bar [N·m]."""
+    now: str
+    """How it goes, as text."""
+
+
+class PathRenderer(Renderer[Motion]):
     """Draws the GTE."""
 
-    _core: GTEEpisodes
+    @staticmethod
+    def state(core: GTEEpisodes, i: int) -> Motion:
+        """Return what episode ``i`` is now."""
+        assert core.recorder.trace is not None
+        rig, n, trace = core.rig, core.n, core.recorder.trace[i]
+        trajectory, stiffness = core.case[i]
+        t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
+        x, quaternion, _, _ = rig.sequencer.reference(t)
+        reached, goals = int(rig.sequencer.index[i]), int(core.goals[i])
+        now = f"on the way to goal {reached + 1} of {goals}, {t[i]:.1f} s"
+        if not core.alive[i]:
+            ratio = core.tracking_error(np.array([i]))[0]
+            now = f"over: error {100 * ratio:.0f} % of undithered"
+        elif reached == goals:
+            now = f"last goal reached, {t[i]:.1f} s"
+        return Motion(
+            title=f"{core.arm.name}  {trajectory}",
+            stiffness=stiffness,
+            start=rig.start,
+            position=rig.plant.position[i],
+            path=core.path_points(i),
+            reached=reached,
+            accepted=rig.sequencer.accepted_at[i],
+            reference=x[i],
+            turn=to_matrix(quaternion[i]),
+            trail=np.concatenate([*trace.position, rig.end_effector.position[i][None]]),
+            time=np.concatenate([np.zeros(0), *trace.time]),
+            error=np.concatenate([np.zeros((0, 6)), *trace.error]),
+            tolerance=np.array(core.tolerance),
+            end=core.undithered_duration(i),
+            amplitude=core.action[i, :n],
+            frequency=core.action[i, n : 2 * n],
+            most=core.action_space.high[:n].astype(float),
+            now=now,
+        )
 
-    def _words(self, i: int) -> tuple[str, str]:
-        trajectory, stiffness = self._core.case[i]
-        return "trajectory\nstiffness", f"{trajectory}\n{' '.join(f'{k:g}' for k in stiffness)}"
-
-    def _points(self, i: int) -> Array:
-        """Return the points of the arm at its start, so that the camera rests, and the path."""
-        arm = self._arm
-        q = arm.data.qpos.copy()
-        arm.pose(self._core.rig.start)
-        points = np.vstack([self._core.path_points(i), super()._points(i)])
-        arm.data.qpos[:] = q
-        mujoco.mj_forward(arm.model, arm.data)
-        return points
-
-    def _camera(self, i: int) -> mujoco.MjvCamera:
-        camera = super()._camera(i)
+    def _camera(self, state: Motion) -> mujoco.MjvCamera:
+        """Return a camera that sees the path and the arm at its start, so that it rests."""
+        self._arm.pose(state.start)
+        camera = self._arm.camera(np.vstack([state.path, self._arm.points]))
+        self._arm.pose(state.position)
         camera.distance *= _NEARER
         return camera
 
-    def _decorate(self, scene: mujoco.MjvScene, i: int) -> None:
-        core, rig = self._core, self._core.rig
+    def _decorate(self, scene: mujoco.MjvScene, state: Motion) -> None:
         self._arm.draw_chain(scene)
-        path, reached = core.path_points(i), int(rig.sequencer.index[i])
-        polyline(scene, _LINE, path, PATH)
-        for k, goal in enumerate(path[1:]):
-            aim = k == reached
+        polyline(scene, _LINE, state.path, PATH)
+        for k, goal in enumerate(state.path[1:]):
+            aim = k == state.reached
             ball(scene, _GOAL * (1.6 if aim else 1.0), goal, MARK if aim else PATH)
-        assert core.recorder.trace is not None
-        trail = core.recorder.trace[i].position
-        if trail:
-            points = np.concatenate(trail)
-            points = np.vstack([points[:: 1 + len(points) // _TRAIL], rig.end_effector.position[i]])
-            polyline(scene, _LINE, points)
-        t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
-        x, quaternion, _, _ = rig.sequencer.reference(t)
-        arrow = mujoco.mjtGeom.mjGEOM_ARROW
-        for axis, colour in zip(to_matrix(quaternion[i]).T, _AXES, strict=True):
-            connect(scene, arrow, 2.0 * _LINE, x[i], x[i] + _AXIS * axis, colour)
+        trail = state.trail
+        polyline(scene, _LINE, np.vstack([trail[:: 1 + len(trail) // _TRAIL], trail[-1:]]))
+        arrow, x = mujoco.mjtGeom.mjGEOM_ARROW, state.reference
+        for axis, colour in zip(state.turn.T, _AXES, strict=True):
+            connect(scene, arrow, 2.0 * _LINE, x, x + _AXIS * axis, colour)
 
-    def _lines(self, i: int) -> tuple[list[str], str]:
-        core = self._core
-        trajectory, (translational, rotational, nullspace) = core.case[i]
+    def _lines(self, state: Motion) -> list[str]:
+        translational, rotational, nullspace = state.stiffness
         stiffness = f"stiffness {translational:g} N/m, {rotational:g} N·m/rad"
         stiffness += f", {nullspace:g} N·m/rad" if nullspace else ""
-        reached, goals = int(core.rig.sequencer.index[i]), int(core.goals[i])
-        seconds = float(core.rig.step[i]) * 1e-3
-        state = f"on the way to goal {reached + 1} of {goals}, {seconds:.1f} s"
-        if not core.alive[i]:
-            ratio = core.tracking_error(np.array([i]))[0]
-            state = f"over: error {100 * ratio:.0f} % of undithered"
-        elif reached == goals:
-            state = f"last goal reached, {seconds:.1f} s"
-        return [f"{core.arm.name}  {trajectory}", stiffness], state
+        return [state.title, stiffness, state.now]
 
-    def _plot(self, draw: ImageDraw.ImageDraw, i: int) -> None:
-        core, right = self._core, PANEL_WIDTH - 14
-        assert core.recorder.trace is not None
-        trace = core.recorder.trace[i]
-        time = np.concatenate([[0.0], *trace.time])[1:]
-        error = np.concatenate([np.zeros((1, 6)), *trace.error])[1:]
-        end = round_up(max([core.undithered_duration(i), *time[-1:]]))
-        accepted = core.rig.sequencer.accepted_at[i]
-        accepted = accepted[np.isfinite(accepted) & (accepted > 0)]
+    def _plot(self, draw: ImageDraw.ImageDraw, state: Motion) -> None:
+        right, time, error = PANEL_WIDTH - 14, state.time, state.error
+        end = round_up(max([state.end, *time[-1:]]))
+        accepted = state.accepted[np.isfinite(state.accepted) & (state.accepted > 0)]
         for top, part, title, least in (
-            (94, error[:, :3], "distance from reference [mm]", core.tolerance[0]),
-            (222, error[:, 3:], "rotation from reference [mrad]", core.tolerance[1]),
+            (94, error[:, :3], "distance from reference [mm]", state.tolerance[0]),
+            (222, error[:, 3:], "rotation from reference [mrad]", state.tolerance[1]),
         ):
             size = 1e3 * np.sqrt((part**2).sum(axis=1))
             high = max([1e3 * least, *(1.1 * size)])
@@ -118,18 +170,19 @@ class PathRenderer(Renderer):
             if len(time):
                 plot.line(time, size, BLUE)
         plot.time_label()
-        self._bars(draw, i, (58, 380, right, HEIGHT - 38))
+        self._bars(draw, state, (58, 380, right, HEIGHT - 38))
 
-    def _bars(self, draw: ImageDraw.ImageDraw, i: int, box: tuple[int, int, int, int]) -> None:
+    def _bars(
+        self, draw: ImageDraw.ImageDraw, state: Motion, box: tuple[int, int, int, int]
+    ) -> None:
         """Draw amplitude (share of A_max) and frequency of every joint's dither."""
-        core, (left, top, right, bottom) = self._core, box
+        left, top, right, bottom = box
         text = "dither: share of A_max, frequency [Hz]"
         draw.text((14, top - 20), text, font=font(12), fill=INK)
-        amplitude, frequency = core.action[i, : core.n], core.action[i, core.n : 2 * core.n]
-        share = amplitude / core.action_space.high[: core.n]
-        pitch = (right - left) / core.n
+        share = np.minimum(state.amplitude / state.most, 1.0)
+        pitch = (right - left) / len(share)
         draw.rectangle(box, outline=SOFT)
-        for j in range(core.n):
+        for j in range(len(share)):
             low, high = left + (j + 0.18) * pitch, left + (j + 0.82) * pitch
             middle = 0.5 * (low + high)
             draw.rectangle((low, top + 1, high, bottom - 1), fill=GRID)
@@ -137,6 +190,99 @@ class PathRenderer(Renderer):
                 edge = bottom - share[j] * (bottom - top - 1)
                 draw.rectangle((low, min(edge, bottom - 1), high, bottom - 1), fill=BAND)
                 draw.line((low, edge, high, edge), fill=BLUE, width=2)
-                place = (middle, bottom + 18)
-                draw.text(place, f"{frequency[j]:.0f}", font=font(11), fill=INK, anchor="mt")
+                place, hertz = (middle, bottom + 18), state.frequency[j]
+                draw.text(place, f"{hertz:.0f}", font=font(11), fill=INK, anchor="mt")
             draw.text((middle, bottom + 4), f"J{j + 1}", font=font(11), fill=SOFT, anchor="mt")
+
+
+def gte_video(experiment: GeneratedTrajectoryExperiment, cases: Sequence[Case]) -> Video:
+    """Return the first iteration of every case of one path.
+
+    Runs do not keep joint angles: the iteration is run again, which is the same bits.
+
+    Raises:
+        ExperimentError: a simulation that the engine stopped.
+    """
+    poses: list[Array] = []
+    paths: list[Array] = []
+
+    def steering(rig: GTERig, _: Sequence[Case]) -> Callable[[], None]:
+        home, turned = rig.start_position[None], rig.start_quaternion[None]
+        goals, _turns = experiment.path(cases[0].trajectory).goals(home, turned)
+        paths.append(np.vstack([home, goals[0]]))
+        return lambda: poses.append(rig.plant.position.copy())
+
+    runs = experiment.run(cases, iterations=1, steering=steering, interval=_SAMPLE)
+    positions = np.stack(poses, axis=1)
+    renderer = PathRenderer(experiment.sticking.arm)
+    return Video(
+        runs=[
+            _drawing(experiment, run, positions[i], paths[0], float(runs[0].time[-1]), renderer)
+            for i, run in enumerate(runs)
+        ],
+        duration=max(float(run.time[-1]) for run in runs),
+        close=renderer.close,
+    )
+
+
+def _drawing(
+    experiment: GeneratedTrajectoryExperiment,
+    run: Run,
+    positions: Array,
+    path: Array,
+    end: float,
+    renderer: PathRenderer,
+) -> Callable[[float], Picture]:
+    """Return what draws the first iteration of a run at a time [s].
+
+    Args:
+        experiment: that was run.
+        run: of one case.
+        positions: (K, n) joint angles, one per `_SAMPLE` [rad].
+        path: (goals + 1, 3) start and goals [m].
+        end: of the undithered run [s].
+        renderer: of the arm.
+    """
+    arm, case, e = experiment.sticking.arm, run.case, experiment
+    stiction = largest_stiction(e.sticking.parameters, find_poses(arm))
+    dither = e.dither_of(case)
+    motion = Motion(
+        title=f"{arm.name}  {case.trajectory}, {case_name(case).replace('_', ' ')}",
+        stiffness=case.stiffness,
+        start=e.start,
+        position=positions[0],
+        path=path,
+        reached=0,
+        accepted=np.zeros(0),
+        reference=path[0],
+        turn=np.eye(3),
+        trail=path[:1],
+        time=run.time,
+        error=run.error[0],
+        tolerance=np.array([e.motion.position_tolerance, e.motion.rotation_tolerance]),
+        end=end,
+        amplitude=np.array(dither["amplitude"], dtype=float),
+        frequency=np.array(dither["frequency"], dtype=float),
+        most=np.minimum(e.interface.torque_limit, STICTION_FACTOR * stiction),
+        now="",
+    )
+
+    def draw(t: float) -> Picture:
+        k = max(1, int(np.searchsorted(run.time, t + 1e-9, side="right")))
+        x = run.reference[0, k - 1]
+        off = 1e3 * float(np.linalg.norm(run.error[0, k - 1, :3]))
+        state = dataclasses.replace(
+            motion,
+            position=positions[min(round(t / _SAMPLE), len(positions) - 1)],
+            reached=int(np.sum(run.reached[0] <= t)),
+            accepted=run.accepted[0][run.accepted[0] <= t],
+            reference=x[:3],
+            turn=to_matrix(from_rpy(x[3:])),
+            trail=run.actual[0, :k, :3],
+            time=run.time[:k],
+            error=run.error[0, :k],
+            now=f"{run.time[k - 1]:.1f} s, {off:.1f} mm off",
+        )
+        return renderer.picture(state)
+
+    return draw

@@ -14,8 +14,6 @@ Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 INK, SOFT, GRID, PAPER = (35, 38, 44), (110, 115, 124), (226, 228, 232), (255, 255, 255)
 BLUE, BAND, ORANGE, PURPLE = (20, 90, 180), (178, 205, 240), (225, 95, 0), (150, 70, 180)
-SLIPPING = 0.1
-"""Share of the experiment's threshold beyond which a joint counts as slipping [-]; assumed."""
 
 
 @functools.lru_cache
@@ -36,13 +34,12 @@ def draw_panel(
     width: int,
     height: int,
     lines: list[str],
-    state: str,
     plot: Callable[[ImageDraw.ImageDraw], None],
 ) -> NDArray[np.uint8]:
-    """Return a panel (height, width, 3): a title, some lines, the state, and plots."""
+    """Return a panel (height, width, 3): a title, some lines, the last as a state, and plots."""
     image = Image.new("RGB", (width, height), PAPER)
     draw = ImageDraw.Draw(image)
-    title, *rest = lines
+    title, *rest, state = lines
     draw.text((14, 8), title, font=font(17, bold=True), fill=INK)
     for k, line in enumerate(rest):
         draw.text((14, 31 + 19 * k), line, font=font(13), fill=INK)

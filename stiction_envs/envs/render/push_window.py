@@ -2,14 +2,152 @@
 
 from __future__ import annotations
 
+import queue
 import sys
+import time
+from collections import deque
 from collections.abc import Callable
 
 import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from PIL import ImageDraw
 
-from stiction_envs.envs.render.push_view import KEYS, PushView
+from stiction_envs.envs.render.arm_scene import ArmScene
+from stiction_envs.envs.render.panel import BLUE, ORANGE, SOFT, Plot, draw_panel, signed
+from stiction_envs.envs.render.sje_frames import draw_joint
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.push import Push
+from stiction_envs.plant import CONTROL_DT
+
+WIDTH, HEIGHT = 380, 430
+"""Of the panel [pixel]."""
+KEYS = "1-9 joint   up/down push   space or D dither   R reset"
+SPACE, D, R, DOWN, UP, ONE = 32, 68, 82, 264, 265, 49
+"""As GLFW numbers its keys."""
+# what follows is assumed
+_ELEVATION = -35.0  # of the camera [°]
+_SPAN = 20.0  # of the plots [s]
+_LONGEST = 1.0  # most that is simulated between two pictures [s]
+_PAUSE = 0.01  # least time between two pictures [s]
+_SAMPLE = 0.05  # between two points of the plots [s]
+_SLIPPING = 0.1  # share of the threshold beyond which a joint counts as slipping [-]
+
+
+class PushView:
+    """Applies keys to a push, and says and draws how it goes."""
+
+    def __init__(self, push: Push) -> None:
+        """Show a push; OpenGL is not touched yet."""
+        self.push = push
+        self.time = 0.0
+        """Simulated [s]."""
+        self.trace: deque[tuple[float, float, float]] = deque(maxlen=round(_SPAN / _SAMPLE))
+        """Time [s], torque [N·m] and angle [rad] of the joint that is pushed."""
+        self.base: float | None = None
+        """Torque at which this joint last broke away without dither [N·m]."""
+        self._sampled = -np.inf
+        self.arm = ArmScene(push.plant.sticking.arm, WIDTH, HEIGHT)
+        self.arm.pose(push.plant.position[0])
+
+    # ---- keys and time -----------------------------------------------------------------------
+
+    def press(self, key: int) -> None:
+        """Apply a key; others than those of `KEYS` do nothing."""
+        push, joint = self.push, key - ONE + 1
+        if key in (UP, DOWN):
+            push.harder(1.0 if key == UP else -1.0)
+        elif key in (SPACE, D):
+            push.switch_dither()
+        elif key == R:
+            push.reset()
+            self.trace.clear()
+        elif 1 <= joint <= min(push.n, 9):
+            push.choose(joint)
+            self.base = None
+            self.trace.clear()
+
+    def advance(self, seconds: float) -> float:
+        """Simulate some time; returns how much it was, a multiple of the push's block [s]."""
+        push, block = self.push, self.push.block * CONTROL_DT
+        passed = max(1, round(seconds / block)) * block
+        before = push.let_go
+        push.advance(passed)
+        self.time += passed
+        if push.let_go is not None and push.let_go != before and push.row is None:
+            self.base = push.let_go
+        if self.time - self._sampled >= _SAMPLE - 1e-9:
+            self.trace.append((self.time, push.torque, push.angle))
+            self._sampled = self.time
+        return passed
+
+    # ---- words and plots ---------------------------------------------------------------------
+
+    @property
+    def state(self) -> str:
+        """What the joint does, as text."""
+        push = self.push
+        text = "holds" if push.torque else "rests"
+        if push.slips or abs(push.angle) > _SLIPPING * push.threshold:
+            text = "slips"
+        if push.let_go is None:
+            return text
+        change, base = "", self.base
+        if push.row is not None and base is not None and base * push.let_go > 0:
+            change = f", {signed(100 * (push.let_go / base - 1), 0)} %"
+        return f"{text} (let go at {signed(push.let_go)} N·m{change})"
+
+    @property
+    def lines(self) -> list[str]:
+        """Joint, dither, torque and state in lines of text."""
+        push, row = self.push, self.push.rows.get(self.push.joint)
+        dither = "no dither for this joint"
+        if row is not None:
+            switch = "ON" if push.dithered else "off"
+            dither = f"dither {switch}: {row.amplitude_nm:.2f} N·m at {row.frequency_hz:g} Hz"
+        holds = push.holds_up_to(push.target)
+        sign = -1.0 if push.target < 0 else 1.0
+        share = abs(push.torque) / holds if holds > 0 else np.inf
+        return [
+            f"{push.plant.sticking.arm.title}  joint {push.joint}",
+            dither,
+            f"torque {signed(push.torque)} N·m, going to {signed(push.target)} N·m",
+            f"{100 * share:.0f} % of the {signed(sign * holds)} N·m that friction holds alone",
+            self.state,
+        ]
+
+    def panel(self) -> NDArray[np.uint8]:
+        """Return the panel (HEIGHT, WIDTH, 3): texts, torque and angle over time."""
+        return draw_panel(WIDTH, HEIGHT, self.lines, self._plot)
+
+    def _plot(self, draw: ImageDraw.ImageDraw) -> None:
+        push = self.push
+        samples = np.array(self.trace).reshape(-1, 3)
+        end = max(_SPAN, self.time)
+        holds = [push.holds_up_to(1.0), -push.holds_up_to(-1.0)]
+        shown = samples[samples[:, 0] >= end - _SPAN]
+        for top, bottom, column, title, levels, least, colour in (
+            (138, 240, 1, "torque, dither excluded [N·m]", holds, 1.4, BLUE),
+            (278, HEIGHT - 42, 2, "angle since it rested [rad]", [], 1.0, ORANGE),
+        ):
+            edges = np.multiply(least, levels or [push.threshold, -push.threshold])
+            limits = min([*edges, *shown[:, column]]), max([*edges, *shown[:, column]])
+            box = (58, top, WIDTH - 14, bottom)
+            plot = Plot(draw, box, (end - _SPAN, end), limits, title)
+            for level in levels:
+                plot.level(level, SOFT, "friction alone")
+            if len(shown) > 1:
+                plot.line(shown[:, 0], shown[:, column], colour)
+        plot.time_label()
+
+    def draw(self, scene: mujoco.MjvScene) -> None:
+        """Pose the arm, empty the scene, and draw the joint into it."""
+        push = self.push
+        self.arm.pose(push.plant.position[0])
+        scene.ngeom = 0
+        sign = -1.0 if push.target < 0 or (push.let_go or 0.0) < 0 else 1.0
+        draw_joint(scene, self.arm, push.joint - 1, push.angle, sign * push.threshold)
 
 
 class PushWindow:
@@ -23,28 +161,43 @@ class PushWindow:
         """
         what, push = "view", view.push
         robot = push.plant.sticking.arm.name
-        film = f"stiction sje {robot} --joint {push.joint} --dither TABLE.csv --video"
-        page = "`--browser` shows a page (pip install 'stiction-envs[web]')"
-        check_display(what, f"`{film}` writes an mp4 without one; {page}")
+        video = f"stiction sje {robot} --joint {push.joint} --dither TABLE.csv --video"
+        check_display(what, f"`{video}` writes an mp4 without one")
         if sys.platform == "darwin" and not _in_mjpython():
             raise StictionError(f"{what}: on a Mac: expected `mjpython $(which stiction) view …`")
         self.view = view
+        self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
+        camera = view.arm.camera(view.arm.points)
+        camera.elevation = _ELEVATION
         # the viewer calls back in its own thread
-        self._window = Window(what, view.model, view.data, view.camera, view.keys.put)
+        self._window = Window(what, view.arm.model, view.arm.data, camera, self._keys.put)
         self._viewer = self._window.viewer
         self._flags = self._viewer.opt.flags.copy(), self._viewer.opt.geomgroup.copy()
 
     def run(self, report: Callable[[str], None]) -> None:
         """Show the arm until the window is closed; ``report`` is called with changes of state."""
-        self.view.run(self._draw, report, is_open=self._viewer.is_running)
+        view, reported, began = self.view, "", time.monotonic()
+        behind = 0.0
+        while self._viewer.is_running():
+            while not self._keys.empty():
+                view.press(self._keys.get())
+            # a machine that is too slow simulates less than real time
+            due = min(time.monotonic() - began - behind - view.time, _LONGEST)
+            if due > 0:
+                passed = view.advance(due)
+                behind = max(behind, time.monotonic() - began - view.time - passed)
+            self._draw()
+            if (now := f"{view.lines[0]}, {view.state}") != reported:
+                report(now)
+                reported = now
+            time.sleep(_PAUSE)
 
     def _draw(self) -> None:
         with self._viewer.lock():
             self.view.draw(self._viewer.user_scn)
             # the viewer has uses of its own for our keys: undo what they switched
             self._viewer.opt.flags[:], self._viewer.opt.geomgroup[:] = self._flags
-        texts = (None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, KEYS, "")
-        self._window.show(self.view.panel(), texts, bottom=60)
+        self._window.show(self.view.panel(), KEYS, bottom=60)
 
     def close(self) -> None:
         """Close the window."""

@@ -106,23 +106,16 @@ class Window:
             look.distance = distance
             look.azimuth, look.elevation = camera.azimuth, camera.elevation
 
-    def show(
-        self,
-        panel: NDArray[np.uint8],
-        texts: tuple[int | None, int | None, str, str],
-        *,
-        bottom: int = 8,
-    ) -> None:
-        """Show the scene as it is now, a panel (height, width, 3), and texts.
+    def show(self, panel: NDArray[np.uint8], text: str, *, bottom: int = 8) -> None:
+        """Show the scene as it is now, a panel (height, width, 3), and a text below.
 
         Args:
             panel: what is drawn over the scene.
-            texts: font, place, and two columns, as the viewer's ``set_texts`` has them. They must
-                not be empty.
+            text: must not be empty.
             bottom: height of the panel's lower edge [pixel].
         """
         # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
-        self.viewer.set_texts(texts)
+        self.viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, text, ""))
         height, width = panel.shape[:2]
         self.viewer.set_images((mujoco.MjrRect(8, bottom, width, height), panel))
         self.viewer.sync()

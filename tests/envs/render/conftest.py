@@ -1,15 +1,11 @@
-"""A push that is shown, and whether pictures can be drawn here."""
+"""Whether pictures can be drawn here, and colours in them."""
 
 import mujoco
 import numpy as np
 import pytest
 
 from stiction_envs.envs.render.arm_scene import ArmScene
-from stiction_envs.envs.render.push_view import PushView
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.push import Push
-from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
 
 
@@ -34,8 +30,3 @@ def gl():
     except StictionError as error:
         pytest.skip(str(error))
     scene.close()
-
-
-@pytest.fixture
-def view():
-    return PushView(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))

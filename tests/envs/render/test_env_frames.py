@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -114,26 +113,6 @@ def test_gte_frames_show_the_path_its_goal_the_trail_and_the_plots(trajectory):
     assert (panel != before).any(axis=2).sum() > 300, "the plots have grown"
     assert np.array_equal(frame[:60, :60], first[:60, :60]), "the camera rests"
     env.close()
-
-
-@pytest.mark.usefixtures("gl")
-def test_record_video(tmp_path):
-    pytest.importorskip("moviepy")
-    from moviepy import VideoFileClip
-
-    env = gym.wrappers.RecordVideo(
-        make(render_mode="rgb_array", fixed_options=QUICK), str(tmp_path), disable_logger=True
-    )
-    env.reset(seed=0)
-    for _ in range(6):
-        env.step(mild(env, 6))
-    env.close()
-    files = list(tmp_path.glob("*.mp4"))
-    assert len(files) == 1
-    with VideoFileClip(str(files[0])) as clip:
-        assert clip.size == [WIDTH, HEIGHT]
-        assert clip.fps == 5
-        assert clip.duration == pytest.approx(7 / 5, abs=0.3)
 
 
 def test_rendering_does_not_touch_the_physics(kind):

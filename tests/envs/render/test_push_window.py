@@ -1,20 +1,166 @@
-"""MuJoCo's viewer on an arm that a person pushes."""
+"""MuJoCo's viewer on an arm that a person pushes: what keys do, what is said, how time passes."""
 
 from __future__ import annotations
 
+import contextlib
 import sys
 
+import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.envs.render import window
-from stiction_envs.envs.render.push_view import HEIGHT, UP, WIDTH
-from stiction_envs.envs.render.push_window import PushWindow
+from stiction_envs.envs.render import push_window, window
+from stiction_envs.envs.render.push_window import (
+    DOWN,
+    HEIGHT,
+    SPACE,
+    UP,
+    WIDTH,
+    D,
+    PushView,
+    PushWindow,
+    R,
+)
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.push import Push
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.measured import AmplitudeRow
+
+
+@pytest.fixture
+def view():
+    return PushView(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))
+
+
+def test_keys_push_a_joint_until_dither_lets_it_go(view):
+    push = view.push
+    view.press(ord("7"))
+    assert push.joint == 7
+    assert view.state == "rests"
+    for _ in range(9):
+        view.press(UP)
+    view.advance(20.0)
+    assert push.torque == pytest.approx(0.9 * push.holds_up_to(1.0), rel=1e-3)
+    assert view.state == "holds"
+    assert "90 % of the +0.57 N·m that friction holds alone" in view.lines
+    assert "dither off: 0.80 N·m at 15 Hz" in view.lines
+    view.press(SPACE)
+    assert "dither ON: 0.80 N·m at 15 Hz" in view.lines
+    before, seen = view.panel(), set()
+    for _ in range(80):
+        view.advance(0.05)
+        seen.add(view.state.split(" (")[0])
+    assert seen == {"holds", "slips", "rests"}
+    assert "(let go at +0.51 N·m)" in view.state
+    assert before.shape == (HEIGHT, WIDTH, 3)
+    assert (view.panel() != before).any(axis=2).sum() > 100, "the plots have grown"
+
+
+def test_dither_is_held_against_the_push_without_it(view):
+    push = view.push
+    view.press(ord("7"))
+    push.let_go, view.base = 0.4, 0.8
+    push.switch_dither()
+    assert view.state == "rests (let go at +0.40 N·m, −50 %)"
+    push.switch_dither()
+    assert view.state == "rests (let go at +0.40 N·m)"
+
+
+def test_the_other_keys(view):
+    push = view.push
+    view.press(DOWN)
+    assert push.target == pytest.approx(-0.1 * push.holds_up_to(1.0))
+    view.press(UP)
+    assert push.target == 0.0
+    view.press(D)
+    assert push.dithered
+    assert "no dither for this joint" in view.lines
+    view.press(UP)
+    assert view.advance(0.52) == pytest.approx(0.5), "whole blocks"
+    view.press(R)
+    assert push.target == push.torque == 0.0
+    assert not view.trace
+    for key in (ord("8"), ord("9"), ord("0"), ord("X"), 300):
+        view.press(key)
+    assert push.joint == 1
+
+
+class Viewer:
+    """As MuJoCo's passive viewer, without a window; presses keys and closes itself."""
+
+    def __init__(self, model, data, press, keys, until):
+        self.press, self.keys, self.until, self.data = press, keys, until, data
+        self.cam, self.opt = mujoco.MjvCamera(), mujoco.MjvOption()
+        self.user_scn = mujoco.MjvScene(model, 200)
+        self.lock = contextlib.nullcontext
+
+    def is_running(self):
+        if self.keys:
+            self.press(self.keys.pop(0))
+        return self.until()
+
+    def set_texts(self, texts):
+        self.text = texts[2]
+
+    def set_images(self, images):
+        self.image = images[1]
+
+    def sync(self):
+        self.groups = self.opt.geomgroup.copy()
+        # as if the viewer had taken "2" as its own key
+        self.opt.geomgroup[2] = 0
+
+    def close(self):
+        self.until = lambda: False
+
+
+class Clock:
+    """Time that passes while one sleeps, and while an arm is simulated at a speed."""
+
+    def __init__(self, view, speed):
+        self.now, self.view, self.speed, self.simulated = 0.0, view, speed, 0.0
+
+    def monotonic(self):
+        self.now += (self.view.time - self.simulated) / self.speed
+        self.simulated = self.view.time
+        return self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+
+@pytest.mark.parametrize(("speed", "real"), [(50.0, 1.0), (0.5, 0.5)])
+def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatch, speed, real):
+    """A machine that is half as fast as needed shows half of the time, and never hurries after."""
+    clock, viewers, said = Clock(view, speed), [], []
+
+    def open_viewer(what, model, data, key_callback):
+        keys = [ord("2"), UP]
+        viewers.append(Viewer(model, data, key_callback, keys, lambda: clock.now < 4.0))
+        return viewers[0]
+
+    monkeypatch.setattr(push_window, "time", clock)
+    monkeypatch.setattr(push_window, "_PAUSE", 0.1)
+    monkeypatch.setattr(window, "has_display", lambda: True)
+    monkeypatch.setattr(window, "_opens", lambda: True)
+    monkeypatch.setattr(window, "open_viewer", open_viewer)
+    opened = PushWindow(view)
+    opened.run(said.append)
+    (viewer,) = viewers
+    assert view.time / clock.now == pytest.approx(real, abs=0.1)
+    assert view.push.joint == 2
+    assert view.push.target > 0
+    assert said == ["Panda  joint 2, rests", "Panda  joint 2, holds"]
+    assert viewer.image.shape == (HEIGHT, WIDTH, 3)
+    assert "space or D dither" in viewer.text
+    assert viewer.user_scn.ngeom > 5, "the ring"
+    assert np.allclose(viewer.data.qpos[:7], view.push.plant.position[0])
+    assert viewer.groups[2] == 1, "our keys switch nothing of the viewer's"
+    opened.close()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="DISPLAY is of X11")
-def test_a_display_that_is_not_there_is_one_line_too(view, monkeypatch):
+def test_a_display_that_is_not_there_is_one_line(view, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(StictionError, match="view: the display cannot be opened: `stiction sje"):
@@ -27,68 +173,3 @@ def test_on_a_mac_one_line_says_mjpython(view, monkeypatch):
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(StictionError, match="mjpython"):
         PushWindow(view)
-
-
-class Viewer:
-    """As MuJoCo's passive viewer, without a window; presses keys and closes itself."""
-
-    def __init__(self, model, data, keys):
-        import contextlib
-        import types
-
-        import mujoco
-
-        self.keys, self.frames, self.words, self.told = keys, 0, None, None
-        self.cam, self.opt = mujoco.MjvCamera(), mujoco.MjvOption()
-        self.user_scn = mujoco.MjvScene(model, 200)
-        self.lock = contextlib.nullcontext
-        self.data = data
-        self.press: object = None
-        self.close = types.SimpleNamespace
-
-    def is_running(self):
-        self.frames += 1
-        if self.keys:
-            self.press(self.keys.pop(0))
-        return self.frames < 6
-
-    def set_texts(self, texts):
-        self.words = texts
-
-    def set_images(self, images):
-        self.image = images[1]
-
-    def sync(self):
-        # as if the viewer had taken "2" as its own key
-        self.opt.geomgroup[2] = 0
-        self.drawn = self.user_scn.ngeom
-
-
-def test_the_window_runs_keys_and_draws(view, monkeypatch):
-    viewers = []
-
-    def open_viewer(what, model, data, key_callback):
-        viewers.append(Viewer(model, data, [ord("2"), UP]))
-        viewers[0].press = key_callback
-        return viewers[0]
-
-    monkeypatch.setattr(window, "has_display", lambda: True)
-    monkeypatch.setattr(window, "_opens", lambda: True)
-    monkeypatch.setattr(window, "open_viewer", open_viewer)
-    said: list[str] = []
-    face = PushWindow(view)
-    face.run(said.append)
-    viewer = viewers[0]
-    assert view.push.joint == 2
-    assert view.push.target > 0
-    assert view.time > 0
-    assert said[-1] == "Panda  joint 2, holds"
-    assert viewer.image.shape == (HEIGHT, WIDTH, 3)
-    assert viewer.drawn > 5, "the dial"
-    q = viewer.data.qpos[:7]
-    assert np.allclose(q, view.push.plant.position[0])
-    face._draw()
-    viewer.sync = lambda: None
-    face._draw()
-    assert viewer.opt.geomgroup[2] == 1, "our keys switch nothing of the viewer's"
-    face.close()
