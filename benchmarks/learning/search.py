@@ -2,129 +2,143 @@
 
     python -m benchmarks.learning.search [--kept]
 
-Searches the Panda's dither for the SJE and the GTE, gated and not, and its friction compensation,
-alone and with dither, and the iiwas' dither; the results go to ``search/`` beside this file. Then
-compares everything that is kept there: with friction that is known, believed too small or too
-large, and from other poses. With ``--kept`` nothing is searched.
+Measures what searches found, which is in ``search/`` beside this file, with friction that is known,
+believed too small and too large. Writes search.csv and the page of it; ``--kept`` reads the CSV.
 """
 
 from __future__ import annotations
 
-import shutil
+import csv
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
+
 from benchmarks.harness import Benchmark
-from benchmarks.learning.search_page import draw, page
 from benchmarks.learning.search_rows import (
     CONDITIONS,
-    GAINS,
     ITERATIONS,
-    KEPT,
+    KNOWN,
+    LEFT,
     MEASURED_BY,
-    NOMINAL,
+    ROBOTS,
     SEED,
-    WIDTHS,
-    hunting,
-    joints,
-    paths,
-    table_of,
+    SJE,
+    jobs,
+    measure,
 )
-from tuning.search.search import search
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.png import save_full
+from tuning.search.verify import PATHS
+from tuning.settings import tuning_settings
 
 STUDY = Benchmark(__file__, __doc__, made_by=MEASURED_BY)
+COLUMNS = ("robot", "condition", "path", "treatment", "measure", "value")
+Numbers = dict[tuple[str, str, str], dict[str, dict[str, float]]]
+"""Numbers by robot, condition and path, then by treatment and measure."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Run:
-    """One search."""
-
-    robot: str = "panda"
-    seed: int = 1
-    options: Mapping[str, Any]
-    """Of `tuning.search.options.Options`."""
-    kept: Mapping[str, str]
-    """Files that are kept of it: name in its folder, name in ``search/``."""
-
-
-def _both(robot: str) -> Run:
-    kept = {"final.csv": f"{robot}_gte.csv", "sje_table.csv": f"{robot}_sje.csv"}
-    return Run(robot=robot, options={"objective": "both"}, kept=kept)
+def read(path: Path) -> Numbers:
+    """Return the numbers of the CSV."""
+    out: Numbers = {}
+    with path.open(encoding="utf-8") as file:
+        for *place, treatment, name, value in list(csv.reader(file))[1:]:
+            robot, condition, where = place
+            rows = out.setdefault((robot, condition, where), {})
+            rows.setdefault(treatment, {})[name] = float(value)
+    return out
 
 
-def _compensation(kind: str, name: str, *, dither: bool = False) -> Run:
-    options = {"objective": "gte", "compensation": kind, "without_dither": not dither}
-    kept = {"compensation.csv": f"panda_{name}_gains.csv"}
-    if dither:
-        kept["final.csv"] = f"panda_gte_{name}.csv"
-    return Run(options=options, kept=kept)
+def mean(found: Numbers, condition: str, treatment: str, name: str) -> float:
+    """Return a number of the Panda, geometric mean over paths."""
+    values = [found["panda", condition, path][treatment][name] for path in PATHS]
+    return float(np.exp(np.mean(np.log(values))))
 
 
-def _longer(seed: int, kept: str) -> Run:
-    options = {"objective": "gte", "gates": "one", "evaluations": 1600}
-    return Run(seed=seed, options=options, kept={"final.csv": f"{kept}.csv"})
+def page(found: Numbers) -> dict[str, Any]:
+    """Return what the page's template asks for."""
+
+    def both(robot: str, condition: str, path: str, treatment: str, when: str = "") -> str:
+        one = found[robot, condition, path][treatment]
+        return " / ".join(f"{one[f'{when}{part}_percent']:.0f}" for part in LEFT[:2])
+
+    header = ["treatment"]
+    for path in PATHS:
+        header += [f"{path}: over all goals", "at rest", "vibration at rest [mm]"]
+    rows = []
+    for name in found["panda", KNOWN, PATHS[0]]:
+        rows.append([name])
+        for path in PATHS:
+            shaken = found["panda", KNOWN, path][name]["vibration_at_rest_mm"]
+            rows[-1] += [both("panda", KNOWN, path, name, when) for when in ("", "resting_")]
+            rows[-1].append(f"{shaken:.3f}")
+    push = "push, searched"
+    return {
+        "settings": tuning_settings(),
+        "table": table_text(header, rows),
+        "push": [f"{mean(found, KNOWN, push, f'{part}_percent'):.0f}" for part in LEFT[:2]],
+        "wrong": {
+            condition: [both("panda", condition, path, push) for path in PATHS]
+            for condition in CONDITIONS
+        },
+        "joints": {
+            robot: {
+                table: f"{np.mean([x for k, x in one.items() if 'reduction' in k]):.1f}"
+                for table, one in found[robot, KNOWN, SJE].items()
+            }
+            for robot in ROBOTS
+        },
+        "iiwas": {
+            robot: [both(robot, KNOWN, path, "search, constant") for path in PATHS]
+            for robot in ROBOTS[1:]
+        },
+        "seed": SEED,
+        "iterations": ITERATIONS,
+    }
 
 
-RUNS = {
-    "both": _both("panda"),
-    "gated": Run(
-        options={"objective": "gte", "gates": "each"}, kept={"final.csv": "panda_gte_gated.csv"}
-    ),
-    "gated_1600": _longer(0, "panda_gte_gated_1600"),
-    "gated_1600_seed1": _longer(1, "panda_gte_gated_1600_seed1"),
-    "feedforward": _compensation("feedforward", "feedforward"),
-    "push": _compensation("push", "push"),
-    "push_and_dither": _compensation("push", "push_dither", dither=True),
-    "iiwa7": _both("iiwa7"),
-    "iiwa14": _both("iiwa14"),
-}
-"""Searches by their folders in ``--work``."""
-
-
-def found(work: Path) -> None:
-    """Run the searches that are not done yet; keep what they found."""
-    KEPT.mkdir(exist_ok=True)
-    for name, run in RUNS.items():
-        print(name, flush=True)
-        search(run.robot, out=work / name, seed=run.seed, progress=_say, **run.options)
-        print(flush=True)
-        for one, kept in run.kept.items():
-            shutil.copy(work / name / one, KEPT / kept)
-
-
-def _say(stage: str, done: float, total: float) -> None:
-    print(f"\r{stage} {done:.0f}/{total:.0f}   ", end="", flush=True)
+def draw(found: Numbers, path: Path) -> None:
+    """Draw the Panda's error left against vibration at rest, a column per condition."""
+    figure = Figure(figsize=(16, 8), layout="constrained")
+    axes: Any = figure.subplots(2, len(CONDITIONS), sharey="row", sharex=True)
+    for column, condition in enumerate(CONDITIONS):
+        for axis, part in zip(axes[:, column], LEFT[:2], strict=True):
+            for k, name in enumerate(found["panda", condition, PATHS[0]]):
+                x, y = (
+                    mean(found, condition, name, of)
+                    for of in ("vibration_at_rest_mm", f"{part}_percent")
+                )
+                look: dict[str, Any] = {"marker": "osD^vP*X<h"[k], "mec": f"C{k}", "mfc": "none"}
+                axis.plot(x, y, ls="", mew=2, ms=10, label=name, **look)
+            axis.grid(alpha=0.3)
+            if column == 0:
+                axis.set_ylabel(f"{part} error left, of nothing [%]")
+        axes[0, column].set_title(condition)
+        axes[-1, column].set_xlabel("vibration at rest, rms [mm]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside right upper")
+    save_full(figure, path)
 
 
 def main() -> None:
     parser = STUDY.parser()
-    parser.add_argument("--kept", action="store_true", help="measure kept tables, search none")
+    parser.add_argument("--kept", action="store_true", help="page of the CSV that is there")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    rows = STUDY.rows(options)
+    path = STUDY.folder / "search.csv"
     if not options.kept:
-        found(options.work)
-    robots = tuple(dict.fromkeys(run.robot for run in RUNS.values()))
-    measured = {r: paths(r, rows, list(CONDITIONS) if r == "panda" else [NOMINAL]) for r in robots}
-    longest = [name for name in RUNS if name.startswith("gated_1600")]
-    gates = [table_of(KEPT / x)[0].gate_rad_s for n in longest for x in RUNS[n].kept.values()]
-    STUDY.write_page(
-        options,
-        seed=SEED,
-        iterations=ITERATIONS,
-        evaluations=RUNS["gated_1600"].options["evaluations"],
-        gates_rad_s=gates,
-        **page(
-            paths=measured,
-            joints={robot: joints(robot, rows) for robot in robots},
-            hunting={f"{1e3 * w:g} mrad": x for w, x in zip(WIDTHS, hunting(rows), strict=True)},
-            gains=GAINS,
-        ),
-    )
-    draw(measured["panda"], options.out / "compensation.png")
+        rows, lines = STUDY.rows(options).fill(jobs(), measure), []
+        for key, job in jobs().items():
+            for treatment, numbers in rows[key].items():
+                if treatment != "seconds":
+                    lines += [(*job, treatment, *number) for number in numbers.items()]
+        write_lines(path, COLUMNS, lines)
+    found = read(path)
+    draw(found, options.out / "compensation.png")
+    STUDY.write_page(options, **page(found))
 
 
 if __name__ == "__main__":
