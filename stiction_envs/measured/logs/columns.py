@@ -58,8 +58,9 @@ class Columns:
 
     @property
     def numbers(self) -> tuple[int, ...]:
-        """Columns that hold numbers: t, then the channels in their order."""
-        return (self.t, *(c for group in self.channels.values() for c in group))
+        """Columns that hold numbers: t where there is one, then the channels in their order."""
+        found = (self.t, *(c for group in self.channels.values() for c in group))
+        return tuple(c for c in found if c >= 0)
 
 
 def joints_of(names: Sequence[str]) -> int:

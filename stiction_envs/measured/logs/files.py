@@ -16,6 +16,15 @@ from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
+PICKLES = (".pt", ".pth")
+"""Files of PyTorch, which are not opened."""
+OF_PICKLES = (
+    "expected .npz; of PACE's make it with d = torch.load(FILE, weights_only=True); "
+    "numpy.savez('log.npz', t=d['time'], q=d['dof_pos'], q_cmd=d['des_dof_pos'])"
+)
+"""How a file's owner converts it. Keys of PACE: leggedrobotics/pace-sim2real,
+scripts/pace/data_collection.py."""
+
 
 def read_raw(
     path: str | os.PathLike[str],
@@ -39,12 +48,6 @@ def read_raw(
     """
     where, names = os.fspath(path), naming or Naming()
     kind = _kind(path)
-    if names.joints and not kind.has_names:
-        raise StictionError(
-            f"joints: the joints of {where} have numbers: expected a log with names"
-        )
-    if names.topic is not None and not kind.has_topics:
-        raise StictionError(f"topic: {where} has no topics: expected ROS bags only")
     if names.units is not None and names.units not in UNITS:
         raise unknown("units", names.units, UNITS)
     raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
@@ -115,6 +118,8 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
         raise StictionError(f"{where}: {reason.lower()}: expected a log file") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
+    if where.lower().endswith(PICKLES):
+        raise StictionError(f"{where}: a pickle, which can run code: {OF_PICKLES}")
     if kind is None:
         if stat.S_ISDIR(mode):
             raise no_log(Path(path), f"a log file ({ends})")

@@ -72,7 +72,12 @@ def joints_in_order(
     """Return joints 1 to n of a log whose joints have a fixed order; see `find_joints`.
 
     They are taken in that order where there are n of them and nobody names them.
+
+    Raises:
+        StictionError: as of `find_joints`, or a topic is asked for, which such logs have not.
     """
+    if naming.topic is not None:
+        raise StictionError(f"topic: {where} has no topics: expected ROS bags only")
     named = naming.joints or (naming.robot and set(naming.robot) <= set(names))
     if not named and len(names) == n_joints:
         return tuple(names)

@@ -38,8 +38,6 @@ class RosBag(LogFormat):
     """A recording of ROS."""
 
     ends: ClassVar = (".bag", ".mcap", ".db3")
-    has_names: ClassVar = True
-    has_topics: ClassVar = True
 
     def matches_folder(self, path: Path) -> bool:
         """Return whether ROS 2 recorded into it."""

@@ -80,23 +80,12 @@ class RawLog:
         """Add a note on how it was read, which may concern some rows."""
         self.notes.append(Correction(kind="source", rows=rows, text=text))
 
-    def note_renamed(self, columns: Columns) -> None:
-        """Add a note for each channel that has another's name in the file."""
-        for name in columns.renamed:
-            self.note(f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
-
 
 class LogFormat(ABC):
     """One kind of file."""
 
     ends: ClassVar[tuple[str, ...]]
     """Of the names of such files, with the dot."""
-    is_read: ClassVar[bool] = True
-    """Whether such files are read; else the error says how to make one that is."""
-    has_names: ClassVar[bool] = False
-    """Whether its joints have names, so that those of `Naming` apply."""
-    has_topics: ClassVar[bool] = False
-    """Whether it has topics, of which `Naming` may select one."""
     has_units: ClassVar[bool] = False
     """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
 
@@ -124,33 +113,55 @@ class LogFormat(ABC):
             StictionError: it cannot be read.
         """
 
+    @abstractmethod
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """Return what may have driven the joints: torque, position, both or none is there.
 
         Raises:
             StictionError: it cannot be read.
         """
-        return (TORQUE,)
 
 
-class ColumnFile(LogFormat):
-    """A kind of file that holds named columns."""
+class NamedColumns(LogFormat):
+    """A kind of file whose columns have names."""
+
+    @abstractmethod
+    def names(self, where: str, naming: Naming) -> list[str]:
+        """Return our names of its columns."""
+
+    def count(self, where: str, naming: Naming) -> int:
+        """See `LogFormat.count`."""
+        return joints_of(self.names(where, naming))
+
+    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+        """See `LogFormat.drives`."""
+        return drives_in(self.names(where, naming))
+
+
+class ColumnFile(NamedColumns):
+    """A kind of file that holds arrays by the names of its columns."""
 
     @abstractmethod
     def columns(self, where: str) -> Arrays:
         """Read columns (T,), or matrices (T, n) by the name of their channel."""
 
+    def names(self, where: str, naming: Naming) -> list[str]:
+        """See `NamedColumns.names`."""
+        return list(_flat(self.columns(where)))
+
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
+        check_unnamed(where, wanted.naming)
         return _from_columns(where, self.columns(where), wanted)
 
-    def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
-        return joints_of(list(_flat(self.columns(where))))
 
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
-        return drives_in(list(_flat(self.columns(where))))
+def check_unnamed(where: str, naming: Naming) -> None:
+    """Refuse names for a log whose joints have numbers."""
+    for option, given in (("joints", naming.joints), ("topic", naming.topic)):
+        if given:
+            raise StictionError(
+                f"{option}: the joints of {where} have numbers: expected a log with names"
+            )
 
 
 def check_size(where: str, rows: int, per_row: int) -> None:
@@ -174,37 +185,59 @@ def _flat(arrays: Arrays) -> Arrays:
 
 
 def _from_columns(where: str, arrays: Arrays, wanted: Wanted) -> RawLog:
-    flat, time = _flat(arrays), wanted.time
+    flat = _flat(arrays)
     names = list(flat)
-    columns = sort_columns(where, names, wanted.n_joints, time=time, drive=wanted.drive)
-    used = [c for c in (*columns.numbers, columns.run) if c is not None and c >= 0]
+    columns = sort_columns(where, names, wanted.n_joints, time=wanted.time, drive=wanted.drive)
+    used = columns.numbers if columns.run is None else (*columns.numbers, columns.run)
     length = len(flat[names[used[0]]])
     for c in used:
-        array = flat[names[c]]
+        name, array = names[c], flat[names[c]]
         if len(array) != length:
             raise StictionError(
-                f"{where}: column {names[c]!r} has {len(array)} rows, "
+                f"{where}: column {name!r} has {len(array)} rows, "
                 f"{names[used[0]]!r} has {length}: expected one length for all"
             )
         if c != columns.run and array.dtype.kind not in "fiu":
-            raise StictionError(
-                f"{where}: column {names[c]!r} holds {array.dtype}: expected numbers"
-            )
+            raise StictionError(f"{where}: column {name!r} holds {array.dtype}: expected numbers")
     check_size(where, length, len(used))
+    return log_of_columns(
+        where, columns, lambda c: flat[names[c]], length, wanted, lambda i: f"row {i + 1}"
+    )
+
+
+def log_of_columns(
+    where: str,
+    columns: Columns,
+    column: Callable[[int], NDArray[Any]],
+    length: int,
+    wanted: Wanted,
+    place: Callable[[int], str],
+) -> RawLog:
+    """Return the log of a table of ``length`` rows.
+
+    Args:
+        where: the file.
+        columns: where its channels stand.
+        column: a column (T,) by its place; that of the runs may hold anything.
+        length: number of rows, T.
+        wanted: whether it has time.
+        place: what a row is called within the file.
+    """
     run = np.zeros(length, np.int64)
     if columns.run is not None and length:
-        label = flat[names[columns.run]]
+        label = column(columns.run)
         run[1:] = np.cumsum(label[1:] != label[:-1])
     log = RawLog(
         source=where,
-        t=np.array(flat["t"], np.float64) if time else np.arange(float(length)),
+        t=np.array(column(columns.t), float) if wanted.time else np.arange(float(length)),
         data={
-            channel: np.stack([np.asarray(flat[names[c]], np.float64) for c in group], axis=1)
+            channel: np.stack([np.asarray(column(c), np.float64) for c in group], axis=1)
             for channel, group in columns.channels.items()
         },
         run=run,
-        place=lambda i: f"{where}, row {i + 1}",
+        place=lambda i: f"{where}, {place(i)}",
         ignored=columns.ignored,
     )
-    log.note_renamed(columns)
+    for name in columns.renamed:
+        log.note(f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
     return log

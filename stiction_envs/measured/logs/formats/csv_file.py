@@ -16,17 +16,19 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
-from stiction_envs.measured.logs.columns import Columns, drives_in, joints_of, sort_columns
+from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     MOST_LINE_BYTES,
-    LogFormat,
+    NamedColumns,
     RawLog,
     Wanted,
     check_size,
+    check_unnamed,
+    log_of_columns,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
-from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, About, Header
+from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming
 
@@ -35,41 +37,31 @@ HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
+Array = NDArray[np.float64]
 _GZIP = b"\x1f\x8b"
 """The first bytes of a gzip file."""
 
 
-class CsvFile(LogFormat):
+class CsvFile(NamedColumns):
     """Comma-separated numbers below a header."""
 
     ends: ClassVar = (".csv", ".csv.gz")
-    has_names: ClassVar = True
-    has_topics: ClassVar = True
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
         return _read_csv(where, wanted)
 
-    def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
-        return joints_of(_our_names(where, naming))
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
-        return drives_in(_our_names(where, naming))
+    def names(self, where: str, naming: Naming) -> list[str]:
+        """See `NamedColumns.names`."""
+        names = header_of(where)
+        if not names:
+            raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
+        return known_header(names).ours(names, where, naming)
 
 
 def known_header(names: Sequence[str]) -> Header:
     """Return the kind of log that has these columns."""
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
-
-
-def _our_names(where: str, naming: Naming) -> list[str]:
-    """Return our names of a file's columns."""
-    names = header_of(where)
-    if not names:
-        raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
-    return known_header(names).ours(names, About(where=where, naming=naming))
 
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
@@ -79,32 +71,22 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
         raise StictionError(f"{where}: empty file: expected a header and one second of rows")
     kind = known_header(header)
     if not kind.has_names:
-        _check_unnamed(where, wanted.naming)
-    names = kind.ours(header, About(where=where, naming=wanted.naming, n_joints=wanted.n_joints))
+        check_unnamed(where, wanted.naming)
+    names = kind.ours(header, where, wanted.naming, wanted.n_joints)
     columns = sort_columns(where, names, wanted.n_joints, time=wanted.time, drive=wanted.drive)
-    values, labels, numbers = _numbers(where, lines, header, columns)
-    first, data = int(wanted.time), {}
-    for channel, group in columns.channels.items():
-        data[channel] = np.ascontiguousarray(values[:, first : first + len(group)])
-        first += len(group)
-    t = values[:, 0] / kind.per_second if wanted.time else np.arange(float(len(values)))
-    run = np.cumsum(np.diff(labels, prepend=labels[:1]) != 0)
-    if kind.sparse:
-        keep = measured_rows(data)
-        t, run, numbers = t[keep], run[keep], numbers[keep]
-        data = {k: np.ascontiguousarray(x[keep]) for k, x in data.items()}
-    log = RawLog(
-        source=where,
-        t=t,
-        data=data,
-        run=run,
-        place=lambda i: f"{where}, line {numbers[i]}",
-        ignored=columns.ignored if kind is OUR_COLUMNS else (),
-        side=kind.side,
+    table, numbers = _table(where, lines, header, columns)
+    log = log_of_columns(
+        where, columns, table.__getitem__, len(numbers), wanted, lambda i: f"line {numbers[i]}"
     )
-    if kind.note:
+    if wanted.time:
+        log.t /= kind.per_second
+    if kind.sparse:
+        keep = measured_rows(log.data)
+        numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
+        log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
+    if kind is not OUR_COLUMNS:
+        log.side, log.ignored = kind.side, ()
         log.note(kind.note)
-    log.note_renamed(columns)
     return log
 
 
@@ -171,17 +153,19 @@ def _header(where: str, number: int, line: bytes) -> list[str]:
     return [name.strip() for name in names]
 
 
-def _numbers(
+def _table(
     where: str, lines: Iterable[tuple[int, bytes]], header: Sequence[str], columns: Columns
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int32]]:
-    """Return the used columns (T, k), a number for each row's label of its run, and its line.
+) -> tuple[dict[int, Array], NDArray[np.int32]]:
+    """Return the used columns by their place, and the line of each row.
+
+    Of the runs' labels there are numbers, one for each label.
 
     Raises:
         StictionError: a row with too few or too many values, or a value that is no number.
     """
-    used = [c for c in columns.numbers if c >= 0]
+    used = columns.numbers
     pick, width = itemgetter(*used), len(header)
-    values, labels, numbers = array("d"), array("q"), array("i")
+    values, labels, numbers = array("d"), array("d"), array("i")
     codes: dict[bytes, int] = {}
     for number, line in lines:
         cells = line.replace(b'"', b"").split(b",")
@@ -192,16 +176,18 @@ def _numbers(
             )
         try:
             # float takes Python's own 1_000, which is no number anywhere else
-            row = None if b"_" in line else [*map(float, pick(cells))]
+            row = [] if b"_" in line else [*map(float, pick(cells))]
         except ValueError:
-            row = None
+            row = []
         values.extend(row or [_number(where, number, header[c], cells[c]) for c in used])
         numbers.append(number)
-        label = b"" if columns.run is None else cells[columns.run].strip()
-        labels.append(codes.setdefault(label, len(codes)))
+        if columns.run is not None:
+            labels.append(codes.setdefault(cells[columns.run].strip(), len(codes)))
         check_size(where, len(numbers), len(used))
-    table = np.array(values).reshape(-1, len(used))
-    return table, np.array(labels, np.int64), np.array(numbers, np.int32)
+    table = dict(zip(used, np.array(values).reshape(-1, len(used)).T, strict=True))
+    if columns.run is not None:
+        table[columns.run] = np.array(labels)
+    return table, np.array(numbers, np.int32)
 
 
 def _number(where: str, line: int, column: str, cell: bytes) -> float:
@@ -214,12 +200,3 @@ def _number(where: str, line: int, column: str, cell: bytes) -> float:
         return math.nan
     short = shown if len(shown) < 40 else shown[:37] + "..."
     raise StictionError(f"{where}, line {line}: {column} is {short!r}: expected numbers")
-
-
-def _check_unnamed(where: str, naming: Naming) -> None:
-    """Refuse names for a log whose joints have numbers."""
-    for option, given in (("joints", naming.joints), ("topic", naming.topic)):
-        if given:
-            raise StictionError(
-                f"{option}: the joints of {where} have numbers: expected a log with names"
-            )

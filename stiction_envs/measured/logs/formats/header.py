@@ -9,18 +9,6 @@ from stiction_envs.measured.logs.joint_names import Naming
 
 
 @dataclass(frozen=True, kw_only=True)
-class About:
-    """What is known of a log besides its columns."""
-
-    where: str
-    """The file, the beginning of every message."""
-    naming: Naming
-    """Names of its joints."""
-    n_joints: int | None = None
-    """Joints of the robot; None where none is known."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class Header:
     """Columns of one kind of CSV log."""
 
@@ -39,8 +27,16 @@ class Header:
     sparse: bool = False
     """Whether a row has only what changed."""
 
-    def ours(self, names: Sequence[str], about: About) -> list[str]:
-        """Return our names of the columns ``names`` of a file.
+    def ours(
+        self, names: Sequence[str], where: str, naming: Naming, n_joints: int | None = None
+    ) -> list[str]:
+        """Return our names of the columns of a file.
+
+        Args:
+            names: of the columns in the file.
+            where: the file, the beginning of every message.
+            naming: names of its joints.
+            n_joints: joints of the robot; None where none is known.
 
         Raises:
             StictionError: joints that have names cannot be found.

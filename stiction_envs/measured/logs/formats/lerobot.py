@@ -59,7 +59,6 @@ class LeRobotDataset(LogFormat):
     """What lerobot records into a folder."""
 
     ends: ClassVar = ()
-    has_names: ClassVar = True
     has_units: ClassVar = True
 
     def matches_folder(self, path: Path) -> bool:

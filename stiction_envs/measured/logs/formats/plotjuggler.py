@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.logs.formats.header import About, Header
-from stiction_envs.measured.logs.joint_names import find_joints
+from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.joint_names import Naming, find_joints
 
 TIME = "__time"
 _STATE = re.compile(r"(?P<topic>.+)/(?P<joint>[^/]+)/(?P<field>position|velocity|effort)")
@@ -44,14 +44,16 @@ class PlotJuggler(Header):
     has_names: bool = True
     sparse: bool = True
 
-    def ours(self, names: Sequence[str], about: About) -> list[str]:
+    def ours(
+        self, names: Sequence[str], where: str, naming: Naming, n_joints: int | None = None
+    ) -> list[str]:
         """See `Header.ours`."""
         states, commands = _curves([n.strip() for n in names])
         found = {TIME: "t"}
-        topic = _topic(about, states)
+        topic = _topic(states, where, naming, n_joints)
         if topic is not None:
             motors = [j for j, channels in states[topic].items() if "q" in channels]
-            joints = _joints(about, motors)
+            joints = _joints(motors, where, naming, n_joints)
             for number, joint in enumerate(joints, 1):
                 found |= {
                     name: f"{channel}{number}" for channel, name in states[topic][joint].items()
@@ -76,31 +78,33 @@ def _curves(names: Sequence[str]) -> tuple[_Curves, _Curves]:
     return states, commands
 
 
-def _topic(about: About, states: _Curves) -> str | None:
+def _topic(states: _Curves, where: str, naming: Naming, n_joints: int | None) -> str | None:
     """Return the topic with the arm's states, named joints first; None where there is none."""
-    asked = about.naming.topic
+    asked = naming.topic
     if asked is not None:
         if asked not in states:
-            raise StictionError(f"{about.where}: {unknown('topic', asked, states)}")
+            raise StictionError(f"{where}: {unknown('topic', asked, states)}")
         return asked
-    least = about.n_joints or max((len(x) for x in states.values()), default=0)
+    least = n_joints or max((len(x) for x in states.values()), default=0)
     full = {k: v for k, v in states.items() if len(v) >= least}
     # a controller's feedback repeats the joint states, under numbers
     named = [k for k, v in full.items() if not all(re.fullmatch(r"joint\d+", x) for x in v)]
     topics = named or list(full)
     if len(topics) > 1:
         raise StictionError(
-            f"{about.where}: several topics with states of joints: {', '.join(topics)}: "
+            f"{where}: several topics with states of joints: {', '.join(topics)}: "
             "expected one; name the topic"
         )
     return topics[0] if topics else None
 
 
-def _joints(about: About, motors: Sequence[str]) -> tuple[str, ...]:
+def _joints(
+    motors: Sequence[str], where: str, naming: Naming, n_joints: int | None
+) -> tuple[str, ...]:
     try:
-        return find_joints(about.where, motors, about.n_joints, about.naming)
+        return find_joints(where, motors, n_joints, naming)
     except StictionError:
-        if about.n_joints is not None or about.naming.joints:
+        if n_joints is not None or naming.joints:
             raise
         return tuple(motors)  # without a robot they are only counted
 

@@ -14,7 +14,6 @@ from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.formats.lerobot import LeRobotDataset
 from stiction_envs.measured.logs.formats.npz import NumpyArchive
 from stiction_envs.measured.logs.formats.parquet import Parquet
-from stiction_envs.measured.logs.formats.pytorch import PyTorchFile
 from stiction_envs.measured.logs.formats.sage import SageFolder
 
 GROUP = "stiction_envs.log_formats"
@@ -26,7 +25,6 @@ _formats: list[LogFormat] = [
     RosBag(),
     LeRobotDataset(),
     SageFolder(),
-    PyTorchFile(),
 ]
 
 
@@ -59,7 +57,7 @@ def _load_entry_points() -> None:
 def log_ends() -> tuple[str, ...]:
     """Return the ends of the names of files that are read."""
     _load_entry_points()
-    return tuple(end for f in _formats if f.is_read for end in f.ends)
+    return tuple(end for f in _formats for end in f.ends)
 
 
 def format_of(path: Path) -> LogFormat | None:

@@ -46,7 +46,6 @@ class SageFolder(LogFormat):
     """What SAGE's collectors write for one motion."""
 
     ends: ClassVar = ()
-    has_names: ClassVar = True
     has_units: ClassVar = True
 
     def matches_folder(self, path: Path) -> bool:
