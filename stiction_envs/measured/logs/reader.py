@@ -26,7 +26,7 @@ from stiction_envs.measured.logs.files import read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import JointLog
-from stiction_envs.measured.logs.timing import begin, end, ignored, read_each
+from stiction_envs.measured.logs.timing import corrected, ignored, read_each
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
@@ -86,44 +86,25 @@ def read_poses(
     corrections, warnings = fill_missing(rows, raw.place)
     if len(rows.t) < 2:
         raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
-    rows.t = np.arange(float(len(rows.t)))
     rows.data.pop("dq", None)
     warnings += check_units(rows, raw.place, limits)
-    return _log(raw, rows, corrections, warnings, static=True)
-
-
-def _log(
-    raw: RawLog,
-    rows: Rows,
-    corrections: list[Correction],
-    warnings: list[str],
-    *,
-    breaks: tuple[int, ...] = (),
-    date: float | None = None,
-    static: bool = False,
-) -> JointLog:
-    """Return the log of corrected rows, and what was found before."""
-    data = dict(rows.data)
     return JointLog(
         source=raw.source,
-        t=rows.t,
-        q=data.pop("q"),
-        dq=data.pop("dq", None),
-        tau=data.pop("tau"),
-        extra=data,
+        t=np.arange(float(len(rows.t))),
+        q=rows.data.pop("q"),
+        dq=None,
+        tau=rows.data.pop("tau"),
+        extra=rows.data,
         corrections=(*raw.notes, *corrections),
         warnings=(*ignored(raw), *warnings),
         side=raw.side,
-        breaks=breaks,
-        date=date,
-        static=static,
+        static=True,
     )
 
 
 def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> JointLog:
-    rows, date, corrections, warnings = begin(raw)
-    warnings += check_units(rows, raw.place, limits)
-    warnings += check_channels(rows, raw.place, motion)
-    corrections += drop_repeats(rows) + correct_stale(rows)
-    breaks, more, found = end(raw.source, rows, limits, motion)
-    return _log(raw, rows, corrections + more, warnings + found, breaks=breaks, date=date)
+    def check(rows: Rows) -> list[str]:
+        return check_units(rows, raw.place, limits) + check_channels(rows, raw.place, motion)
+
+    common, data = corrected(raw, limits, motion, check, correct=(drop_repeats, correct_stale))
+    return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)

@@ -16,12 +16,12 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.corrections import SERVO_CORE
+from stiction_envs.measured.logs.corrections import SERVO_CORE, Rows
 from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import RobotLog, ServoLog
-from stiction_envs.measured.logs.timing import begin, end, ignored, read_each
+from stiction_envs.measured.logs.timing import corrected, read_each
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
@@ -87,23 +87,16 @@ def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
 
 
 def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> ServoLog:
-    rows, date, corrections, warnings = begin(raw, SERVO_CORE)
-    warnings += check_servo_units(rows, raw.place, limits)
-    warnings += check_servo_channels(rows, raw.place, motion)
-    breaks, more, found = end(raw.source, rows, limits, motion, slowest=SLOWEST_CLOCK)
-    data = dict(rows.data)
+    def check(rows: Rows) -> list[str]:
+        warnings = check_servo_units(rows, raw.place, limits)
+        return warnings + check_servo_channels(rows, raw.place, motion)
+
+    common, data = corrected(raw, limits, motion, check, measured=SERVO_CORE, slowest=SLOWEST_CLOCK)
     current = data.pop("current_abs", None)
     return ServoLog(
-        source=raw.source,
-        t=rows.t,
-        q=data.pop("q"),
-        dq=data.pop("dq", None),
+        **common,
         q_cmd=data.pop("q_cmd"),
         tau=data.pop("tau", None),
         current=None if current is None else np.abs(current),
         extra=data,
-        corrections=(*raw.notes, *corrections, *more),
-        warnings=(*ignored(raw), *warnings, *found),
-        breaks=breaks,
-        date=date,
     )

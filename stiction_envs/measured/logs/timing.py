@@ -9,9 +9,10 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_finite, check_pace, check_speeds, check_time
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
 Path = str | os.PathLike[str]
+Array = NDArray[np.float64]
 LogT = TypeVar("LogT", bound=RobotLog)
 
 LEAST_SECONDS = 1.0
@@ -56,17 +58,29 @@ def read_each(paths: Sequence[Path], read: Callable[[Path], LogT]) -> list[LogT]
     return logs
 
 
-def begin(
-    raw: RawLog, measured: tuple[str, ...] = CORE
-) -> tuple[Rows, float | None, list[Correction], list[str]]:
-    """Return the rows of a log with one rising time and without missing values.
+def corrected(
+    raw: RawLog,
+    limits: Limits | None,
+    motion: MotionThresholds,
+    check: Callable[[Rows], list[str]],
+    *,
+    measured: tuple[str, ...] = CORE,
+    correct: Sequence[Callable[[Rows], list[Correction]]] = (),
+    slowest: float = math.inf,
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Correct a log: one rising time, no missing values, a regular clock; find its segments.
 
     Args:
-        raw: the log; its arrays become those of the rows.
+        raw: the log; its arrays are used up.
+        limits: of the robot; None where it is not known.
+        motion: when a joint moves.
+        check: what returns warnings about rows without missing values.
         measured: channels that are measured with every sample.
+        correct: what corrects values in place, before the clock.
+        slowest: as of `correct_clock` [s].
 
     Returns:
-        Rows, the date that was taken off their time, what was corrected, and warnings.
+        What all logs have (`RobotLog`), and the other channels.
 
     Raises:
         StictionError: what cannot be a measurement.
@@ -78,68 +92,42 @@ def begin(
     check_time(rows, raw.place)
     start = float(raw.origin + rows.t[0])
     date = start if abs(start) > EPOCH else None
-    corrections = _join_runs(rows, date)
+    corrections = [*raw.notes, *_join_runs(rows, date)]
     more, warnings = fill_missing(rows, raw.place)
-    return rows, date, corrections + more, warnings
-
-
-def end(
-    source: str,
-    rows: Rows,
-    limits: Limits | None,
-    motion: MotionThresholds,
-    *,
-    slowest: float = math.inf,
-) -> tuple[tuple[int, ...], list[Correction], list[str]]:
-    """Correct the clock of ``rows`` in place, find their segments and check their speeds.
-
-    Args:
-        source: the log, the beginning of every message.
-        rows: a log whose values have been corrected.
-        limits: of the robot; None where it is not known.
-        motion: when a joint moves.
-        slowest: as of `correct_clock` [s].
-
-    Returns:
-        First row of each segment but the first, what was corrected, and warnings.
-
-    Raises:
-        StictionError: less than `LEAST_SECONDS` in all, or speeds that cannot be.
-    """
-    corrections, warnings = correct_clock(rows, slowest)
-    breaks, longest, step = _split(source, rows, corrections)
-    try:
-        check_pace(longest, step, limits)
-        warnings += check_speeds(longest, step, motion)
-    except StictionError as error:
-        raise StictionError(f"{source}: {error}") from None
-    return breaks, corrections, warnings
-
-
-def _split(
-    source: str, rows: Rows, corrections: list[Correction]
-) -> tuple[tuple[int, ...], Rows, float]:
-    """Find the segments of a log whose clock has been corrected; gaps join the corrections.
-
-    Returns:
-        First row of each segment but the first, rows of the longest one, usual time between rows
-        [s].
-
-    Raises:
-        StictionError: less than `LEAST_SECONDS` in all.
-    """
+    corrections += more
+    warnings += check(rows)
+    for change in correct:
+        corrections += change(rows)
+    more, late = correct_clock(rows, slowest)
+    corrections += more
     step = usual_step(rows)
     breaks = _segments(rows, step, corrections)
     bounds = list(pairwise((0, *breaks, len(rows.t))))
     seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
     if not seconds >= LEAST_SECONDS - 1.5 * step:
         raise StictionError(
-            f"{source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
+            f"{raw.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
         )
     part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
     data = {k: v[part] for k, v in rows.data.items()}
-    longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=rows.measured)
-    return breaks, longest, step
+    longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=measured)
+    try:
+        check_pace(longest, step, limits)
+        late += check_speeds(longest, step, motion)
+    except StictionError as error:
+        raise StictionError(f"{raw.source}: {error}") from None
+    others = dict(rows.data)
+    common = {
+        "source": raw.source,
+        "t": rows.t,
+        "q": others.pop("q"),
+        "dq": others.pop("dq", None),
+        "corrections": tuple(corrections),
+        "warnings": (*ignored(raw), *warnings, *late),
+        "breaks": breaks,
+        "date": date,
+    }
+    return common, others
 
 
 def ignored(raw: RawLog) -> list[str]:

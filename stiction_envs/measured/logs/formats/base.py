@@ -113,13 +113,13 @@ class LogFormat(ABC):
             StictionError: it cannot be read.
         """
 
-    @abstractmethod
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """Return what may have driven the joints: torque, position, both or none is there.
 
         Raises:
             StictionError: it cannot be read.
         """
+        return (TORQUE,)
 
 
 class NamedColumns(LogFormat):

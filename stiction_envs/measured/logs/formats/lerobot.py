@@ -24,9 +24,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, missing_extra
+from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
+from stiction_envs.measured.logs.formats.parquet import opened
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import (
     DEGREES,
@@ -176,10 +177,6 @@ def _by_channel(path: Path, names: Sequence[str]) -> dict[str, dict[str, int]]:
 
 def _table(where: str, features: _Features) -> dict[str, Array]:
     """Read the columns of all data files, rows in the order of episodes and frames."""
-    try:
-        from pyarrow import parquet  # here: few logs need it, and it takes a moment
-    except ImportError:
-        raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
     files = sorted(Path(where, "data").rglob("*.parquet"))
     if not files:
         raise StictionError(f"{where}: no .parquet in data/: expected a whole dataset of lerobot")
@@ -187,25 +184,16 @@ def _table(where: str, features: _Features) -> dict[str, Array]:
     parts: dict[str, list[Array]] = {name: [] for name in width}
     rows = 0
     for path in files:
-        try:
-            with parquet.ParquetFile(path) as file:
-                rows += file.metadata.num_rows
-                check_size(where, rows, sum(width.values()))
-                missing = sorted(set(width) - set(file.schema_arrow.names))
-                if missing:
-                    raise StictionError(
-                        f"{path}: missing column {missing[0]!r}: expected lerobot's"
-                    )
-                table = file.read(columns=list(width))
+        damaged = "damaged, or not as info.json says: expected lerobot's Parquet"
+        with opened(where, path, damaged) as file:
+            rows += file.metadata.num_rows
+            check_size(where, rows, sum(width.values()))
+            missing = sorted(set(width) - set(file.schema_arrow.names))
+            if missing:
+                raise StictionError(f"{path}: missing column {missing[0]!r}: expected lerobot's")
+            table = file.read(columns=list(width))
             for name, count in width.items():
                 parts[name].append(_numbers(table.column(name), count))
-        except StictionError:
-            raise
-        except Exception:
-            # pyarrow has its own exceptions, and not all derive from one class.
-            raise StictionError(
-                f"{path}: damaged, or not as info.json says: expected lerobot's Parquet"
-            ) from None
     whole = {
         name: np.concatenate(of)
         if width[name] > 1 or name in (STATE, ACTION)

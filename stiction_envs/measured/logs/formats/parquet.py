@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
 
 from stiction_envs.errors import StictionError, missing_extra
 from stiction_envs.measured.logs.formats.base import Arrays, ColumnFile, check_size
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
 
 
 class Parquet(ColumnFile):
@@ -15,25 +21,31 @@ class Parquet(ColumnFile):
 
     def columns(self, where: str) -> Arrays:
         """Read the columns."""
-        try:
-            from pyarrow import parquet  # here: few logs need it, and it takes a moment
-        except ImportError:
-            raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
-        try:
-            with parquet.ParquetFile(where) as file:
-                names = file.schema_arrow.names
-                check_size(where, file.metadata.num_rows, (len(names) + 1) // 2)
-                table = file.read()
+        damaged = "damaged or no Parquet file: expected a table of numbers"
+        with opened(where, where, damaged) as file:
+            names = file.schema_arrow.names
+            check_size(where, file.metadata.num_rows, (len(names) + 1) // 2)
+            table = file.read()
             # Columns by place: names may be there twice.
             columns = [(n, table.column(i).to_numpy()) for i, n in enumerate(names)]
-        except StictionError:
-            raise
-        except Exception:
-            # pyarrow has its own exceptions, and not all derive from one class.
-            raise StictionError(
-                f"{where}: damaged or no Parquet file: expected a table of numbers"
-            ) from None
         repeated = [n for i, (n, _) in enumerate(columns) if n in dict(columns[:i])]
         if repeated:
             raise StictionError(f"{where}: column {repeated[0]!r} is there twice: expected one")
         return dict(columns)
+
+
+@contextmanager
+def opened(where: str, path: str | Path, damaged: str) -> Iterator[ParquetFile]:
+    """Open a file of a log; any failure while it is open is one error, that it is ``damaged``."""
+    try:
+        from pyarrow import parquet  # here: few logs need it, and it takes a moment
+    except ImportError:
+        raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
+    try:
+        with parquet.ParquetFile(path) as file:
+            yield file
+    except StictionError:
+        raise
+    except Exception:
+        # pyarrow has its own exceptions, and not all derive from one class.
+        raise StictionError(f"{path}: {damaged}") from None

@@ -54,7 +54,7 @@ class SageFolder(LogFormat):
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
-        return len(naming.joints) or _table(Path(where, STATES), most=1)["positions"].shape[1]
+        return len(naming.joints) or _table(Path(where, STATES))["positions"].shape[1]
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """See `LogFormat.drives`."""
@@ -136,13 +136,11 @@ def _names(where: str, n: int) -> list[str]:
     return names
 
 
-def _table(path: Path, most: int | None = None) -> dict[str, Array]:
-    """Read ``timestamp`` (T,) and lists of joints (T, n) by their columns; ``most`` rows."""
+def _table(path: Path) -> dict[str, Array]:
+    """Read ``timestamp`` (T,) and lists of joints (T, n) by their columns."""
     parts: dict[str, list[list[float]]] = {}
     stamps: list[float] = []
     for number, row in _rows(path):
-        if most is not None and len(stamps) == most:
-            break
         try:
             stamps.append(float(row["timestamp"]))
             for name in ("positions", "velocities", "torques"):
