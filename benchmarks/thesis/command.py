@@ -18,8 +18,6 @@ GAP = "gap"
 """The target that is no table or figure of the thesis."""
 SEEDS = 5
 """Assumed."""
-PHASE_SECONDS = 1000.0
-"""Simulated time of the iiwa's phases, roughly [s]: 64 ramps of about 15 s."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -30,7 +28,7 @@ def add_parser(subparsers: Any) -> None:
         summary="Simulate the thesis's tables and figures beside the measured ones; explain the "
         "difference.",
         example="python -m benchmarks.thesis --only 4.6 F.1 --out runs/some",
-        interrupted="what was done is kept; run the same command again to go on",
+        interrupted="run the same command again; gap goes on with the models that it had fitted",
         run=run,
         show=show,
     )
@@ -59,8 +57,8 @@ def add_parser(subparsers: Any) -> None:
     common.add_experiment_options(parser)
     common.add_shared_options(
         parser,
-        out="output folder (default: runs/reproduce-thesis, -ID or -gap); one that holds a part of "
-        "the same run is continued",
+        out="output folder (default: runs/reproduce-thesis, -ID or -gap); gap goes on with one "
+        "that holds a part of the same run",
     )
 
 
@@ -99,37 +97,30 @@ def _items(args: argparse.Namespace) -> dict[str, Any]:
 
     items = chosen(args.only)
     name = "-".join(args.only).replace(".", "_") or "thesis"
-    args.only = [item.key for item in items]  # the same run, however asked for
-    folder = common.output_folder(args, name, inputs_of(), resumable=True)
+    folder = common.output_folder(args, name, inputs_of())
     options = Options(
         seed=args.seed,
         iterations=args.iterations,
         scatter=not args.no_scatter,
         threads=args.threads,
-        folder=folder.path / "studies",
     )
-    with common.working(), Progress() as progress, folder:
-        found = reproduce(items, folder.path, options, progress.whole)
+    with common.working(), Progress("parts") as progress, folder:
+        found = reproduce(items, folder.path, options, progress.set)
     return {"out": str(folder.path), "items": found}
 
 
 def _gap(args: argparse.Namespace) -> dict[str, Any]:
     """Fit the nested models, or go on with them; write their page."""
-    from benchmarks.thesis.nested_models import fit, models, page, phase
+    from benchmarks.thesis.nested_models import fit, models, page
 
     fit.optimiser()  # before anything is written
     inputs = inputs_of(Path(fit.__file__).with_name("dither_fit.toml"))
     folder = common.output_folder(args, GAP, inputs, resumable=True)
     seeds = range(args.seed, args.seed + args.seeds)
-    with common.working(), Progress() as progress, folder:
+    with common.working(), Progress("steps") as progress, folder:
         nested = models.NestedModels(folder.path, seeds=seeds, processes=args.threads)
-        for _ in nested.fit(lambda stage, k, n: progress.set(stage, k, n, "steps")):
-            pass
-        study = phase.study_phase(
-            threads=args.threads,
-            progress=lambda seconds: progress.add("iiwa's phase", seconds, PHASE_SECONDS),
-        )
-        found = page.write_page(folder.path, nested.models, study=study)
+        nested.fit(progress.set)
+        found = page.write_page(folder.path, nested.models)
     return {"out": str(folder.path), GAP: found}
 
 

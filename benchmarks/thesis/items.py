@@ -1,4 +1,4 @@
-"""What a table or figure of the thesis is made of: its needs, its file, its one sentence.
+"""A table or figure of the thesis: what it needs, and what was made of it.
 
 An item asks studies for parts and draws what they found; it simulates nothing. `catalogue` lists
 all items, `studies` simulates.
@@ -17,7 +17,6 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_small
 
-KINDS = ("table", "figure")
 SHORT = 24
 """Characters of a cell that stays on one line."""
 Needs = Mapping[str, Sequence[Hashable]]
@@ -29,12 +28,26 @@ Numbers = tuple[str, str]
 
 
 @dataclass(frozen=True)
-class Written:
-    """What an item says and shows."""
+class Table:
+    """A table of the thesis with the simulation's numbers."""
 
+    rows: Sequence[Mapping[str, Any]]
+    """Lines of the CSV by column, those of the thesis first."""
+    header: Sequence[str]
+    """Of the table on the page."""
+    shown: Iterable[Sequence[str]]
+    """Rows on the page."""
     numbers: Numbers
-    body: str
-    """Markdown: tables and pictures."""
+    below: str = ""
+    """Markdown under the table."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the thesis, drawn of simulations."""
+
+    figure: Figure
+    numbers: Numbers
 
 
 @dataclass(frozen=True)
@@ -42,14 +55,13 @@ class Item:
     """A table or a figure of the thesis."""
 
     kind: str
-    """One of :data:`KINDS`."""
+    """``table`` or ``figure``."""
     id: str
     """As printed: ``4.6``, ``F.1``."""
     title: str
     """What it shows in the thesis, in our words."""
     needs: Callable[[], Needs]
-    write: Callable[[Item, Found, Path], Written]
-    """Draws into the folder what the studies found."""
+    make: Callable[[Found], Table | Picture]
 
     @property
     def key(self) -> str:
@@ -67,8 +79,19 @@ class Item:
         stem = f"{self.kind}_{self.id.replace('.', '_')}"
         return f"{self.kind}s/{stem}.{'csv' if self.kind == 'table' else 'png'}"
 
-
-Write = Callable[[Item, Found, Path], Written]
+    def write(self, found: Found, folder: Path) -> tuple[Numbers, str]:
+        """Write the file; return the numbers, and the table or picture as Markdown."""
+        path = folder / self.file
+        path.parent.mkdir(exist_ok=True)
+        made = self.make(found)
+        if isinstance(made, Picture):
+            save_small(made.figure, path)
+            return made.numbers, f"![{self.name}: {self.title}]({self.file})"
+        write_lines(path, list(made.rows[0]), [list(row.values()) for row in made.rows])
+        cells = [
+            [x.replace(" ", "\u00a0") if len(x) <= SHORT else x for x in row] for row in made.shown
+        ]
+        return made.numbers, table_text(made.header, cells) + made.below
 
 
 def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
@@ -78,39 +101,3 @@ def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
         for study, parts in item.needs().items():
             out.setdefault(study, {}).update(dict.fromkeys(parts))
     return {study: list(parts) for study, parts in out.items()}
-
-
-def write_table(
-    item: Item,
-    folder: Path,
-    *,
-    columns: Sequence[str],
-    rows: Sequence[Sequence[Any]],
-    header: Sequence[str],
-    shown: Iterable[Sequence[str]],
-    numbers: Numbers,
-) -> Written:
-    """Write a table's CSV.
-
-    Args:
-        item: the table.
-        folder: where.
-        columns: of the CSV, those of the thesis first.
-        rows: of the CSV.
-        header: of the table on the page.
-        shown: its rows there; short cells are not broken.
-        numbers: how it compares.
-    """
-    path = folder / item.file
-    path.parent.mkdir(exist_ok=True)
-    write_lines(path, columns, rows)
-    cells = [[x.replace(" ", "\u00a0") if len(x) <= SHORT else x for x in row] for row in shown]
-    return Written(numbers, table_text(header, cells))
-
-
-def write_figure(item: Item, folder: Path, figure: Figure, numbers: Numbers) -> Written:
-    """Write a figure's picture."""
-    path = folder / item.file
-    path.parent.mkdir(exist_ok=True)
-    save_small(figure, path)
-    return Written(numbers, f"![{item.name}: {item.title}]({item.file})")

@@ -8,22 +8,13 @@ the same arm with clean signals and the right model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.thesis.items import (
-    Found,
-    Item,
-    Needs,
-    Numbers,
-    Written,
-    write_figure,
-    write_table,
-)
+from benchmarks.thesis.items import Found, Needs, Numbers, Picture, Table
 from benchmarks.thesis.lsm import (
     ALL_WRONG,
     LINES,
@@ -45,10 +36,12 @@ from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters
 (PANDA,), (IIWA,) = LINES, LINKS
 NOTHING = "nothing"
 QUANTITIES = {
-    "intercept": "intercept [N·m]",
-    "slope": "slope [N·m·s/rad]",
-    "r2": "R²",
+    "intercept": ("intercept_Nm", "intercept [N·m]"),
+    "slope": ("slope_Nms_per_rad", "slope [N·m·s/rad]"),
+    "r2": ("r2", "R²"),
 }
+"""Numbers of a line: column in print, and words on the page."""
+FOUR = ("measured", "simulated", "difference", "nothing wrong")
 THREE = ("measured", "simulated", "nothing wrong")
 SHOWN_POINTS = 2000
 """Points of a panel."""
@@ -78,6 +71,10 @@ def curve_needs() -> Needs:
     return {"curve": [PANDA]}
 
 
+def _head(title: str, columns: tuple[str, ...] = THREE) -> list[str]:
+    return [f"{title}: {columns[0]}", *columns[1:]]
+
+
 # ---- lines ---------------------------------------------------------------------------------------
 
 
@@ -85,18 +82,21 @@ def _wrong_signs(intercepts: Mapping[tuple[int, str], float]) -> int:
     return sum((b > 0) != (direction == "+") for (_, direction), b in intercepts.items())
 
 
+def _printed_intercepts() -> dict[tuple[int, str], float]:
+    return {(r["joint"], r["direction"]): r["intercept_Nm"] for r in thesis_table("A.1")}
+
+
 def compare_lines(found: Found) -> Numbers:
     """Return how the lines of the log with all defects compare with the thesis's."""
-    printed = {(r["joint"], r["direction"]): r for r in thesis_table("A.1")}
-    b = {k: r["intercept_Nm"] for k, r in printed.items()}
-    wrong = {k: found["lsm"][PANDA, ALL_WRONG].of(*k).intercept for k in printed}
-    same = sum(np.sign(b[k]) == np.sign(wrong[k]) for k in printed)
+    b = _printed_intercepts()
+    wrong = {k: found["lsm"][PANDA, ALL_WRONG].of(*k).intercept for k in b}
+    same = sum(np.sign(b[k]) == np.sign(wrong[k]) for k in b)
     most = [short(max(map(abs, x.values())), 2) for x in (wrong, b)]
     brief = (
         f"{_wrong_signs(wrong)} of {len(b)} signs wrong (print {_wrong_signs(b)}), largest "
         f"{most[0]} N·m (print {most[1]})"
     )
-    r2 = float(np.median([r["r2"] for r in printed.values()]))
+    r2 = float(np.median([r["r2"] for r in thesis_table("A.1")]))
     return brief, (
         f"With all defects {brief}; {same} signs are as printed, and the median R² in print is "
         f"{r2:.1g}. Which defect does what is below Table A.1."
@@ -105,7 +105,7 @@ def compare_lines(found: Found) -> Numbers:
 
 def compare_joints(found: Found, joints: tuple[int, ...]) -> Numbers:
     """Return how far the intercepts of some joints (from 1) are from those in print [N·m]."""
-    printed = {(r["joint"], r["direction"]): r["intercept_Nm"] for r in thesis_table("A.1")}
+    printed = _printed_intercepts()
 
     def off(wrong: str) -> str:
         fit: LineFit = found["lsm"][PANDA, wrong]
@@ -128,65 +128,55 @@ def _line_name(printed: Mapping[str, Any]) -> str:
     return f"joint {printed['joint']} ({printed['direction'].replace('-', '−')})"
 
 
-def write_two_joints(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.2: one printed number of a line per row."""
-    wrong, clean = (found["lsm"][PANDA, w] for w in (ALL_WRONG, NOTHING))
+def _simulated(found: Found, printed: Mapping[str, Any], name: str) -> tuple[float, float]:
+    """Return a number of a line, of the log with all defects and of that with none."""
+    lines = (found["lsm"][PANDA, w].of(printed["joint"], printed["direction"]) for w in WORDS)
+    now, best = (float(getattr(line, name)) for line in lines)
+    return now, best
+
+
+def table_4_2(found: Found) -> Table:
+    """Return Table 4.2: one printed number of a line per row."""
     lines, shown, printed = [], [], thesis_table("4.2")
     for r in printed:
         name, value = r["quantity"].lower(), r["value"]
-        now, best = (float(getattr(f.of(r["joint"], r["direction"]), name)) for f in (wrong, clean))
-        lines.append([*r.values(), now, now - value, best])
-        values = map(_small, (value, now, now - value, best))
-        shown.append([_line_name(r), QUANTITIES[name], *values])
-    return write_table(
-        item,
-        folder,
-        columns=[*printed[0], "simulated", "difference", "simulated_nothing_wrong"],
+        now, best = _simulated(found, r, name)
+        added = {"simulated": now, "difference": now - value, "simulated_nothing_wrong": best}
+        lines.append({**r, **added})
+        values = map(_small, (value, *added.values()))
+        shown.append([_line_name(r), QUANTITIES[name][1], *values])
+    return Table(
         rows=lines,
-        header=["line", "", "measured", "simulated", "difference", "nothing wrong"],
+        header=["line", "", *FOUR],
         shown=shown,
         numbers=compare_joints(found, tuple(sorted({r["joint"] for r in printed}))),
     )
 
 
-def write_all_joints(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table A.1, a line per row, and what one defect at a time does to lines."""
-    wrong, clean = (found["lsm"][PANDA, w] for w in (ALL_WRONG, NOTHING))
-    columns = ("intercept_Nm", "slope_Nms_per_rad", "r2")
+def table_a_1(found: Found) -> Table:
+    """Return Table A.1, a line per row, and what one defect at a time does to lines."""
     lines, shown = [], []
     for r in thesis_table("A.1"):
-        now, best = (
-            [getattr(f.of(r["joint"], r["direction"]), x) for x in QUANTITIES]
-            for f in (wrong, clean)
+        values = {c: (r[c], *_simulated(found, r, x)) for x, (c, _) in QUANTITIES.items()}
+        lines.append(
+            {
+                **r,
+                **{f"simulated_{c}": now for c, (_, now, _) in values.items()},
+                **{f"difference_{c}": now - old for c, (old, now, _) in values.items()},
+                **{f"simulated_nothing_wrong_{c}": best for c, (_, _, best) in values.items()},
+            }
         )
-        old = [r[c] for c in columns]
-        gap = [a - b for a, b in zip(now, old, strict=True)]
-        lines.append([*r.values(), *now, *gap, *best])
-        three = list(zip(old, now, best, strict=True))
-        shown.append(
-            [_line_name(r)]
-            + [signed(x, 3) for x in (old[0], now[0], gap[0], best[0], *three[1])]
-            + [_small(x) for x in three[2]]
-        )
-    written = write_table(
-        item,
-        folder,
-        columns=[
-            *thesis_table("A.1")[0],
-            *(f"{kind}_{c}" for kind in ("simulated", "difference") for c in columns),
-            *(f"simulated_nothing_wrong_{c}" for c in columns),
-        ],
+        (old, now, best), slope, r2 = values.values()
+        numbers = [signed(x, 3) for x in (old, now, now - old, best, *slope)]
+        shown.append([_line_name(r), *numbers, *map(_small, r2)])
+    words = [x for _, x in QUANTITIES.values()]
+    return Table(
         rows=lines,
-        header=[
-            "line",
-            *("intercept [N·m]: measured", "simulated", "difference", "nothing wrong"),
-            *(f"slope [N·m·s/rad]: {THREE[0]}", *THREE[1:]),
-            *(f"R²: {THREE[0]}", *THREE[1:]),
-        ],
+        header=["line", *_head(words[0], FOUR), *_head(words[1]), *_head(words[2])],
         shown=shown,
         numbers=compare_lines(found),
+        below=f"\n\n{_defects(found)}",
     )
-    return Written(written.numbers, f"{written.body}\n\n{_defects(found)}")
 
 
 def _defects(found: Found) -> str:
@@ -205,37 +195,32 @@ def _defects(found: Found) -> str:
     return table_text([*header, "wrong signs", "R², median (least)"], rows)
 
 
-def write_comparison(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.4: intercepts of lines beside base torques."""
+def table_4_4(found: Found) -> Table:
+    """Return Table 4.4: intercepts of lines beside base torques."""
     lines, shown, gaps = [], [], []
     for r in thesis_table("4.4"):
-        wrong, clean = (
-            found["lsm"][PANDA, w].of(r["joint"], r["direction"]).intercept
-            for w in (ALL_WRONG, NOTHING)
-        )
+        wrong, clean = _simulated(found, r, "intercept")
         base = found["sje"][PANDA, Job(Configuration(r["joint"], r["load"], r["direction"]))].mean
         printed, torque = r["lsm_intercept_Nm"], r["tau_base_Nm"]
-        lines.append([*r.values(), wrong, wrong - printed, clean, base])
+        lines.append(
+            {
+                **r,
+                "simulated_intercept_Nm": wrong,
+                "difference_intercept_Nm": wrong - printed,
+                "simulated_nothing_wrong_intercept_Nm": clean,
+                "simulated_tau_base_Nm": base,
+            }
+        )
         gaps.append((abs(printed - torque), abs(wrong - base), abs(clean - base)))
         pose = r["load"].replace("_", " ")
         values = (printed, wrong, wrong - printed, clean, torque, base, base - torque)
         shown.append([f"{_line_name(r)} {pose}", *(signed(x, 3) for x in values)])
     old, now, best = (number(float(x), 2) for x in np.nanmedian(gaps, axis=0))
     brief = f"{now} N·m apart (print {old}, nothing wrong {best})"
-    return write_table(
-        item,
-        folder,
-        columns=[
-            *thesis_table("4.4")[0],
-            *(f"{x}_intercept_Nm" for x in ("simulated", "difference", "simulated_nothing_wrong")),
-            "simulated_tau_base_Nm",
-        ],
+    base_head = _head("base torque [N·m]", FOUR[:3])
+    return Table(
         rows=lines,
-        header=[
-            "joint, pose",
-            *("intercept [N·m]: measured", "simulated", "difference", "nothing wrong"),
-            *("base torque [N·m]: measured", "simulated", "difference"),
-        ],
+        header=["joint, pose", *_head("intercept [N·m]", FOUR), *base_head],
         shown=shown,
         numbers=(brief, f"In the median, intercepts and base torques are {brief}."),
     )
@@ -259,8 +244,8 @@ def _link_values(fit: LineFit) -> dict[tuple[int, str], float]:
     return out
 
 
-def write_links(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.1: links by RosDyn's least squares."""
+def table_4_1(found: Found) -> Table:
+    """Return Table 4.1: links by RosDyn's least squares."""
     fits = {w: found["lsm"][IIWA, w] for w in (NOTHING, ALL_WRONG)}
     wrong, clean = (_link_values(fits[w]) for w in (ALL_WRONG, NOTHING))
     rows = thesis_table("4.1")
@@ -285,28 +270,26 @@ def write_links(item: Item, found: Found, folder: Path) -> Written:
     negative, weight = sum(printed[j, "mass"] < 0 for j in joints), thesis_robots()[IIWA].weight_kg
     below = int((links.coulomb < 0).sum() + (links.viscous < 0).sum())
     theirs = sum(printed[j, n] < 0 for j in joints for n in ("coulomb", "viscous"))
-    return write_table(
-        item,
-        folder,
-        columns=[*rows[0], "simulated", "difference", "simulated_nothing_wrong"],
+    sentence = (
+        f"With all defects {brief} for an arm of {weight:g} kg; {len(links.negative_masses)} "
+        f"masses and {below} friction coefficients are negative (print {negative} and "
+        f"{theirs}). With nothing wrong {len(best.impossible)} links cannot exist."
+    )
+    mass, rubbing = _head("mass [kg]", FOUR), (_head("Coulomb [N·m]"), _head("viscous [N·m·s/rad]"))
+    return Table(
         rows=[
-            [*r.values(), wrong[k], wrong[k] - r["value"], clean[k]]
+            {
+                **r,
+                "simulated": wrong[k],
+                "difference": wrong[k] - r["value"],
+                "simulated_nothing_wrong": clean[k],
+            }
             for r in rows
             if (k := (r["joint"], r["quantity"]))
         ],
-        header=[
-            "",
-            *("mass [kg]: measured", "simulated", "difference", "nothing wrong", "true"),
-            *(f"Coulomb [N·m]: {THREE[0]}", *THREE[1:]),
-            *(f"viscous [N·m·s/rad]: {THREE[0]}", *THREE[1:]),
-        ],
+        header=["", *mass, "true", *rubbing[0], *rubbing[1]],
         shown=shown,
-        numbers=(
-            brief,
-            f"With all defects {brief} for an arm of {weight:g} kg; {len(links.negative_masses)} "
-            f"masses and {below} friction coefficients are negative (print {negative} and "
-            f"{theirs}). With nothing wrong {len(best.impossible)} links cannot exist.",
-        ),
+        numbers=(brief, sentence),
     )
 
 
@@ -335,29 +318,29 @@ def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
     axes.legend(fontsize=8, frameon=False, loc="upper left")
 
 
-def write_two_panels(item: Item, found: Found, folder: Path) -> Written:
-    """Draw Figure 4.1: joints 7 and 1, with nothing wrong below."""
+def figure_4_1(found: Found) -> Picture:
+    """Return Figure 4.1: joints 7 and 1, with nothing wrong below."""
     figure = Figure(figsize=(11, 7.6), layout="constrained")
     for row, wrong in zip(figure.subplots(2, 2), WORDS, strict=True):
         for axes, joint, letter in zip(row, (7, 1), "ab", strict=True):
             title = f"({letter}) joint {joint}, {WORDS[wrong]}"
             _panel(axes, found["lsm"][PANDA, wrong], joint, title)
-    return write_figure(item, folder, figure, compare_joints(found, (1, 7)))
+    return Picture(figure, compare_joints(found, (1, 7)))
 
 
-def write_seven_panels(item: Item, found: Found, folder: Path) -> Written:
-    """Draw Figure A.1: all joints."""
+def figure_a_1(found: Found) -> Picture:
+    """Return Figure A.1: all joints."""
     figure = Figure(figsize=(11, 14.5), layout="constrained")
     *grid, empty = figure.subplots(4, 2).ravel()
     for joint, axes in enumerate(grid, 1):
         title = f"({'abcdefg'[joint - 1]}) joint {joint}"
         _panel(axes, found["lsm"][PANDA, ALL_WRONG], joint, title)
     empty.set_visible(False)
-    return write_figure(item, folder, figure, compare_lines(found))
+    return Picture(figure, compare_lines(found))
 
 
-def write_curve(item: Item, found: Found, folder: Path) -> Written:
-    """Draw Figure 2.3: the low-speed zone at the left, a hundred times as much at the right."""
+def figure_2_3(found: Found) -> Picture:
+    """Return Figure 2.3: the low-speed zone at the left, a hundred times as much at the right."""
     curve: FrictionCurve = found["curve"][PANDA]
     figure = Figure(figsize=(11, 5.2), layout="constrained")
     zone, fastest = 3 * float(curve.stribeck.max()), float(np.abs(curve.speed).max())
@@ -370,7 +353,7 @@ def write_curve(item: Item, found: Found, folder: Path) -> Written:
         once.values(), once, loc="outside lower center", ncols=6, frameon=False, fontsize=9
     )
     figure.suptitle(f"{arm_title(curve.robot)}, joint 1", fontsize=11)
-    return write_figure(item, folder, figure, compare_curve(curve))
+    return Picture(figure, compare_curve(curve))
 
 
 def _draw_curve(axes: Axes, curve: FrictionCurve, ends: float, zone: float) -> None:

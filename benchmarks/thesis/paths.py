@@ -10,23 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.thesis.items import (
-    Found,
-    Item,
-    Needs,
-    Numbers,
-    Write,
-    Written,
-    write_figure,
-    write_table,
-)
+from benchmarks.thesis.items import Found, Needs, Numbers, Picture, Table
 from stiction_envs.experiments.gte import plots
 from stiction_envs.experiments.gte.measures import Measures
 from stiction_envs.experiments.gte.protocol import AXES, TRAJECTORIES, Run
@@ -113,17 +103,17 @@ def compare_sums(s: WindowSums) -> Numbers:
     )
 
 
-def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.11, of the shipped set-up."""
+def table_4_11(found: Found) -> Table:
+    """Return Table 4.11, of the shipped set-up."""
     s = window_sums(pairs_of(found))
-    printed = thesis_table("4.11")
     now, old = s.changes
     difference = 100 * (now - old)
     lines, shown = [], []
-    for k, row in enumerate(printed):
-        lines.append(
-            [*row.values(), *np.stack([s.simulated[:, k], s.std[:, k]], 1).ravel(), difference[k]]
-        )
+    for k, row in enumerate(thesis_table("4.11")):
+        simulated: dict[str, float] = {}
+        for kind, mean, std in zip(KINDS, s.simulated[:, k], s.std[:, k], strict=True):
+            simulated |= {f"simulated_{kind}": mean, f"simulated_{kind}_std": std}
+        lines.append({**row, **simulated, "difference_points": difference[k]})
         stiffness = [row[f"stiffness_{x}"] for x in ("translation", "rotation", "nullspace")]
         shown.append(
             [
@@ -136,22 +126,9 @@ def write_window_sums(item: Item, found: Found, folder: Path) -> Written:
                 signed(difference[k], 1),
             ]
         )
-    return write_table(
-        item,
-        folder,
-        columns=[
-            *printed[0],
-            *(f"simulated_{kind}{end}" for kind in KINDS for end in ("", "_std")),
-            "difference_points",
-        ],
-        rows=lines,
-        header=[
-            *("case", "axis", "measured", "with dither", "change"),
-            *("simulated", "with dither", "change", "difference [points]"),
-        ],
-        shown=shown,
-        numbers=compare_sums(s),
-    )
+    header = ["case", "axis", "measured", "with dither", "change"]
+    header += ["simulated", "with dither", "change", "difference [points]"]
+    return Table(rows=lines, header=header, shown=shown, numbers=compare_sums(s))
 
 
 # ---- paths ---------------------------------------------------------------------------------------
@@ -161,19 +138,19 @@ def _runs(pair: Pair) -> list[Run]:
     return [run for run, _ in pair]
 
 
-def write_plane(item: Item, found: Found, folder: Path) -> Written:
-    """Draw Figure 4.6: all paths from above."""
+def figure_4_6(found: Found) -> Picture:
+    """Return Figure 4.6: all paths from above."""
     pairs = pairs_of(found)
     figure = Figure(figsize=(12, 10.4), layout="constrained")
     for letter, axes, pair in zip(LETTERS, figure.subplots(2, 2).ravel(), pairs, strict=False):
         plots.draw_path_xy(axes, _runs(pair), legend=False, mean=True)
         axes.set_title(f"({letter}) {plots.case_text(pair[0][0].case)}", loc="left", fontsize=11)
     _path_legend(figure, pairs, "outside lower center")
-    return write_figure(item, folder, figure, compare_paths(pairs))
+    return Picture(figure, compare_paths(pairs))
 
 
-def write_space(item: Item, found: Found, folder: Path) -> Written:
-    """Draw Figure E.1: all paths in space."""
+def figure_e_1(found: Found) -> Picture:
+    """Return Figure E.1: all paths in space."""
     pairs = pairs_of(found)
     figure = Figure(figsize=(12, 10.4))
     for k, pair in enumerate(pairs):
@@ -183,7 +160,7 @@ def write_space(item: Item, found: Found, folder: Path) -> Written:
         title = f"({LETTERS[k]}) {plots.case_text(pair[0][0].case)}"
         figure.text(left + 0.04, up + 0.46, title, fontsize=11)
     _path_legend(figure, pairs, "lower center")
-    return write_figure(item, folder, figure, compare_paths(pairs))
+    return Picture(figure, compare_paths(pairs))
 
 
 def _path_legend(figure: Figure, pairs: Sequence[Pair], place: Any) -> None:
@@ -205,27 +182,23 @@ def compare_paths(pairs: Sequence[Pair]) -> Numbers:
 # ---- errors against time -------------------------------------------------------------------------
 
 
-def error_writer(trajectory: str, *, orientation: bool = False) -> Write:
-    """Return what draws Figures 4.7, 4.8, F.1 or F.2: an axis a row, a stiffness a column."""
+def error_figure(trajectory: str, orientation: bool, found: Found) -> Picture:
+    """Return Figure 4.7, 4.8, F.1 or F.2: an axis a row, a stiffness a column."""
     rows = range(3, 6) if orientation else range(3)
-
-    def write(item: Item, found: Found, folder: Path) -> Written:
-        pairs = pairs_of(found, [trajectory])
-        figure = Figure(figsize=(13.5, 9.2), layout="constrained")
-        grid = figure.subplots(3, len(pairs), sharex="col")
-        for column, pair in enumerate(pairs):
-            stiffness = "/".join(f"{k:g}" for k in pair[0][0].case.stiffness)
-            for line, k in enumerate(rows):
-                axes = grid[line, column]
-                plots.draw_error(axes, _runs(pair), k)
-                letter = LETTERS[len(pairs) * line + column]
-                axes.set_title(f"({letter}) {AXES[k]}, {stiffness}", loc="left", fontsize=10)
-            grid[-1, column].set_xlabel("time [s]")
-        handles, names = plots.error_legend_entries(grid[0, 0], _runs(pairs[0]))
-        figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
-        return write_figure(item, folder, figure, compare_errors(pairs, rows))
-
-    return write
+    pairs = pairs_of(found, [trajectory])
+    figure = Figure(figsize=(13.5, 9.2), layout="constrained")
+    grid = figure.subplots(3, len(pairs), sharex="col")
+    for column, pair in enumerate(pairs):
+        stiffness = "/".join(f"{k:g}" for k in pair[0][0].case.stiffness)
+        for line, k in enumerate(rows):
+            axes = grid[line, column]
+            plots.draw_error(axes, _runs(pair), k)
+            letter = LETTERS[len(pairs) * line + column]
+            axes.set_title(f"({letter}) {AXES[k]}, {stiffness}", loc="left", fontsize=10)
+        grid[-1, column].set_xlabel("time [s]")
+    handles, names = plots.error_legend_entries(grid[0, 0], _runs(pairs[0]))
+    figure.legend(handles, names, loc="outside lower center", ncols=4, frameon=False)
+    return Picture(figure, compare_errors(pairs, rows))
 
 
 def compare_errors(pairs: Sequence[Pair], rows: Sequence[int]) -> Numbers:

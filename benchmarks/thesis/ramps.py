@@ -8,23 +8,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_figure
-from benchmarks.thesis.torques import base_jobs, change_pct, job_of
+from benchmarks.thesis.items import Found, Needs, Numbers, Picture
+from benchmarks.thesis.torques import base_jobs, job_of
 from stiction_envs.experiments.sje import plots
-from stiction_envs.experiments.sje.protocol import (
-    LOADS,
-    Job,
-    Measurement,
-    load_protocol,
-)
+from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
 from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
 from stiction_envs.reporting.markdown import number, percent, short
+from tuning.protocol.measurements import change
 
 
 @dataclass(frozen=True)
@@ -57,11 +52,19 @@ class Ramps:
         jobs = dict.fromkeys([*base_jobs([self.joint]), *self.jobs()])
         return {"sje": [(self.robot, j) for j in jobs]}
 
-    def write(self, item: Item, found: Found, folder: Path) -> Written:
-        """Draw the figure."""
+    def picture(self, found: Found) -> Picture:
+        """Return the figure: the load pose at the left, the other at the right."""
         measured = [found["sje"][self.robot, j] for j in self.jobs()]
         base = [found["sje"][self.robot, Job(m.job.configuration)] for m in measured]
-        return write_figure(item, folder, self.draw(measured), self.compare(measured, base))
+        protocol = load_protocol(self.robot)
+        figure = Figure(figsize=(13.2, 6.4), layout="constrained")
+        parts: Any = figure.subfigures(1, 2, wspace=0.02)
+        for part, load, letter in zip(parts, LOADS, "ab", strict=True):
+            mine = [m for m in measured if m.job.configuration.load == load]
+            plots.draw_sje(part, mine, protocol)
+            kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
+            part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
+        return Picture(figure, self.compare(measured, base))
 
     def compare(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> Numbers:
         """Return how the four ramps that are drawn compare with print.
@@ -79,7 +82,7 @@ class Ramps:
             text = f"{number(float(np.mean(off)))} % off"
             sentence = f"Breakaway torques are {text} in the mean (calibrated to Table 4.3)"
             return f"{text} (calibrated)", sentence + stuck
-        now = np.array([change_pct(measured[k], base[k]) for k in good] or [np.nan])
+        now = np.array([change(measured[k], base[k]) for k in good] or [np.nan])
         before = np.array([self.printed()[k].change_pct for k in good] or [np.nan])
         shaking = 1e3 * max((measured[k].displacement for k in good), default=math.nan)
         text = f"{percent(now.mean())} (print {percent(before.mean())})"
@@ -89,15 +92,3 @@ class Ramps:
             f"{short(shaking, 2)} mrad RMS"
         )
         return text, sentence + stuck
-
-    def draw(self, measured: Sequence[Measurement]) -> Figure:
-        """Return the figure: the load pose at the left, the other at the right."""
-        protocol = load_protocol(self.robot)
-        figure = Figure(figsize=(13.2, 6.4), layout="constrained")
-        parts: Any = figure.subfigures(1, 2, wspace=0.02)
-        for part, load, letter in zip(parts, LOADS, "ab", strict=True):
-            mine = [m for m in measured if m.job.configuration.load == load]
-            plots.draw_sje(part, mine, protocol)
-            kinds = dict.fromkeys(plots.dither_text(m.job) for m in plots.in_direction(mine))
-            part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
-        return figure

@@ -19,10 +19,10 @@ def main() -> None:
     options = STUDY.parser().parse_args()
     (item,) = chosen(["table-4.11"])
     options.work.mkdir(parents=True, exist_ok=True)
-    with Progress("s") as progress:
-        found, _ = run_studies(item.needs(), Options(folder=options.work), progress.set)
-    written = item.write(item, found, options.work)
-    STUDY.write_page(options, sentence=written.numbers[1], table=written.body)
+    with Progress("paths") as progress:
+        found = run_studies(item.needs(), Options(), progress.set)
+    (_, sentence), table = item.write(found, options.work)
+    STUDY.write_page(options, sentence=sentence, table=table)
 
 
 if __name__ == "__main__":

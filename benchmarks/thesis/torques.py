@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.thesis.items import Found, Item, Needs, Numbers, Written, write_table
+from benchmarks.thesis.items import Found, Needs, Numbers, Table
 from benchmarks.thesis.nested_models.cells import cells, repeat_floor
 from stiction_envs.experiments.sje.protocol import (
     SIGNS,
@@ -29,6 +28,7 @@ from stiction_envs.measured import (
 from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
+from tuning.protocol.measurements import change
 from tuning.protocol.rules import final_amplitude
 
 ROBOTS = tuple(thesis_robots())
@@ -37,8 +37,6 @@ ROBOTS = tuple(thesis_robots())
 SCALES = (0.8, 1.0, 1.2)
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of Tables 4.6 to 4.8, over the base torque and in Hz."""
-ADDED = ("simulated_tau_Nm", "simulated_std_Nm", "simulated_change_pct", "difference_points")
-"""Columns added to the thesis's own; the difference is of changes, or per cent of a base torque."""
 
 
 # ---- jobs ----------------------------------------------------------------------------------------
@@ -108,42 +106,57 @@ class TorqueRow:
     job: Job
     printed: Mapping[str, Any]
     """The row as the thesis has it."""
-    column: str
-    """Its column on the page: the frequency, or in Table 4.10 the set of amplitudes."""
-    outlier: bool
-    """The one printed value that its own repeat refutes."""
+    dithered: DitheredRow | None
+    """The same as a cell; None for a base torque."""
     simulated: Measurement
     """Its mean torque is NaN if an iteration was stuck."""
-    base_nm: float
-    """Simulated without dither."""
-    measured_change_pct: float
-    """Against the measured base torque [%]; 0 without dither."""
-    simulated_change_pct: float
-    """Against the simulated base torque [%]."""
+    base: Measurement
+    """Without dither."""
 
     @property
     def measured_nm(self) -> float:
         """The printed torque."""
-        return float(self.printed["tau_sje_Nm" if self.job.amplitude_nm else "tau_base_Nm"])
+        return float(self.printed["tau_sje_Nm" if self.dithered else "tau_base_Nm"])
+
+    @property
+    def column(self) -> str:
+        """Column on the page: the frequency, or in Table 4.10 the set of amplitudes."""
+        r = self.dithered
+        return r.amplitude_set if r and r.table == "4.10" else f"{self.job.frequency_hz:g} Hz"
+
+    @property
+    def outlier(self) -> bool:
+        """Whether it is the one printed value that its own repeat refutes."""
+        return self.dithered is not None and self.dithered.outlier
+
+    @property
+    def measured_change_pct(self) -> float:
+        """Against the measured base torque [%]; 0 without dither."""
+        return self.dithered.change_pct if self.dithered else 0.0
+
+    @property
+    def simulated_change_pct(self) -> float:
+        """Against the simulated base torque [%]."""
+        return change(self.simulated, self.base) if self.dithered else 0.0
 
     @property
     def difference(self) -> float:
         """Simulated less measured, in points of the base torque; in % of it where no dither is."""
-        if self.job.amplitude_nm:
+        if self.dithered:
             return self.simulated_change_pct - self.measured_change_pct
         return 100.0 * (self.simulated.mean / self.measured_nm - 1.0)
 
-    @property
-    def added(self) -> list[float]:
-        """Values of `ADDED`; one iteration has no standard deviation."""
+    def line(self, **more: float) -> dict[str, Any]:
+        """Return the CSV's line; one iteration has no standard deviation."""
         m = self.simulated
-        std = m.std if len(m.tau) > 1 else math.nan
-        return [m.mean, std, self.simulated_change_pct, self.difference]
-
-
-def change_pct(m: Measurement, base: Measurement) -> float:
-    """Return the change of a torque by dither [%]."""
-    return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
+        return {
+            **self.printed,
+            **more,
+            "simulated_tau_Nm": m.mean,
+            "simulated_std_Nm": m.std if len(m.tau) > 1 else math.nan,
+            "simulated_change_pct": self.simulated_change_pct,
+            "difference_points": self.difference,
+        }
 
 
 def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -> list[TorqueRow]:
@@ -157,44 +170,28 @@ def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -
         row = None if table == "4.3" else dithered[robot].pop(0)
         job = Job(c) if row is None else job_of(row)
         assert job.configuration == c
-        m, base = measured[robot, job], measured[robot, Job(c)]
-        out.append(
-            TorqueRow(
-                robot=robot,
-                job=job,
-                printed=printed,
-                column=row.amplitude_set if row and table == "4.10" else f"{job.frequency_hz:g} Hz",
-                outlier=row is not None and row.outlier,
-                simulated=m,
-                base_nm=base.mean,
-                measured_change_pct=row.change_pct if row else 0.0,
-                simulated_change_pct=change_pct(m, base) if row else 0.0,
-            )
-        )
+        found = {"simulated": measured[robot, job], "base": measured[robot, Job(c)]}
+        out.append(TorqueRow(robot=robot, job=job, printed=printed, dithered=row, **found))
     return out
 
 
 # ---- tables --------------------------------------------------------------------------------------
 
 
-def write_base(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.3."""
+def table_4_3(found: Found) -> Table:
+    """Return Table 4.3."""
     rows = rows_of_table("4.3", found["sje"])
     names = [configuration_name(r.job.configuration, thesis_robots()[r.robot].title) for r in rows]
     off = np.array([r.difference for r in rows])
-    stuck = np.isnan(off).sum()
-    brief = f"{number(float(np.nanmean(np.abs(off))))} % off (calibrated)"
+    size, stuck = np.abs(off), np.isnan(off).sum()
+    mean = f"{number(float(np.nanmean(size)))} %"
     sentence = (
-        f"Stiction is calibrated to this table: the {len(rows)} base torques are off by "
-        f"{number(float(np.nanmean(np.abs(off))))} % in the mean, by "
-        f"{number(float(np.nanmax(np.abs(off))))} % at most "
-        f"({names[int(np.nanargmax(np.abs(off)))]}); {stuck} never moved."
+        f"Stiction is calibrated to this table: the {len(rows)} base torques are off by {mean} in "
+        f"the mean, by {number(float(np.nanmax(size)))} % at most "
+        f"({names[int(np.nanargmax(size))]}); {stuck} never moved."
     )
-    return write_table(
-        item,
-        folder,
-        columns=[*rows[0].printed, *ADDED],
-        rows=[[*r.printed.values(), *r.added] for r in rows],
+    return Table(
+        rows=[r.line() for r in rows],
         header=["robot, joint, pose, direction", "measured [N·m]", "simulated [N·m]", "difference"],
         shown=[
             [
@@ -205,7 +202,7 @@ def write_base(item: Item, found: Found, folder: Path) -> Written:
             ]
             for name, r in zip(names, rows, strict=True)
         ],
-        numbers=(brief, sentence),
+        numbers=(f"{mean} off (calibrated)", sentence),
     )
 
 
@@ -230,9 +227,9 @@ def compare(rows: Sequence[TorqueRow]) -> Numbers:
     )
 
 
-def write_dithered(item: Item, found: Found, folder: Path) -> Written:
-    """Write Tables 4.5, 4.6, 4.7, 4.8 or 4.10."""
-    rows = rows_of_table(item.id, found["sje"])
+def dithered_table(number: str, found: Found) -> Table:
+    """Return Table 4.5, 4.6, 4.7, 4.8 or 4.10."""
+    rows = rows_of_table(number, found["sje"])
     base = thesis_base(rows[0].robot)
     columns = list(dict.fromkeys(r.column for r in rows))
     by_configuration: dict[Configuration, dict[str, TorqueRow]] = {}
@@ -241,8 +238,8 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     shown = []
     for c, mine in by_configuration.items():
         measured = signed(base.get(c.joint, c.load, c.direction), 3)
-        simulated = torque_text(next(iter(mine.values())).base_nm, 3)
-        line = [configuration_name(c), measured, simulated]
+        line = [configuration_name(c), measured]
+        line.append(torque_text(next(iter(mine.values())).base.mean, 3))
         for column in columns:
             if column not in mine:
                 line += ["", "", ""]
@@ -258,15 +255,8 @@ def write_dithered(item: Item, found: Found, folder: Path) -> Written:
     header = ["joint, pose, direction", "base [N·m]: measured", "simulated"]
     for column in columns:
         header += [f"{column}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
-    return write_table(
-        item,
-        folder,
-        columns=[*rows[0].printed, "simulated_tau_base_Nm", *ADDED],
-        rows=[[*r.printed.values(), r.base_nm, *r.added] for r in rows],
-        header=header,
-        shown=shown,
-        numbers=compare(rows),
-    )
+    lines = [r.line(simulated_tau_base_Nm=r.base.mean) for r in rows]
+    return Table(rows=lines, header=header, shown=shown, numbers=compare(rows))
 
 
 # ---- chosen settings -----------------------------------------------------------------------------
@@ -290,7 +280,7 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
 
     def mean(frequency: float, scale: float) -> float:
         changes = [
-            change_pct(measured[job], measured[Job(c)])
+            change(measured[job], measured[Job(c)])
             for (c, f, s), job in grid().items()
             if (c.joint, f, s) == (joint, frequency, scale)
         ]
@@ -308,21 +298,35 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
     return Chosen(frequency_hz=frequency, scale=scale, final_nm=amplitude, reason=reason)
 
 
-def chosen_needs() -> Needs:
-    """Return what Table 4.9 needs: all that its rules choose from."""
-    return {"sje": jobs_of_table("4.9"), "choice": range(1, 8)}
+def table_4_9(found: Found) -> Table:
+    """Return Table 4.9: the thesis's rules on simulated torques."""
+    measured = {job: m for (robot, job), m in found["sje"].items() if robot == TUNED}
+    choices = {joint: choose(joint, measured) for joint in range(1, 8)}
+    return compare_choices(choices)
 
 
-def write_chosen(item: Item, found: Found, folder: Path) -> Written:
-    """Write Table 4.9: the thesis's rules on simulated torques."""
+def compare_choices(choices: Mapping[int, Chosen]) -> Table:
+    """Return Table 4.9 with choices by joint."""
     lines, shown = [], {}
     same = np.zeros(3, dtype=int)
     for printed in thesis_table("4.9"):
-        joint, c = printed["joint"], found["choice"][printed["joint"]]
-        values = [("yes" if x else "no") if isinstance(x, bool) else x for x in printed.values()]
+        joint, c = printed["joint"], choices[printed["joint"]]
         base, final = printed["tau_base_Nm"], abs(printed["tau_final_Nm"])
-        intermediate, gap = math.copysign(c.scale * abs(base), base), c.final_nm - final
-        lines.append([*values, c.frequency_hz, c.scale, intermediate, c.final_nm, gap])
+        gap = c.final_nm - final
+        values = {
+            k: {True: "yes", False: "no"}[x] if isinstance(x, bool) else x
+            for k, x in printed.items()
+        }
+        lines.append(
+            {
+                **values,
+                "simulated_frequency_Hz": c.frequency_hz,
+                "simulated_scale": c.scale,
+                "simulated_tau_intermediate_Nm": math.copysign(c.scale * abs(base), base),
+                "simulated_tau_final_Nm": c.final_nm,
+                "difference_final_Nm": gap,
+            }
+        )
         if joint in shown:  # a line of print per configuration
             continue
         scale = 1.2 if joint == 3 else printed["scale"]  # joint 3's is a misprint
@@ -331,17 +335,9 @@ def write_chosen(item: Item, found: Found, folder: Path) -> Written:
         shown[joint] = [str(joint), *texts, signed(gap, 4), c.reason]
         frequency = c.frequency_hz == printed["frequency_Hz"]
         same += [frequency, c.scale == scale, abs(gap) <= 0.05 * final]
-    names = ("frequency_Hz", "scale", "tau_intermediate_Nm", "tau_final_Nm")
     brief = f"{same[0]} of {len(shown)} frequencies, {same[1]} scales, {same[2]} amplitudes"
     sentence = f"By the thesis's rules the simulated torques choose {brief} as printed (amplitudes "
-    return write_table(
-        item,
-        folder,
-        columns=[
-            *thesis_table("4.9")[0],
-            *(f"simulated_{x}" for x in names),
-            "difference_final_Nm",
-        ],
+    return Table(
         rows=lines,
         header=["joint", "measured: f [Hz], scale, A [N·m]", "simulated", "difference of A", "why"],
         shown=shown.values(),

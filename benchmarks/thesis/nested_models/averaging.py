@@ -10,7 +10,11 @@ A sin 2πft:
 | shaken bristles | the joint sticks, its LuGre bristles creep: A·gain ≪ F | `creep_breakaway` |
 | bristles as a spring | the first slip of a joint that sticks | F − A·gain |
 
-All arguments broadcast. SI units: N·m, rad, s, Hz, kg·m².
+All arguments broadcast. SI units: N·m, rad, s, Hz, kg·m². Symbols: A and f (amplitude and
+frequency of the dither); J_r, J_l, K, D, Z (inertia of rotor and link, stiffness and damping of the
+joint, impedance at the rotor); F_s, F_c, F, v_s (stiction, Coulomb friction, one level, Stribeck
+velocity); σ0, σ1 (stiffness and damping of the bristles); V (peak speed of the shaking); r, θ (rate
+of the ramp, threshold).
 
 Sources: Zames and Shneydor 1976, *Dither in nonlinear systems*, IEEE TAC 21; Iannelli, Johansson,
 Jönsson, Vasca 2006, *Averaging of nonsmooth systems using dither*, Automatica 42; Pervozvanski and
@@ -48,13 +52,6 @@ def impedance(
         Z(ω) = iωJ_r + 1 / (1/(K/(iω) + D) + 1/(iωJ_l))
 
     A rigid joint (K = inf) is iω(J_r + J_l).
-
-    Args:
-        frequency: f [Hz], > 0.
-        rotor_inertia: J_r [kg·m²].
-        link_inertia: J_l [kg·m²].
-        joint_stiffness: K [N·m/rad].
-        joint_damping: D [N·m·s/rad].
     """
     iw = 2j * np.pi * np.asarray(frequency, float)
     link = iw * link_inertia
@@ -72,11 +69,6 @@ def speed_amplitude(amplitude: Value, impedance: Complex, coulomb: Value = 0.0) 
     whose first harmonic at a sine of speed is 4F/π in phase with it (describing function), the
     torques balance when |Z V + 4F/π| = A. There is no such V for A ≤ 4F/π: the joint sticks during
     most of a period.
-
-    Args:
-        amplitude: A [N·m].
-        impedance: Z [N·m·s/rad].
-        coulomb: F [N·m]; 0 for the free joint.
     """
     load, size = 4 / np.pi * coulomb, np.abs(impedance) ** 2
     drive = np.maximum(np.square(amplitude) - load**2, 0.0)
@@ -90,11 +82,6 @@ def lowpass(frequency: Value, cutoff: float, step: float = 1e-3) -> Complex:
         H(ω) = g / (1 − (1 − g) e^(−iωΔt)),  g = Δt/(Δt + 1/(2πf_c))
 
     Its magnitude is the gain, its angle the phase [rad] (sources.md 1.8).
-
-    Args:
-        frequency: f [Hz].
-        cutoff: f_c [Hz]; inf is off.
-        step: Δt [s].
     """
     gain = step / (step + 1 / (2 * np.pi * cutoff))
     delay = np.exp(-2j * np.pi * np.asarray(frequency, float) * step)
@@ -113,13 +100,6 @@ def slide(
 
     and the ramp has grown by r t; without e and v that is r ∛(6Jd/r) (sources.md 3.2: 2-15 % of
     F_s). Viscous friction is left out.
-
-    Args:
-        inertia: J, rotor and link [kg·m²]; 0 gives 0.
-        ramp_rate: r [N·m/s].
-        distance: d [rad], ≥ 0.
-        speed: v when the slide begins [rad/s].
-        excess: e, drop of friction from static to kinetic [N·m].
     """
     j, d, v, e = np.broadcast_arrays(inertia, distance, speed, excess)
     low, high = np.zeros(j.shape), np.cbrt(6 * j * d / ramp_rate)
@@ -146,13 +126,6 @@ def ramp_peak(
 
     F_s for a slow ramp, F_c for a fast one, noticeably less than F_s once r/σ0 is some hundredths
     of v_s (Ruderman 2016 measured the like, sources.md 3.2; derived here).
-
-    Args:
-        stiction: F_s [N·m].
-        coulomb: F_c [N·m].
-        stribeck_velocity: v_s [rad/s].
-        bristle_stiffness: σ0 [N·m/rad].
-        ramp_rate: r [N·m/s].
     """
     least = ramp_rate / bristle_stiffness
     v = least * np.geomspace(1.0, 1e7, 2000)
@@ -176,13 +149,6 @@ def averaged_breakaway(
     For V → ∞ that is 0, as (2F/π)√(2x). At x = 1 the ramp has come to F, where friction is used up:
     for x ≥ 1, and with it for V → 0, the reading is F and the `slide` over what is left of θ.
     (Averaging and the protocol of thesis 3.2; derived here.)
-
-    Args:
-        coulomb: F [N·m].
-        speed_amplitude: V [rad/s]; 0 is no dither.
-        ramp_rate: r [N·m/s].
-        threshold: θ [rad].
-        inertia: J of the slide, rotor and link [kg·m²]; 0 leaves it out.
     """
     crept = 2 * coulomb * np.asarray(speed_amplitude) / (np.pi * ramp_rate)
     x = np.minimum(threshold / np.maximum(crept, 1e-12), 1.0)
@@ -199,12 +165,6 @@ def presliding_gain(
     A stuck joint hangs on its bristles, a spring σ0 with damping σ1 (LuGre at |z| ≪ F/σ0, where
     dz/dt = v). Of the dither σ0 / |σ0 + iωσ1 + iωZ| arrives at the friction, for a rigid joint
     σ0/|σ0 − Jω² + iσ1ω| (sources.md 4.3).
-
-    Args:
-        frequency: f [Hz].
-        bristle_stiffness: σ0 [N·m/rad].
-        bristle_damping: σ1, viscous friction added [N·m·s/rad].
-        impedance: Z at that frequency [N·m·s/rad].
     """
     w = 2 * np.pi * np.asarray(frequency, float)
     dynamic = bristle_stiffness + 1j * w * (bristle_damping + impedance)
@@ -214,14 +174,7 @@ def presliding_gain(
 def bristle_speed(
     amplitude: Value, frequency: Value, gain: Value, bristle_stiffness: Value
 ) -> Array:
-    """Return the peak speed of a joint that sticks and is shaken, ωA·gain/σ0 [rad/s].
-
-    Args:
-        amplitude: A [N·m].
-        frequency: f [Hz].
-        gain: of `presliding_gain` [-].
-        bristle_stiffness: σ0 [N·m/rad].
-    """
+    """Return the peak speed of a joint that sticks and is shaken, ωA·gain/σ0 [rad/s]."""
     reach = np.asarray(amplitude, float) * gain
     return np.asarray(2 * np.pi * np.asarray(frequency, float) * reach / bristle_stiffness)
 
@@ -238,12 +191,6 @@ def shaken_level(
     which is F_s for V ≪ v_s and F_c for V ≫ v_s: at any frequency, shaking takes away what makes
     static friction larger than kinetic, and no more. (Average of LuGre, Canudas de Wit et al. 1995,
     over a fast oscillation as in Pervozvanski and Canudas de Wit 2002; derived here.)
-
-    Args:
-        stiction: F_s [N·m].
-        coulomb: F_c [N·m].
-        stribeck_velocity: v_s [rad/s].
-        speed_amplitude: V [rad/s]; 0 is F_s.
     """
     shape = np.cos(_QUARTER)
     speed = np.asarray(speed_amplitude, float)[..., None] * shape
@@ -279,16 +226,9 @@ def creep_breakaway(
         θ r/(V g) = ∫ u dh,
 
     at most 0.37 (at τ = g); beyond, and for V → 0, the reading is g and the `slide` over what is
-    left of θ. The g to use is `shaken_level`. An elasto-plastic joint does not creep below its
-    elastic limit. (LuGre averaged as in Pervozvanski and Canudas de Wit 2002; derived here.)
-
-    Args:
-        level: g [N·m].
-        speed_amplitude: V, of `bristle_speed` [rad/s]; 0 is no dither.
-        ramp_rate: r [N·m/s].
-        threshold: θ [rad].
-        inertia: J of the slide, rotor and link [kg·m²]; 0 leaves it out.
-        drop: by how much friction falls below g once the joint slides [N·m].
+    left of θ, with friction falling by ``drop`` below g. The g to use is `shaken_level`. An
+    elasto-plastic joint does not creep below its elastic limit. (LuGre averaged as in Pervozvanski
+    and Canudas de Wit 2002; derived here.)
     """
     x, h = _creep()
     per_x = level * np.asarray(speed_amplitude, float) / ramp_rate

@@ -1,4 +1,4 @@
-"""Pictures of the page: all models, each joint, what is left, the iiwa's phase."""
+"""Pictures of the page: all models, and each joint."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from benchmarks.thesis.nested_models.phase import PhaseStudy
 from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, TARGETS, ModelScores
 from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje import plots
@@ -22,7 +21,7 @@ from stiction_envs.reporting.png import save_full
 
 Array = NDArray[np.float64]
 SHOWN = ("inertia", "presliding", "elasticity", "offset", "drift", ARM)
-"""Models drawn over each other, where there are any."""
+"""Models drawn over each other."""
 THEORY = {
     "creep": ("theory: bristles shaken, the joint creeps", (0, (4, 2))),
     "slip": ("theory: bristles as a spring, first slip", (0, (1, 1.5))),
@@ -85,9 +84,8 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
     """
     figure = Figure(figsize=(13.5, 8.0), layout="constrained")
     grid = figure.subplots(2, 4, sharey="row")
-    shown = [k for k in SHOWN if k in scores.models] or [scores.last]
     colours = dict(
-        zip(shown, colormaps["viridis"](np.linspace(0.88, 0.05, len(shown))), strict=True)
+        zip(SHOWN, colormaps["viridis"](np.linspace(0.88, 0.05, len(SHOWN))), strict=True)
     )
     final = next(c.row for c in scores.cells if c.row.joint == j and c.row.table == "4.10")
     chosen = final.frequency_hz
@@ -108,13 +106,13 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
             (column[1], over_a, other, other[1]),
         ):
             _theory(axes, scores.theory(j), where, f, a, x)
-            for key in shown:
+            for key in SHOWN:
                 # above only scale 1.0, which is the fitted table
                 at = [
                     (x, i) for x, i in points if axes is column[1] or not scores.cells[i].held_out
                 ]
                 values = [100 * scores.predicted[key][i] for _, i in at]
-                last = key == shown[-1]
+                last = key == ARM
                 style: dict[str, Any] = {"lw": 2.4 if last else 1.3, "zorder": 4 if last else 3}
                 axes.plot([x for x, _ in at], values, color=colours[key], **style)
             _cells(axes, scores, points)
@@ -130,13 +128,13 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
     drawn = scores.sound & (scores.joint == j)
     for axes, rows in zip(grid[:, 0], (True, scores.frequency == chosen), strict=True):
         axes.set_ylabel("change of the torque\nthat moves the joint [% of base]")
-        values = [scores.measured, *(scores.predicted[k] for k in shown[1:] or shown)]
+        values = [scores.measured, *(scores.predicted[k] for k in SHOWN[1:])]
         low, high = (100 * of(np.array(values)[:, drawn & rows]) for of in (np.min, np.max))
         margin = 0.08 * (high - low) + 2
         axes.set_ylim(low - margin, max(high, 0) + margin)
     handles = [
         *(
-            Line2D([], [], color=c, lw=2.4 if k == shown[-1] else 1.4, label=scores.models[k].name)
+            Line2D([], [], color=c, lw=2.4 if k == ARM else 1.4, label=scores.models[k].name)
             for k, c in colours.items()
         ),
         *(
@@ -184,58 +182,3 @@ def _theory(
         if kind == "creep":  # of a joint that sticks
             y = np.where(theory.sticks(f, a, where.index[1]), y, np.nan)
         axes.plot(x, y, color=THEORY_COLOUR, ls=style, lw=1.2, zorder=2)
-
-
-# ---- the iiwa ------------------------------------------------------------------------------------
-
-
-def iiwa(study: PhaseStudy, path: Path) -> None:
-    """Draw simulated change over the phase of the dither, with the measured cells.
-
-    Args:
-        study: the simulated phases.
-        path: PNG to write.
-    """
-    figure = Figure(figsize=(12, 4.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=(1, 1.25))
-    degrees = np.degrees(study.phase)
-    colours = colormaps["tab10"](np.arange(len(study.rows)) % 10)
-    names = [
-        f"joint {r.joint} {'L' if r.load == 'load' else 'N'}{plots.SIGNS[r.direction]}"
-        for r in study.rows
-    ]
-    for values, colour, name in zip(100 * study.change, colours, names, strict=True):
-        left.plot(degrees, values, "o-", ms=3.5, lw=1.4, color=colour, label=name)
-    left.set_xticks(np.linspace(0, 90, 7))
-    left.set_xlabel("phase φ between dither and controller clock [°]")
-    left.set_ylabel("change of the torque that moves the joint [%]")
-    rate = study.controller_rate_hz
-    tone = " and ".join(f"{f:g}" for f in dict.fromkeys(r.frequency_hz for r in study.rows))
-    left.set_title(f"simulated: {tone} Hz commanded at {rate:g} Hz is ±A sin φ", fontsize=10.5)
-    left.legend(frameon=False, fontsize=8)
-    x = np.arange(len(study.rows))
-    low, high = 100 * study.change.min(axis=1), 100 * study.change.max(axis=1)
-    text = "simulated, φ from 0° to 90°"
-    right.bar(x, high - low, 0.5, bottom=low, color="#9bbcdf", label=text, zorder=3)
-    right.plot(x, 100 * study.measured, "D", color=MEASURED, ms=7, label="measured", zorder=4)
-    for k, value in enumerate(100 * study.measured):
-        right.annotate(
-            signed(value, 0),
-            (k, value),
-            xytext=(9, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=9,
-            color=MEASURED,
-        )
-    right.set_xticks(x, names, rotation=30, ha="right", fontsize=8.5)
-    right.set_xlim(-0.6, len(x) - 0.1)
-    right.set_ylabel("change of torque [%]")
-    right.set_xlabel("pose (L load, N no load) and direction of the ramp")
-    right.set_title("measured (thesis Table 4.5) and what phase can do", fontsize=10.5)
-    right.legend(frameon=False, fontsize=8.5)
-    for axes in (left, right):
-        axes.axhline(0, color="0.3", lw=0.8, zorder=2)
-        plots.plain_axes(axes)
-    figure.suptitle("LBR iiwa 7 R800: dither at half the controller's rate", fontsize=12)
-    save_full(figure, path)

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.cells import Cell
-from benchmarks.thesis.nested_models.joint_tables import JointTables, drift_factors
 from stiction_envs.errors import missing_extra
 from stiction_envs.experiments.sje.calibrate import calibrate
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Job
+from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.gap.tables.lone_joint import Bench, LoneJointTorques
 from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 
@@ -31,6 +31,23 @@ assumed."""
 ITERATIONS = 2
 """Per cell on the whole arm, without scatter: the second is free of how the first began;
 assumed."""
+STIFF_BRISTLE = 1e4
+"""What stands for no presliding [N·m/rad]: at 1 N·m it yields 0.1 mrad; the bound of 3.4."""
+DUPONT_RATIO = 0.7169
+"""Breakaway over steady deflection of the elasto-plastic example (Dupont et al. 2002, Table I)."""
+PHYSICAL = (
+    ("inertia", "+ rotor inertia", "a band of one level, and the rotor's inertia takes torque"),
+    ("presliding", "+ presliding", "bristles and Stribeck: LuGre instead of a band"),
+    ("path", "+ torque path", "100 Hz low-pass and 1000 N·m/s on the command"),
+    ("elasticity", "+ joint elasticity", "joints 1-4: a spring between rotor and link"),
+    ("load", "+ load", "friction of its own in each pose"),
+    ("offset", "+ offset", "half-sum of the base torques is bias, which dither leaves alone"),
+    ("drift", "+ base drift", "one factor per configuration between measuring days"),
+)
+"""Effects one after the other: key, name of the model that has it and all before, statement."""
+ELASTO_PLASTIC = "elasto-plastic"
+"""Effect: no drift inside the band (Dupont et al. 2002), instead of LuGre."""
+ALL = frozenset(key for key, *_ in PHYSICAL)
 
 
 @lru_cache
@@ -50,11 +67,6 @@ def prior(name: str, joint: int) -> float:
     """Return the centre of a parameter's prior, of a joint (from 1)."""
     centre = settings()[name]["prior"]
     return float(centre[joint - 1] if isinstance(centre, list) else centre)
-
-
-def prior_cost(name: str, joint: int, value: float) -> float:
-    """Return minus the log density of a value, up to a constant."""
-    return float((np.log(value / prior(name, joint)) / settings()[name]["prior_log_sd"]) ** 2 / 2)
 
 
 @dataclass(frozen=True)
@@ -77,59 +89,159 @@ class Found:
         ]
 
 
-class Fit:
-    """A joint's fitted cells, its free parameters as a unit cube, and the loss over it."""
+class JointFit(LoneJointTorques):
+    """Cells of one joint, how parameters predict their change of torque, and the loss of that."""
 
     def __init__(
         self,
-        tables: JointTables,
+        joint: int,
+        cells: Sequence[Cell],
+        bench: Bench,
+        effects: frozenset[str] = ALL,
         *,
-        fixed: dict[str, float] | None = None,
+        fixed: Mapping[str, float] | None = None,
         correction: Array | None = None,
     ) -> None:
         """Set up the fit.
 
         Args:
-            tables: of the fitted cells only.
+            joint: from 1.
+            cells: of that joint; to be fitted, those that may be.
+            bench: the arm's.
+            effects: which physical statements are made, keys of `PHYSICAL`, or `ELASTO_PLASTIC`.
             fixed: parameters that are neither free nor nominal, such as the ramp rate.
             correction: (cells,) what the whole arm predicts more than the lone joint [-].
         """
-        self.tables, self.fixed = tables, dict(fixed or {})
-        self.correction = np.zeros(len(tables.cells)) if correction is None else correction
-        self._bounds = np.log([bounds(n, tables.joint) for n in tables.names])
+        super().__init__(joint, bench)
+        self.cells, self.effects, self.fixed = list(cells), effects, dict(fixed or {})
+        self.correction = np.zeros(len(self.cells)) if correction is None else correction
+        self.names = ["rotor_inertia"]
+        if "presliding" in effects:
+            self.names += ["bristle_stiffness", "coulomb_ratio", "stribeck_velocity"]
+        if "elasticity" in effects and bench.friction.elastic[joint - 1]:
+            self.names.append("joint_stiffness")
+        self._bounds = np.log([bounds(n, joint) for n in self.names])
+        wheres = list(dict.fromkeys(c.configuration for c in self.cells))
+        self._level = {w: self._of(w) for w in wheres}
+        keys = {(*self._level[w], 0.0, 0.0) for w in wheres}
+        keys |= {self._key(c) for c in self.cells}
+        # joints that differ in nothing are simulated once
+        self._columns = sorted(keys)
+        self._at = {key: i for i, key in enumerate(self._columns)}
+
+    def _of(self, where: Configuration) -> tuple[float, float]:
+        """Return (stiction [N·m], link inertia [kg·m²]) of a configuration.
+
+        Without ``load`` stiction is the mean of both poses; without ``offset`` each direction's
+        base torque is its friction, with it their half-sum is kept apart.
+        """
+        j, k, d = where.index
+        b = self.bench
+        poses = slice(k, k + 1) if "load" in self.effects else slice(None)
+        level = float(b.level[j, poses].mean())
+        if "offset" not in self.effects:
+            table = np.abs(b.base.tau[j, poses, d]).mean()
+            level *= float(table / b.base.friction[j, poses].mean())
+        return level, float(b.link[j, k])
+
+    def _key(self, c: Cell) -> tuple[float, float, float, float]:
+        return (*self._level[c.configuration], c.row.frequency_hz, c.row.amplitude_nm)
+
+    def _without(self) -> dict[str, float]:
+        """Return the parameters that effects set, whatever is fitted: most stand for their lack."""
+        out = {"breakaway_ratio": DUPONT_RATIO} if ELASTO_PLASTIC in self.effects else {}
+        if "presliding" not in self.effects:
+            out |= {"bristle_stiffness": STIFF_BRISTLE, "coulomb_ratio": 1.0}
+        if "elasticity" not in self.effects:
+            out |= {"joint_stiffness": np.inf}
+        return (
+            out if "path" in self.effects else out | {"lowpass_hz": np.inf, "torque_rate": np.inf}
+        )
+
+    def predict(self, population: Sequence[Mapping[str, float]]) -> Array:
+        """Return (population, cells) predicted change |τ_SJE|/|τ_base| − 1 [-]; NaN: stuck.
+
+        Args:
+            population: parameters by name; what is not named is nominal.
+        """
+        sets = [{**self.fixed, **p, **self._without()} for p in population]
+        tau = self.breakaway(self._columns, sets, None if "path" in self.effects else 1)
+        out = np.empty((len(population), len(self.cells)))
+        for i, c in enumerate(self.cells):
+            dithered = tau[:, self._at[self._key(c)]]
+            undithered = tau[:, self._at[(*self._level[c.configuration], 0.0, 0.0)]]
+            if "offset" in self.effects:
+                out[:, i] = (dithered - undithered) / abs(
+                    self.bench.base.tau[c.configuration.index]
+                )
+            else:
+                out[:, i] = dithered / undithered - 1.0
+        return out
 
     def parameters(self, x: Array) -> dict[str, float]:
         """Return parameters from the unit cube, logarithmic between the bounds."""
         low, high = self._bounds.T
-        values = np.exp(low + (high - low) * x)
-        return dict(zip(self.tables.names, map(float, values), strict=True))
+        return dict(zip(self.names, map(float, np.exp(low + (high - low) * x)), strict=True))
 
-    def cube(self, parameters: dict[str, float]) -> Array:
+    def cube(self, parameters: Mapping[str, float]) -> Array:
         """Return the unit cube from parameters."""
         low, high = self._bounds.T
-        x = (np.log([parameters[n] for n in self.tables.names]) - low) / (high - low)
+        x = (np.log([parameters[n] for n in self.names]) - low) / (high - low)
         return np.clip(x, 0.0, 1.0)
 
     def losses(self, population: Sequence[dict[str, float]]) -> Array:
-        """Return (population,) absolute errors over noise, plus cost of drift and priors."""
-        predicted = self.tables.predict([{**self.fixed, **p} for p in population])
-        return np.array(
-            [self.loss(v + self.correction, p) for v, p in zip(predicted, population, strict=True)]
-        )
+        """Return (population,) losses."""
+        pairs = zip(self.predict(population), population, strict=True)
+        return np.array([self.loss(v + self.correction, p) for v, p in pairs])
 
     def loss(self, predicted: Array, parameters: Mapping[str, float]) -> float:
-        """Return the loss of predicted changes (cells,) [-] made with some parameters."""
+        """Return absolute errors over noise, plus the cost of drift and of the priors.
+
+        Args:
+            predicted: (cells,) changes [-].
+            parameters: with which they are predicted.
+        """
         if not np.isfinite(predicted).all():
             return 1e3
-        cells, noise = self.tables.cells, settings()["noise"]
-        total = sum(prior_cost(n, self.tables.joint, v) for n, v in parameters.items())
-        measured = np.array([c.change for c in cells])
-        if self.tables.effects.drift:
-            factor = drift_factors(cells, predicted, [True] * len(cells))
-            scale = np.array([factor[c.configuration] for c in cells])
+        noise, total = settings()["noise"], 0.0
+        for name, value in parameters.items():
+            away = np.log(value / prior(name, self.joint)) / settings()[name]["prior_log_sd"]
+            total += float(away**2 / 2)
+        measured = np.array([c.change for c in self.cells])
+        if "drift" in self.effects:
+            factor = drift_factors(self.cells, predicted, [True] * len(self.cells))
+            scale = np.array([factor[c.configuration] for c in self.cells])
             predicted = scale * (1.0 + predicted) - 1.0
             total += sum(((f - 1.0) / noise["drift_sd"]) ** 2 / 2 for f in factor.values())
         return float(total + np.abs(predicted - measured).sum() / noise["cell_sd"])
+
+
+def drift_factors(
+    cells: Sequence[Cell], predicted: Array, used: Sequence[bool]
+) -> dict[Configuration, float]:
+    """Return one factor per configuration on its base between measuring days.
+
+    The median over its cells of measured over predicted torque: a base that has moved shifts all
+    its dithered torques alike, a single bad reading does not.
+
+    Args:
+        cells: measured.
+        predicted: (cells,) change [-].
+        used: which cells may be looked at.
+    """
+    ratio: dict[Configuration, list[float]] = {}
+    for c, p, u in zip(cells, predicted, used, strict=True):
+        if u:
+            ratio.setdefault(c.configuration, []).append((1.0 + c.change) / (1.0 + p))
+    return {k: float(np.median(v)) for k, v in ratio.items()}
+
+
+def with_drift(cells: Sequence[Cell], predicted: Array) -> Array:
+    """Return predictions (cells,) with the drift that the fitted cells show."""
+    factor = drift_factors(cells, predicted, [not c.held_out for c in cells])
+    return np.array(
+        [factor[c.configuration] * (1 + p) - 1 for c, p in zip(cells, predicted, strict=True)]
+    )
 
 
 def optimiser() -> Any:
@@ -146,7 +258,7 @@ def optimiser() -> Any:
 
 
 def search(
-    fit: Fit,
+    fit: JointFit,
     seeds: Sequence[int],
     *,
     generations: int,
@@ -160,22 +272,21 @@ def search(
         generations: of the search.
         around: where the first seed starts; the others, or all if None, start elsewhere.
     """
-    joint, names, cma = fit.tables.joint, fit.tables.names, optimiser()
-    searches = []
+    cma, searches = optimiser(), []
     for k, seed in enumerate(seeds):
-        rng = np.random.default_rng([seed, joint])
+        rng = np.random.default_rng([seed, fit.joint])
         warm = fit.cube(around) if around is not None and k == 0 else None
-        mean = rng.uniform(0.25, 0.75, len(names)) if warm is None else warm
+        mean = rng.uniform(0.25, 0.75, len(fit.names)) if warm is None else warm
         searches.append(
             cma(
                 mean=mean,
                 sigma=0.25 if warm is None else 0.08,
-                bounds=np.tile([0.0, 1.0], (len(names), 1)),
+                bounds=np.tile([0.0, 1.0], (len(fit.names), 1)),
                 population_size=POPULATION,
                 seed=int(rng.integers(2**31)),
             )
         )
-    best = [Found(joint, s, np.inf, {}) for s in seeds]
+    best = [Found(fit.joint, s, np.inf, {}) for s in seeds]
     for _ in range(generations):
         asked = [[s.ask() for _ in range(POPULATION)] for s in searches]
         population = [fit.parameters(x) for xs in asked for x in xs]
@@ -184,7 +295,7 @@ def search(
             s.tell([(x, float(v)) for x, v in zip(xs, values, strict=True)])
             k = int(values.argmin())
             if values[k] < best[i].loss:
-                best[i] = Found(joint, seeds[i], float(values[k]), fit.parameters(xs[k]))
+                best[i] = Found(fit.joint, seeds[i], float(values[k]), fit.parameters(xs[k]))
     return sorted(best, key=lambda f: f.loss)
 
 

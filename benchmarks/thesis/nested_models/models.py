@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -20,18 +20,21 @@ from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.cells import Cell, cells
 from benchmarks.thesis.nested_models.fit import (
+    ALL,
+    ELASTO_PLASTIC,
+    PHYSICAL,
     ROBOT,
-    Fit,
     Found,
+    JointFit,
     search,
     settings,
     start_friction,
     whole_arm,
+    with_drift,
     with_parameters,
 )
-from benchmarks.thesis.nested_models.joint_tables import Bench, Effects, JointTables, with_drift
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.tables.lone_joint import Bench
 from stiction_envs.measured import thesis_base
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import load_arm
@@ -65,22 +68,16 @@ class NestedModel:
     """Of the fitted cells, summed over the joints."""
 
 
-PHYSICAL = (
-    ("inertia", "+ rotor inertia", "a band of one level, and the rotor's inertia takes torque"),
-    ("presliding", "+ presliding", "bristles and Stribeck: LuGre instead of a band"),
-    ("path", "+ torque path", "100 Hz low-pass and 1000 N·m/s on the command"),
-    ("elasticity", "+ joint elasticity", "joints 1-4: a spring between rotor and link"),
-    ("load", "+ load", "friction of its own in each pose"),
-    ("offset", "+ offset", "half-sum of the base torques is bias, which dither leaves alone"),
-    ("drift", "+ base drift", "one factor per configuration between measuring days"),
-)
+def preferred(one: NestedModel, two: NestedModel) -> tuple[float, float]:
+    """Return by how much the fitted cells prefer one model to another, and how surely.
 
-
-def effects_up_to(key: str) -> Effects:
-    """Return the effects of a physical model and all before it."""
-    names = [name for name, *_ in PHYSICAL]
-    on = names[: names.index(key) + 1]
-    return Effects(**{name: name in on for name in names if name != "inertia"})
+    Returns:
+        Loss of ``two`` less that of ``one``, summed over the joints, and twice its standard error
+        from the joints' differences: less than that is no preference.
+    """
+    joints = sorted(set(one.found) & set(two.found))
+    gap = np.array([two.found[j][0]["loss"] - one.found[j][0]["loss"] for j in joints])
+    return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
 
 
 # ---- models without physics ---------------------------------------------------------------------
@@ -118,25 +115,26 @@ class _Task:
 
     joint: int
     bench: Bench
-    effects: Effects
+    effects: frozenset[str]
     seeds: tuple[int, ...]
     around: dict[str, float] | None
     fixed: dict[str, float]
     correction: Array | None
     """(fitted cells,) whole arm minus lone joint [-]."""
 
-
-def _work(task: _Task) -> tuple[list[Found], Array]:
-    every = [c for c in cells() if c.row.joint == task.joint]
-    fitted = [c for c in every if not c.held_out]
-    tables = JointTables(task.joint, fitted, task.bench, task.effects)
-    fit = Fit(tables, fixed=task.fixed, correction=task.correction)
-    around = task.around
-    if around is not None:
-        around = {n: around.get(n, tables.nominal(n)) for n in tables.names}
-    found = search(fit, task.seeds, generations=GENERATIONS, around=around)
-    full = JointTables(task.joint, every, task.bench, task.effects)
-    return found, full.predict([{**task.fixed, **found[0].parameters}])[0]
+    def run(self) -> tuple[list[Found], Array]:
+        every = [c for c in cells() if c.row.joint == self.joint]
+        fitted = [c for c in every if not c.held_out]
+        same: dict[str, Any] = {"fixed": self.fixed}
+        fit = JointFit(
+            self.joint, fitted, self.bench, self.effects, correction=self.correction, **same
+        )
+        around = self.around
+        if around is not None:
+            around = {n: around.get(n, fit.nominal(n)) for n in fit.names}
+        found = search(fit, self.seeds, generations=GENERATIONS, around=around)
+        full = JointFit(self.joint, every, self.bench, self.effects, **same)
+        return found, full.predict([found[0].parameters])[0]
 
 
 class NestedModels:
@@ -149,7 +147,6 @@ class NestedModels:
         self.cells = cells()
         self.processes = processes or os.cpu_count() or 1
         self.models: dict[str, NestedModel] = {}
-        self.arm: FrictionParameters | None = None
         self._bench: Bench | None = None
         self._print = self._fingerprint()
         if self.path.exists():
@@ -172,50 +169,37 @@ class NestedModels:
         write_text_atomic(self.path, json.dumps(out, indent=1, allow_nan=False) + "\n")
         return model
 
-    def fit(self, progress: Progress | None = None) -> Iterator[NestedModel]:
-        """Yield every model, fitted now or read from the folder."""
-        tell = progress or (lambda *_: None)
+    def fit(self, tell: Progress) -> None:
+        """Fit every model that the folder has not; ``tell`` hears of progress."""
         for key, name, function in WITHOUT_PHYSICS:
             statement = (function.__doc__ or "").splitlines()[0]
             change = function(self.cells).tolist()
-            yield self._save(NestedModel(key=key, name=name, statement=statement, change=change))
-        before: NestedModel | None = None
+            self._save(NestedModel(key=key, name=name, statement=statement, change=change))
+
+        def once(about: tuple[str, str, str], **how: Any) -> NestedModel:
+            return self.models.get(about[0]) or self._save(self._fit(about, tell, **how))
+
+        before, effects = None, frozenset[str]()
         for key, name, statement in PHYSICAL:
-            if key not in self.models:
-                seeds = self.seeds if key == "drift" else ONE_SEED
-                about = (key, name, statement)
-                self._save(self._fit(about, effects_up_to(key), tell, around=before, seeds=seeds))
-            before = self.models[key]
-            yield before
+            effects |= {key}
+            seeds = self.seeds if key == "drift" else ONE_SEED
+            before = once((key, name, statement), effects=effects, around=before, seeds=seeds)
         for rate in settings()["ramp_rate"]["tried"]:
-            about = (
-                f"ramp {rate:g}",
-                f"ramp at {rate:g} N·m/s",
-                "one rate for the whole robot, instead of the assumed one",
-            )
-            if about[0] not in self.models:
-                fixed = {"ramp_rate": rate}
-                self._save(self._fit(about, Effects(), tell, around=before, fixed=fixed))
-            yield self.models[about[0]]
-        about = (
-            "elasto-plastic",
-            "elasto-plastic instead of LuGre",
-            "presliding below 0.72 of the steady deflection does not drift (Dupont 2002)",
-        )
-        if about[0] not in self.models:
-            self._save(self._fit(about, Effects(elasto_plastic=True), tell, around=before))
-        yield self.models[about[0]]
+            statement = "one rate for the whole robot, instead of the assumed one"
+            about = (f"ramp {rate:g}", f"ramp at {rate:g} N·m/s", statement)
+            once(about, around=before, fixed={"ramp_rate": rate})
+        statement = "presliding below 0.72 of the steady deflection does not drift (Dupont 2002)"
+        about = (ELASTO_PLASTIC, "elasto-plastic instead of LuGre", statement)
+        once(about, effects=ALL | {ELASTO_PLASTIC}, around=before)
         if "arm" not in self.models:
             self._fit_arm(tell)
-        yield self.models["arm"]
-        yield self.models["arm + drift"]
 
     def _fit(
         self,
         about: tuple[str, str, str],
-        effects: Effects,
         tell: Progress,
         *,
+        effects: frozenset[str] = ALL,
         bench: Bench | None = None,
         around: NestedModel | None = None,
         fixed: Mapping[str, float] | None = None,
@@ -226,8 +210,8 @@ class NestedModels:
 
         Args:
             about: key, name and statement of the model.
-            effects: of the joints.
             tell: of progress.
+            effects: of the joints.
             bench: the arm's; None for that of `start_friction`.
             around: the model from which the first seed starts.
             fixed: numbers of the whole robot.
@@ -258,11 +242,11 @@ class NestedModels:
         change = np.zeros(len(self.cells))
         found: dict[str, list[dict[str, Any]]] = {}
         with ProcessPoolExecutor(min(self.processes, len(tasks))) as pool:
-            for task, (best, predicted) in zip(tasks, pool.map(_work, tasks), strict=True):
+            for task, (best, predicted) in zip(tasks, pool.map(_Task.run, tasks), strict=True):
                 tell(name, len(found) + 1, len(tasks))
                 change[of[task.joint]] = predicted
                 found[str(task.joint)] = [{**asdict(f), "on_bound": f.on_bound} for f in best]
-        if effects.drift:
+        if "drift" in effects:
             change = with_drift(self.cells, change)
         return NestedModel(
             key=key,
@@ -274,24 +258,18 @@ class NestedModels:
             loss=sum(f[0]["loss"] for f in found.values()),
         )
 
-    def ramp_rate(self) -> tuple[float, bool]:
-        """Return the ramp rate of the robot [N·m/s], and whether the fitted tables identify it.
+    def ramp_rate(self) -> tuple[float, str]:
+        """Return the ramp rate of the robot [N·m/s], and the model that has it.
 
         That of the protocol, unless another one fits Tables 4.3 and 4.6 better by twice the
         standard error of the joints' differences.
         """
-        now = np.array(self._joint_losses("drift"))
-        best, identified, low = load_protocol(ROBOT).ramp_rate, False, 0.0
+        best, key, most = load_protocol(ROBOT).ramp_rate, "drift", 0.0
         for rate in settings()["ramp_rate"]["tried"]:
-            difference = np.array(self._joint_losses(f"ramp {rate:g}")) - now
-            error = np.sqrt(len(difference)) * difference.std(ddof=1)
-            if difference.sum() < min(low, -2.0 * error):
-                best, identified, low = float(rate), True, float(difference.sum())
-        return best, identified
-
-    def _joint_losses(self, key: str) -> list[float]:
-        found = self.models[key].found
-        return [float(found[j][0]["loss"]) for j in sorted(found)]
+            gain, error = preferred(self.models[f"ramp {rate:g}"], self.models["drift"])
+            if gain > max(most, error):
+                best, key, most = float(rate), f"ramp {rate:g}", gain
+        return best, key
 
     def _fit_arm(self, tell: Progress) -> None:
         """Correct the lone joints by what the whole arm makes of them, in a few rounds.
@@ -299,9 +277,8 @@ class NestedModels:
         The correction holds near the parameters it was measured at, so each round starts from the
         last. Every joint keeps the round whose fitted cells the whole arm itself met best.
         """
-        rate, identified = self.ramp_rate()
-        fixed = {"ramp_rate": rate}
-        now = self.models[f"ramp {rate:g}" if identified else "drift"]
+        rate, start = self.ramp_rate()
+        now, fixed = self.models[start], {"ramp_rate": rate}
         rows = np.array([not c.held_out for c in self.cells])
         fitted = [c for c in self.cells if not c.held_out]
         kept: dict[str, dict[str, Any]] = {}
@@ -310,24 +287,31 @@ class NestedModels:
             best = {int(j): f[0]["parameters"] for j, f in now.found.items()}
             arm, change = whole_arm(with_parameters(start_friction(), best), fitted, rate)
             bench = Bench.of(load_arm(ROBOT), thesis_base(ROBOT), arm)
+            lone = np.zeros(len(fitted))
             for j, found in now.found.items():
-                mine = [c for c in fitted if c.row.joint == int(j)]
-                values = change[[c.row.joint == int(j) for c in fitted]]
-                fit = Fit(JointTables(int(j), mine, bench))
-                loss = fit.loss(values, found[0]["parameters"])
+                mine = np.array([c.row.joint == int(j) for c in fitted])
+                cells = [c for c, one in zip(fitted, mine, strict=True) if one]
+                fit = JointFit(int(j), cells, bench, fixed=fixed)
+                parameters = found[0]["parameters"]
+                loss = fit.loss(change[mine], parameters)
                 if j not in kept or loss < kept[j]["loss"]:
                     kept[j] = {**found[0], "loss": loss, "round": k}
+                lone[mine] = fit.predict([parameters])[0]
             if k == ROUNDS:
                 break
             correction = np.full(len(self.cells), np.nan)
-            correction[rows] = change - self._lone(bench, best, fixed)[rows]
-            about = (f"round {k}", f"corrected by the whole arm, {k + 1} of {ROUNDS}", "")
+            correction[rows] = change - lone
             now = self._fit(
-                about, Effects(), tell, bench=bench, around=now, fixed=fixed, correction=correction
+                (f"round {k}", f"corrected by the whole arm, {k + 1} of {ROUNDS}", ""),
+                tell,
+                bench=bench,
+                around=now,
+                fixed=fixed,
+                correction=correction,
             )
         tell("whole arm", ROUNDS + 1, ROUNDS + 2)
         best = {int(j): f["parameters"] for j, f in kept.items()}
-        self.arm, change = whole_arm(with_parameters(start_friction(), best), self.cells, rate)
+        _, change = whole_arm(with_parameters(start_friction(), best), self.cells, rate)
         for key, name, values in (
             ("arm", "whole arm, without drift", change),
             ("arm + drift", "whole arm + base drift", with_drift(self.cells, change)),
@@ -343,14 +327,3 @@ class NestedModels:
                     loss=sum(f["loss"] for f in kept.values()),
                 )
             )
-
-    def _lone(
-        self, bench: Bench, best: Mapping[int, Mapping[str, float]], fixed: Mapping[str, float]
-    ) -> Array:
-        """Return (all cells,) what lone joints predict with given parameters [-]."""
-        out = np.zeros(len(self.cells))
-        for joint, parameters in best.items():
-            mine = [i for i, c in enumerate(self.cells) if c.row.joint == joint]
-            tables = JointTables(joint, [self.cells[i] for i in mine], bench)
-            out[mine] = tables.predict([{**fixed, **parameters}])[0]
-        return out

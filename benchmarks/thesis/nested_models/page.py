@@ -1,6 +1,6 @@
 """The page of the nested models: `gap.md` and its pictures.
 
-    write_page(folder, nested.models, study=study_phase())
+    write_page(folder, nested.models)
 
 Numbers are in per cent of the base torque unless a table says otherwise.
 """
@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models import figures
 from benchmarks.thesis.nested_models.cells import JOINTS, cells
-from benchmarks.thesis.nested_models.models import NestedModel
-from benchmarks.thesis.nested_models.phase import PhaseStudy
+from benchmarks.thesis.nested_models.models import NestedModel, preferred
 from benchmarks.thesis.nested_models.scores import (
+    ARM,
     FREQUENCIES,
     SAME_LOSS,
     SAME_RANGE,
     Gain,
     ModelScores,
 )
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import SIGNS, Configuration
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.html import to_html
@@ -34,6 +33,8 @@ from stiction_envs.reporting.templates import render
 
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).with_name("gap.md.j2")
+IIWA = Path(__file__).with_name("iiwa.png")
+"""Simulated once: the phase between dither and controller."""
 CLOSE = 2.0
 """Theory and simulation agree when they differ by less [points of the base torque]; assumed."""
 CAUSES = {
@@ -53,37 +54,21 @@ PARAMETERS = {
     "stribeck_velocity": "Stribeck v_s [rad/s]",
     "joint_stiffness": "joint spring K [N·m/rad]",
 }
-PICTURES = ("ladder.png", *(f"joint_{j}.png" for j in JOINTS), "iiwa.png")
 
 
-def write_page(
-    folder: Path, models: Mapping[str, NestedModel], *, study: PhaseStudy
-) -> dict[str, Any]:
+def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any]:
     """Write `gap.md`, `report.html` and their pictures; return the errors [% of base torque].
 
     Args:
         folder: where; it exists.
         models: by key, as `NestedModels.models` when all are fitted.
-        study: the iiwa's phases.
-
-    Raises:
-        StictionError: a model is missing, or predicts another number of cells.
     """
-    chosen = cells()
-    missing = [key for key in ModelScores.KEYS if key not in models]
-    if missing:
-        raise StictionError(f"the page needs all nested models: {', '.join(missing)} not fitted")
-    for key, model in models.items():
-        if len(model.change) != len(chosen):
-            raise StictionError(
-                f"model {key!r} predicts {len(model.change)} cells, but there are {len(chosen)}"
-            )
-    scores = ModelScores(models, chosen)
+    scores = ModelScores(models, cells())
     figures.models(scores, folder / "ladder.png")
     for j in JOINTS:
         figures.joint(scores, j, folder / f"joint_{j}.png")
-    figures.iiwa(study, folder / "iiwa.png")
-    text = page(scores, study)
+    (folder / IIWA.name).write_bytes(IIWA.read_bytes())
+    text = page(scores)
     write_text_atomic(folder / "gap.md", text)
     title = "The thesis's dithered torques, model by model"
     write_text_atomic(folder / "report.html", to_html(text.splitlines(), folder, title))
@@ -96,8 +81,6 @@ def write_page(
                 "mean": x.mean,
                 "ci95": [x.low, x.high],
                 "median": x.median,
-                "by_table": x.by_column,
-                "by_joint": x.by_joint,
             }
             for key, x in scores.scores.items()
         ],
@@ -108,7 +91,7 @@ def write_page(
     }
 
 
-def page(s: ModelScores, study: PhaseStudy) -> str:
+def page(s: ModelScores) -> str:
     """Return the page."""
     parameters = [p for j in JOINTS for p in s.identified(j)[0]]
     i = int(np.flatnonzero(~s.sound)[0])
@@ -116,7 +99,7 @@ def page(s: ModelScores, study: PhaseStudy) -> str:
     return render(
         TEMPLATE,
         scores=s.scores,
-        last=s.scores[s.last],
+        last=s.scores[ARM],
         held_out=int(s.held_out.sum()),
         cells=len(s.cells),
         floor=s.floor,
@@ -124,21 +107,19 @@ def page(s: ModelScores, study: PhaseStudy) -> str:
         targets=_targets(s),
         outlier=f"Table {c.column}, joint {c.row.joint} {_place(c.configuration)}, "
         f"{c.row.frequency_hz:g} Hz, {number(c.row.amplitude_nm, 2)} N·m: "
-        f"{percent(100 * c.change)} measured, {percent(100 * s.predicted[s.last][i])} predicted",
+        f"{percent(100 * c.change)} measured, {percent(100 * s.predicted[ARM][i])} predicted",
         overview=_overview(s),
         causes=_causes(s),
         averaging=averaging(s),
         close=CLOSE,
         creep=_creep(s),
         joints=_joints(s),
-        study=study,
-        iiwa=_iiwa(study),
         identified=(sum(p.verdict == "yes" for p in parameters), len(parameters)),
         same_loss=SAME_LOSS,
         same_range=SAME_RANGE,
         identification=_identification(s),
         ramp_rates=_ramp_rates(s),
-        preferred=s.preferred("elasto-plastic", "drift"),
+        preferred=preferred(s.models["elasto-plastic"], s.models["drift"]),
         left=_left(s),
     )
 
@@ -152,7 +133,7 @@ def _place(where: Configuration) -> str:
 
 
 def _models(s: ModelScores) -> str:
-    columns = list(s.scores[s.last].by_column)
+    columns = list(s.scores[ARM].by_column)
     header = ["model", "mean [95 %]", "median", *columns, *(f"J{j}" for j in JOINTS), "statement"]
     rows = [
         [
@@ -178,7 +159,7 @@ def _targets(s: ModelScores) -> str:
 def _overview(s: ModelScores) -> str:
     rows = []
     for j in JOINTS:
-        values = (s.scores["nothing"].by_joint[j], s.constant(j), s.scores[s.last].by_joint[j])
+        values = (s.scores["nothing"].by_joint[j], s.constant(j), s.scores[ARM].by_joint[j])
         moved = {c: 100 * (x - 1) for c, x in s.drift().items() if c.joint == j}
         c = max(moved, key=lambda c: abs(moved[c]))
         base = f"{percent(moved[c])} ({_place(c)})"
@@ -208,8 +189,8 @@ def _joints(s: ModelScores) -> str:
     for j in JOINTS:
         theory = s.theory(j)
         share = np.mean([theory.bristle_gain(np.array(FREQUENCIES), k) for k in range(2)], axis=0)
-        peaks = sorted({round(f) for k in range(2) for f, _ in theory.resonances(k)})
-        changes = [", ".join(signed(s.at(j, f, k)) for f in FREQUENCIES) for k in (None, s.last)]
+        peaks = sorted({round(f) for k in range(2) for f in theory.resonances(k)})
+        changes = [", ".join(signed(s.at(j, f, k)) for f in FREQUENCIES) for k in (None, ARM)]
         shares = ", ".join(number(100 * x, 0) for x in share)
         rows.append([str(j), *changes, ", ".join(map(str, peaks)) or "–", shares])
     header = ["joint", f"measured at {', '.join(f'{f:g}' for f in FREQUENCIES)} Hz [%]"]
@@ -256,22 +237,7 @@ def _creep(s: ModelScores) -> dict[str, float]:
     }
 
 
-# ---- the iiwa, the fit, and what is left ---------------------------------------------------------
-
-
-def _iiwa(study: PhaseStudy) -> dict[str, Any]:
-    def ends(x: Array) -> str:
-        return f"{percent(100 * x.min())} to {percent(100 * x.max())}"
-
-    return {
-        "simulated": ends(study.change),
-        "random": ends(study.over_random_phase),
-        "measured": ends(study.measured),
-        "spread": 100 * np.ptp(study.change, axis=1).max(),
-        "within": study.within.sum(),
-        "rose": (study.measured > 0).sum(),
-        "cells": len(study.measured),
-    }
+# ---- the fit, and what is left -------------------------------------------------------------------
 
 
 def _identification(s: ModelScores) -> str:
@@ -283,8 +249,8 @@ def _identification(s: ModelScores) -> str:
             ends = f" [{short(p.low)}, {short(p.high)}]" if p.seeds > 1 else ""
             mark = " †" if p.on_bound else " ‡" if p.verdict == "no" else ""
             texts[p.name] = short(p.best) + ends + mark
-        good = max((p.seeds for p in found), default=0)
-        rows.append([str(j), *(texts.get(n, "–") for n in PARAMETERS), f"{good} of {seeds}"])
+        good = f"{found[0].seeds} of {seeds}"
+        rows.append([str(j), *(texts.get(n, "–") for n in PARAMETERS), good])
     return table_text(["joint", *PARAMETERS.values(), "seeds as good"], rows)
 
 
@@ -294,7 +260,7 @@ def _ramp_rates(s: ModelScores) -> str:
     best = min(loss, key=loss.__getitem__)
     rows = []
     for r, k in rates.items():
-        gap, error = s.preferred(rates[best], k)
+        gap, error = preferred(s.models[rates[best]], s.models[k])
         worse = "yes" if r != best and gap >= error else "no"
         over, mean = signed(loss[r] - loss[best]), f"{number(s.scores[k].mean, 2)} %"
         rows.append([f"{r:g}", number(loss[r]), over, worse, mean])

@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.cells import RESAMPLES, Cell, repeat_floor, score
-from benchmarks.thesis.nested_models.fit import ROBOT
-from benchmarks.thesis.nested_models.joint_tables import drift_factors, with_drift
-from benchmarks.thesis.nested_models.models import PHYSICAL, NestedModel
+from benchmarks.thesis.nested_models.fit import PHYSICAL, ROBOT, drift_factors, with_drift
+from benchmarks.thesis.nested_models.models import NestedModel
 from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of thesis Table 4.6 [Hz]."""
 ARM = "arm + drift"
@@ -34,18 +32,12 @@ identified; assumed."""
 
 
 class Change(NamedTuple):
-    """What one statement did to the mean held-out error of a joint [% of the base torque]."""
+    """What one statement took off the mean held-out error of a joint [% of the base torque]."""
 
-    before: float
-    after: float
+    points: float
     low: float
     high: float
-    """95 % bootstrap interval of ``before − after``, the joint's cells taken as independent."""
-
-    @property
-    def points(self) -> float:
-        """Error taken away."""
-        return self.before - self.after
+    """95 % bootstrap interval, the joint's cells taken as independent."""
 
     @property
     def better(self) -> bool:
@@ -107,12 +99,14 @@ class ModelScores:
 
     KEYS = ("nothing", "lookup", "band", *(k for k, *_ in PHYSICAL), "elasto-plastic", "arm", ARM)
     """Of the models that the page is about; ramp rates apart."""
+    CHAIN = ("band", *(key for key, *_ in PHYSICAL), ARM)
+    """Statements one after the other, from the bare band to the whole arm."""
 
     def __init__(self, models: Mapping[str, NestedModel], chosen: Sequence[Cell]) -> None:
         """Score the models.
 
         Args:
-            models: by key, any part of all there are, at least one.
+            models: by key, all of `KEYS`.
             chosen: the cells they predict, in the same order.
         """
         self.models, self.cells = dict(models), list(chosen)
@@ -131,10 +125,6 @@ class ModelScores:
             for k, p in self.predicted.items()
             if (p > -1.0).all()
         }
-        steps = [k for k in ("band", *(key for key, *_ in PHYSICAL), ARM) if k in self.models]
-        self.chain = steps or list(self.models)[-1:]
-        """Statements one after the other, from the bare band to the whole arm."""
-        self.last = self.chain[-1]
 
     def at(self, joint: int, frequency: float, key: str | None = None) -> float:
         """Return the mean change in Table 4.6 at a frequency [Hz], measured or a model's [%]."""
@@ -154,11 +144,11 @@ class ModelScores:
         def compare(errors: Mapping[str, Array], before: str, after: str) -> Change:
             a, b = errors[before][mask], errors[after][mask]
             low, high = np.percentile((a - b)[pick].mean(axis=1), [2.5, 97.5])
-            return Change(float(a.mean()), float(b.mean()), float(low), float(high))
+            return Change(float(a.mean()) - float(b.mean()), float(low), float(high))
 
         errors = {k: s.error for k, s in self.scores.items()}
         out = []
-        for before, after in zip(self.chain, self.chain[1:], strict=False):
+        for before, after in zip(self.CHAIN, self.CHAIN[1:], strict=False):
             movable = after != "drift" and {before, after} <= set(self._free_base)
             ways = [errors, self._free_base] if movable else [errors]
             out.append(Gain(after, tuple(compare(way, before, after) for way in ways)))
@@ -174,14 +164,11 @@ class ModelScores:
         mask = self.held_out & (self.joint == joint)
         return float(100 * np.abs(change - self.measured)[mask].mean())
 
-    def theory(self, joint: int, key: str | None = None) -> JointTheory:
-        """Return a joint with the parameters of a model, of the last fitted one by default."""
-        for k in [key] if key else [*reversed(self.chain)]:
-            found = self._found(k, joint)
-            if found:
-                parameters = {**self.models[k].fixed, **found[0]["parameters"]}
-                return JointTheory(joint=joint, parameters=parameters)
-        return JointTheory(joint=joint)
+    def theory(self, joint: int, key: str = ARM) -> JointTheory:
+        """Return a joint with the parameters of a model."""
+        model = self.models[key]
+        parameters = {**model.fixed, **model.found[str(joint)][0]["parameters"]}
+        return JointTheory(joint=joint, parameters=parameters)
 
     # ---- identification --------------------------------------------------------------------------
 
@@ -191,48 +178,31 @@ class ModelScores:
         Of the last of the models that were searched from the most seeds: the whole arm is corrected
         from one place only.
         """
-        keys = ("arm", *reversed(self.chain))
-        found = max((self._found(k, joint) for k in keys), key=len, default=[])
+        keys = ("arm", *reversed(self.CHAIN))
+        found = max((self.models[k].found.get(str(joint), []) for k in keys), key=len)
         good = [f for f in found if f["loss"] <= found[0]["loss"] + SAME_LOSS]
         out = []
-        for name, value in found[0]["parameters"].items() if found else ():
+        for name, value in found[0]["parameters"].items():
             values = [f["parameters"][name] for f in good]
             on_bound = name in found[0].get("on_bound", [])
             out.append(Identified(name, value, min(values), max(values), len(good), on_bound))
         return out, len(found)
 
-    def _found(self, key: str, joint: int) -> list[dict[str, Any]]:
-        return self.models[key].found.get(str(joint), []) if key in self.models else []
-
     def ramp_rates(self) -> dict[float, str]:
         """Return the model of every ramp rate tried [N·m/s]; that of the protocol is ``drift``."""
         out = {float(k.removeprefix("ramp ")): k for k in self.models if k.startswith("ramp ")}
-        if out and "drift" in self.models:
-            out.setdefault(load_protocol(ROBOT).ramp_rate, "drift")
-        return dict(sorted(out.items()))
-
-    def preferred(self, key: str, other: str) -> tuple[float, float]:
-        """Return by how much the fitted cells prefer one model to another, and how surely.
-
-        Returns:
-            Loss of ``other`` less that of ``key``, summed over the joints, and twice its standard
-            error from the joints' differences: less than that is no preference.
-        """
-        one, two = self.models[key].found, self.models[other].found
-        gap = np.array([two[j][0]["loss"] - one[j][0]["loss"] for j in sorted(set(one) & set(two))])
-        return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
+        return dict(sorted({load_protocol(ROBOT).ramp_rate: "drift", **out}.items()))
 
     def drift(self) -> dict[Configuration, float]:
-        """Return each configuration's factor on its base, of the last statement without drift."""
-        key = "arm" if "arm" in self.models else "offset"
+        """Return each configuration's factor on its base, of the whole arm without drift."""
         fitted = [not c.held_out for c in self.cells]
-        return drift_factors(self.cells, self.predicted[key], fitted)
+        return drift_factors(self.cells, self.predicted["arm"], fitted)
 
     # ---- what is left ----------------------------------------------------------------------------
 
     def targets(self) -> dict[str, tuple[float, float]]:
         """Return (reached, aimed at) of every target, of the last statement [% of base]."""
-        s = self.scores[self.last]
+        s = self.scores[ARM]
         reached = (s.mean, s.median, s.by_column["4.10 final"], max(s.by_joint.values()))
         return {k: (r, aim) for (k, aim), r in zip(TARGETS.items(), reached, strict=True)}
 
@@ -245,14 +215,14 @@ class ModelScores:
             [% of base, squared].
         """
         mask = self.held_out & (self.joint == joint)
-        r = 100 * (self.predicted[self.last] - self.measured)[mask]
+        r = 100 * (self.predicted[ARM] - self.measured)[mask]
         cells = [c for c, m in zip(self.cells, mask, strict=True) if m]
         where = _group_means(r, [c.configuration for c in cells])
         tone = _group_means(r - where, [c.row.frequency_hz for c in cells])
         return np.array([(x**2).sum() for x in (where, tone, r - where - tone)])
 
 
-def _group_means(values: Array, groups: Sequence[object]) -> Array:
+def _group_means(values: Array, groups: Sequence[Any]) -> Array:
     """Return the mean of each value's group, (values,)."""
     out = np.empty_like(values)
     for g in set(groups):

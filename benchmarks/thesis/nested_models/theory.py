@@ -13,7 +13,6 @@ from benchmarks.thesis.nested_models import averaging
 from benchmarks.thesis.nested_models.averaging import Array, Complex, Value
 from benchmarks.thesis.nested_models.fit import ROBOT, prior
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.errors import unknown
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.friction.model import link_inertia
@@ -55,11 +54,6 @@ class JointTheory:
         return load_protocol(ROBOT).ramp_rate if name == "ramp_rate" else prior(name, self.joint)
 
     @property
-    def rotor(self) -> float:
-        """Rotor inertia [kg·m²]."""
-        return self.parameter("rotor_inertia")
-
-    @property
     def elastic(self) -> bool:
         """Whether there is a spring between rotor and link."""
         return bool(np.isfinite(self.parameter("joint_stiffness")))
@@ -68,24 +62,16 @@ class JointTheory:
         """Return the link's inertia [kg·m²]."""
         return float(_nominal()[2][self.joint - 1, pose])
 
-    def friction(self, pose: int) -> float:
-        """Return half the difference of the two base torques, dry friction [N·m]."""
-        return float(thesis_base(ROBOT).friction[self.joint - 1, pose])
-
-    def on_bristles(self, pose: int) -> float:
-        """Return the inertia that hangs on the bristles: the rotor, with the link if rigid."""
-        return self.rotor + (0.0 if self.elastic else self.link(pose))
-
     def impedance(self, frequency: Value, pose: int) -> Complex:
         """Return the impedance at the rotor [N·m·s/rad]."""
         ratio = float(_nominal()[0].joint_damping_ratio[self.joint - 1])
-        stiffness = self.parameter("joint_stiffness")
+        rotor, stiffness = self.parameter("rotor_inertia"), self.parameter("joint_stiffness")
         return averaging.impedance(
             frequency,
-            rotor_inertia=self.rotor,
+            rotor_inertia=rotor,
             link_inertia=self.link(pose),
             joint_stiffness=stiffness,
-            joint_damping=2 * ratio * np.sqrt(stiffness * self.rotor) if self.elastic else 0.0,
+            joint_damping=2 * ratio * np.sqrt(stiffness * rotor) if self.elastic else 0.0,
         )
 
     def lowpass(self, frequency: Value) -> Array:
@@ -93,11 +79,15 @@ class JointTheory:
         return np.abs(averaging.lowpass(frequency, _nominal()[1]))
 
     def bristle_gain(self, frequency: Value, pose: int) -> Array:
-        """Return the bristles' torque over the dither commanded, while the joint sticks [-]."""
+        """Return the bristles' torque over the dither commanded, while the joint sticks [-].
+
+        On the bristles hangs the rotor, with the link if the joint is rigid.
+        """
         friction = _nominal()[0]
         sigma0 = np.array([self.parameter("bristle_stiffness")])
         zeta = np.array([friction.bristle_damping_ratio[self.joint - 1]])
-        sigma1 = bristle_damping(sigma0, zeta, np.array([self.on_bristles(pose)]), 1e-3)
+        inertia = self.parameter("rotor_inertia") + (0.0 if self.elastic else self.link(pose))
+        sigma1 = bristle_damping(sigma0, zeta, np.array([inertia]), 1e-3)
         gain = averaging.presliding_gain(
             frequency,
             bristle_stiffness=float(sigma0[0]),
@@ -106,12 +96,15 @@ class JointTheory:
         )
         return gain * self.lowpass(frequency)
 
-    def resonances(self, pose: int) -> list[tuple[float, float]]:
-        """Return (f [Hz], gain [-]) of the peaks of `bristle_gain` in `SCAN_HZ`."""
+    def resonances(self, pose: int) -> Array:
+        """Return the frequencies [Hz] of the peaks of `bristle_gain` in `SCAN_HZ`."""
         f = np.geomspace(*SCAN_HZ, 800)
         g = self.bristle_gain(f, pose)
-        peak = np.flatnonzero((g[1:-1] > g[:-2]) & (g[1:-1] > g[2:])) + 1
-        return [(float(f[k]), float(g[k])) for k in peak]
+        return f[1:-1][(g[1:-1] > g[:-2]) & (g[1:-1] > g[2:])]
+
+    def friction(self, pose: int) -> float:
+        """Return half the difference of the two base torques, dry friction [N·m]."""
+        return float(thesis_base(ROBOT).friction[self.joint - 1, pose])
 
     def sticks(self, frequency: Value, amplitude: Value, pose: int) -> NDArray[np.bool_]:
         """Return whether the bristles' share of the dither is less than the friction."""
@@ -135,19 +128,15 @@ class JointTheory:
             amplitude: A [N·m].
             bias: whether friction is the half-difference of the base torques, and what is left of
                 them stays; else each direction's base torque, mean of both poses, is friction.
-
-        Raises:
-            StictionError: an unknown theory.
         """
-        if kind not in THEORIES:
-            raise unknown("theory", kind, THEORIES)
         j, pose, d = where.index
         table = np.abs(thesis_base(ROBOT).tau[j, :, d])
         base, level = float(table[pose]), self.friction(pose)
         if not bias:
             base = level = float(table.mean())
         rate, threshold = self.parameter("ramp_rate"), load_protocol(ROBOT).threshold
-        inertia, peak, drop = self.rotor + self.link(pose), level, 0.0
+        peak, drop = level, 0.0
+        inertia = self.parameter("rotor_inertia") + self.link(pose)
         gain = self.bristle_gain(frequency, pose)
         if kind == "slip":
             return -np.minimum(amplitude * gain, level) / base

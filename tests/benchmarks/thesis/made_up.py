@@ -1,4 +1,4 @@
-"""What nobody simulated: measurements, paths and phases, for tests."""
+"""What nobody simulated: measurements and paths, for tests."""
 
 from __future__ import annotations
 
@@ -6,24 +6,11 @@ import dataclasses
 
 import numpy as np
 
-from benchmarks.thesis.nested_models.phase import PhaseStudy
 from stiction_envs.experiments.gte.protocol import Run
 from stiction_envs.experiments.gte.rows import thesis_window_sums
 from stiction_envs.experiments.sje.protocol import Job, Measurement
-from stiction_envs.measured import thesis_base, thesis_dithered
+from stiction_envs.measured import thesis_base
 from tests.experiments.gte.made_up import made_up as made_up_run
-
-
-def phase_study(highest: float = 0.0) -> PhaseStudy:
-    """Return a study in which the largest phase takes 5 % and the smallest gives ``highest``."""
-    rows = tuple(thesis_dithered("iiwa7"))
-    change = np.tile(np.linspace(highest, -0.05, 4), (len(rows), 1))
-    return PhaseStudy(
-        rows=rows,
-        phase=np.linspace(0, np.pi / 2, 4),
-        change=change,
-        controller_rate_hz=200.0,
-    )
 
 
 def measurement(job: Job, tau: float, iterations: int = 3) -> Measurement:
@@ -44,8 +31,6 @@ def run_torques(self, jobs, *, iterations=None, progress=None, simulations=0):
     for job in jobs:
         c = job.configuration
         base = thesis_base(self.sticking.arm.name).get(c.joint, c.load, c.direction)
-        if progress is not None:
-            progress(1.0)
         yield measurement(job, base - 0.1 * c.sign * job.amplitude_nm, iterations or 1)
 
 

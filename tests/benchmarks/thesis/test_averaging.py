@@ -29,12 +29,6 @@ def test_impedance_limits():
     assert abs(still) > 1e5
 
 
-def test_speed_of_the_free_joint_is_that_of_physics_md():
-    """Table of 4.2: per 1 N·m, J 0.2 kg·m²: 0.053 rad/s at 15 Hz, 0.010 at 80 Hz."""
-    z = av.impedance(np.array([15.0, 80.0]), rotor_inertia=0.2)
-    np.testing.assert_allclose(av.speed_amplitude(1.0, z), [0.053, 0.010], atol=5e-4)
-
-
 def test_speed_under_friction_balances_the_first_harmonic():
     z = av.impedance(np.array([10.0, 30.0, 60.0]), rotor_inertia=0.2) + 0.4
     v = av.speed_amplitude(2.0, z, 1.0)
@@ -149,17 +143,7 @@ def test_slide_solves_its_equation_and_has_its_limits():
     assert av.slide(0.0, rate, distance) == 0.0
 
 
-def test_averaging_with_its_slide_holds_where_the_joint_runs_away():
-    """Fast dither that creeps too little: the reading is F and a slide, to 4 %."""
-    amplitude = np.array([2.0, 3.0, 5.0])
-    found = breakaway(joints(amplitude=amplitude, frequency=40.0), threshold=1.5, longest=15.0)
-    v = av.speed_amplitude(amplitude, av.impedance(40.0, rotor_inertia=0.1), 1.0)
-    theory = av.averaged_breakaway(1.0, v, 0.1, 1.5, 0.1)
-    assert (found > 1.05).all()
-    np.testing.assert_allclose(found, theory, rtol=0.04)
-
-
-@pytest.mark.parametrize("rate", [0.02, 0.2, 1.0])
+@pytest.mark.parametrize("rate", [0.02, 1.0])
 def test_a_faster_ramp_lets_go_earlier(rate):
     """Law checked: the largest bristle torque under a ramp, r/σ0 up to 0.25 v_s."""
     law = LuGre(
@@ -180,13 +164,6 @@ def test_ramp_peak_limits():
     """A slow ramp finds F_s, a fast one F_c."""
     assert av.ramp_peak(1.0, 0.7, 0.004, 1000.0, 1e-6) == pytest.approx(1.0, abs=0.01)
     assert av.ramp_peak(1.0, 0.7, 0.004, 1000.0, 1e3) == pytest.approx(0.7, abs=1e-3)
-
-
-def test_shaken_level_is_between_static_and_kinetic():
-    speeds = np.array([0.0, 1e-6, 0.003, 0.3])
-    level = av.shaken_level(1.0, 0.8, 0.003, speeds)
-    np.testing.assert_allclose(level[[0, 1, 3]], [1.0, 1.0, 0.8], atol=2e-3)
-    assert (np.diff(level) <= 0).all()
 
 
 def test_shaken_level_is_the_mean_rate_of_relaxation():
@@ -221,22 +198,6 @@ def shaken_speed(c: LoneJoints) -> np.ndarray:
     )
     assert (gain * c.amplitude < 0.6 * c.stiction).all()  # it does stick
     return av.bristle_speed(c.amplitude, c.frequency, gain, c.bristle_stiffness)
-
-
-def test_shaking_makes_kinetic_friction_of_static():
-    """Law checked: with Stribeck it reads as a joint of the one level `shaken_level`.
-
-    To 1 % from 3 v_s on; a slower one is slowed down, and rises to F_s again, in between.
-    """
-    f = np.array([30.0, 50.0, 80.0])
-    c = shaken(1.0, f, 0.1, coulomb_ratio=0.8, stribeck_velocity=0.003)
-    speed = shaken_speed(c)
-    assert (speed > 3 * 0.003).all()
-    level = av.shaken_level(1.0, 0.8, 0.003, speed)
-    np.testing.assert_allclose(level, 0.8, atol=0.01)
-    with_stribeck = breakaway(c, threshold=0.15, longest=20.0)
-    one_level = breakaway(shaken(1.0, f, 0.1, stiction=level), threshold=0.15, longest=20.0)
-    np.testing.assert_allclose(with_stribeck, one_level, rtol=0.01)
 
 
 def test_simulation_creeps_as_averaged_bristles():
