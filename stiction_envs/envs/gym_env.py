@@ -7,8 +7,9 @@ An environment is a class whose docstring is its page and whose ``episodes`` are
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, ClassVar, TypedDict, Unpack
 
@@ -73,10 +74,20 @@ class _Experiment:
         known = [
             inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
             for f in fields(cls.episodes.arguments)
-            if f.name != "record"
         ]
         own = list(inspect.signature(cls.__init__).parameters.values())[1:-1]
         cls.__signature__ = inspect.Signature([*own, *known])  # type: ignore[attr-defined]
+
+    @classmethod
+    def _check_arguments(cls, given: Iterable[str]) -> None:
+        """Raise a `StictionError` for a name that is no argument; it says which one is nearest."""
+        names = [f.name for f in fields(cls.episodes.arguments)]
+        for name in given:
+            if name not in names:
+                (near,) = get_close_matches(name, names, n=1, cutoff=0.0)
+                raise StictionError(
+                    f"unknown argument {name!r}: the nearest is {near!r}, of {', '.join(names)}"
+                )
 
     @property
     def observation_names(self) -> tuple[str, ...]:
@@ -104,6 +115,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         self, *, render_mode: str | None = None, **arguments: Unpack[ArmArguments]
     ) -> None:
         """Make the environment; the class explains the arguments."""
+        self._check_arguments(arguments)
         check_render_mode(render_mode)
         self.render_mode = render_mode
         self.core = self.episodes(1, record=render_mode is not None, **arguments)
@@ -186,6 +198,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         except ValueError:
             modes = [m.value for m in AutoresetMode]
             raise unknown("autoreset mode", autoreset_mode, modes) from None
+        self._check_arguments(arguments)
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs

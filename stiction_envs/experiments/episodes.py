@@ -90,8 +90,6 @@ class Arguments:
     friction_factor: float = 1.0
     waveform: str = DEFAULT_WAVEFORM
     threads: int = 0
-    record: bool = False
-    """Whether traces are kept, to be drawn."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,12 +136,18 @@ class Episodes(ABC, Generic[Case, Unit]):
     action_name: str = DITHERED
     """Of the action, one of `ACTIONS`."""
 
-    def __init__(self, num_envs: int, engine_threads: int = 1, **arguments: Any) -> None:
-        """Make N simulations; see `Arguments`.
+    def __init__(
+        self, num_envs: int, engine_threads: int = 1, record: bool = False, **arguments: Any
+    ) -> None:
+        """Make N simulations.
 
-        Their engine has several threads where no other episodes run beside them.
+        Args:
+            num_envs: their number N.
+            engine_threads: threads of their engine; several where no other episodes run beside.
+            record: whether traces are kept, to be drawn.
+            arguments: `Arguments`.
         """
-        self._engine_threads = engine_threads
+        self._engine_threads, self._traced = engine_threads, record
         a = self.arguments(**arguments)
         if not isinstance(a.max_episode_steps, (int, np.integer)) or a.max_episode_steps < 1:
             raise StictionError(

@@ -43,6 +43,8 @@ class Loop(NamedTuple):
     """(N,) of each simulation's `MjData`."""
     rows: Addresses
     """(N,) of each simulation's state in the batch."""
+    going: NDArray[np.bool_]
+    """(N,) whether a simulation is stepped; the others stay as they are."""
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
     model, number of bytes."""
@@ -76,6 +78,8 @@ def begin(loop: Arguments) -> None:
     n = a.data.shape[0]
     warnings, stride, size = a.outputs[0, n:]
     for i in range(n):
+        if not a.going[i]:
+            continue
         _take_fields(a, i)
         set_state(a.model, a.data[i], a.rows[i], STATE)
         copy(a.outputs[0, i], warnings + i * stride, size)
@@ -88,6 +92,8 @@ def advance(loop: Arguments, steps: int) -> None:
     """Advance all simulations by ``steps`` physics steps under the batch's controls."""
     a = Loop(*loop)
     for i in range(a.data.shape[0]):
+        if not a.going[i]:
+            continue
         _take_fields(a, i)
         set_state(a.model, a.data[i], a.rows[i], STATE)
         for _ in range(steps):
@@ -124,12 +130,18 @@ class LoopBatch(Batch):
         self._inputs: dict[str, Array] = {}
         self._loops: list[Arguments] = []
         self._begun = False
+        self._going = np.ones(nsim, dtype=bool)
         self.parts = parts_of(nsim, 1) if self._lone else []
         """The simulations of each part."""
 
     def part(self, threads: int) -> None:
         """Make parts for some threads, the largest first."""
         self.parts, self._loops = parts_of(self.nsim, threads), []
+
+    def step_only(self, going: NDArray[np.bool_]) -> None:
+        """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
+        self._begun &= not (going & ~self._going).any()
+        self._going[:] = going
 
     def bind(self, name: str) -> Array:
         """As `Batch.bind`."""
@@ -172,6 +184,8 @@ class LoopBatch(Batch):
         if self._begun and stage == VEL:
             self.forward(stage=VEL)
         self._begun = False
+        if ids is None and not self._going.all():
+            ids = np.flatnonzero(self._going)
         super().step(ids, nstep, stage)
 
     @property
@@ -207,6 +221,7 @@ class LoopBatch(Batch):
             model=model._address,
             data=np.array([d._address for d in data], dtype=np.int64),
             rows=self.state[part].ctypes.data + self.state.strides[0] * np.arange(len(data)),
+            going=self._going[part],
             inputs=np.array(inputs, dtype=np.int64).reshape(-1, 4),
             outputs=np.array(outputs, dtype=np.int64),
         )

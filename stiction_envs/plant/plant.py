@@ -326,6 +326,11 @@ class Plant:
                 torque[:] = law()
                 step(nstep=self._substeps, stage=stage)
 
+    def step_only(self, going: NDArray[np.bool_]) -> None:
+        """Let simulations that are not ``going`` (N,) stay as they are while others `follow`."""
+        if isinstance(self._batch, LoopBatch):
+            self._batch.step_only(going)
+
     def part(self, threads: int) -> None:
         """Make parts of the simulations for some threads, where a law can be compiled."""
         if isinstance(self._batch, LoopBatch):

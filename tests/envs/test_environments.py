@@ -201,6 +201,14 @@ def test_wrong_arguments(kind: Kind, wrong, words):
         kind.single(**wrong)
 
 
+def test_an_unknown_argument_names_the_nearest(kind):
+    for make in (kind.make, lambda **given: kind.make_vec(2, **given)):
+        with refused("unknown argument 'nthread'", "nearest is 'threads'"):
+            make(nthread=1)
+    with refused("unknown argument 'record'"):
+        kind.make(record=True)
+
+
 def test_step_needs_a_running_episode(kind):
     env = kind.make().unwrapped
     with pytest.raises(StictionError, match="reset"):

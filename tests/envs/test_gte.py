@@ -240,6 +240,27 @@ def test_truncation_has_no_error_sums():
     assert 0 < final["tracking_error"] < 1
 
 
+@pytest.mark.parametrize("arguments", [{"threads": 1}, {"threads": 2}, {"sensing": "robot"}])
+def test_an_episode_that_is_over_is_not_stepped(arguments):
+    """Whatever became of its arm, the others of its batch go on, and a reset starts it anew."""
+    env = GTE.make_batch(3, fixed_options=TRIANGLE, max_episode_steps=2, **arguments)
+    action = np.tile(quiet(env.core), (3, 1))
+    env.reset(seed=1)
+    env.step(action)
+    env.reset(options={"reset_mask": np.array([True, False, False])})
+    assert env.step(action)[3].tolist() == [False, True, True]
+    angles = env.core.rig.plant.state[0]
+    angles[1] = np.nan
+    *_, truncated, _ = env.step(action)
+    assert truncated.tolist() == [True, False, False]
+    assert np.isfinite(angles).all(), "arms 2 and 3 have begun again"
+    angles[0] = np.nan
+    before = angles.copy()
+    env.tiles.step(np.array([1, 2]), action[1:])
+    assert np.array_equal(angles[0], before[0], equal_nan=True)
+    assert not (angles[1:] == before[1:]).all()
+
+
 def test_what_an_undithered_run_depends_on():
     p = load_friction("panda")
     of = GeneratedTrajectoryExperiment

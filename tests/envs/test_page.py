@@ -46,7 +46,7 @@ def test_every_term_measure_and_argument_is_explained(env):
     page, e = inspect.getdoc(env) or "", env.episodes
     for term in e.terms:
         assert f"* `{term}`" in page
-    for name in (*e.each, *e.final, *(f.name for f in fields(e.arguments) if f.name != "record")):
+    for name in (*e.each, *e.final, *(f.name for f in fields(e.arguments))):
         assert f"`{name}`" in page
     experiment = GeneratedTrajectoryExperiment("iiwa7")
     assert f"a multiple of {CONTROL_DT * e.block_steps(experiment):g} s" in page
@@ -55,7 +55,7 @@ def test_every_term_measure_and_argument_is_explained(env):
 @pytest.mark.parametrize("env", ENVS)
 def test_the_signature_names_every_argument_with_its_default(env):
     vector, typed, *_ = ENVS[env]
-    given = {f.name: f.default for f in fields(env.episodes.arguments) if f.name != "record"}
+    given = {f.name: f.default for f in fields(env.episodes.arguments)}
     assert set(get_type_hints(typed)) == set(given)
     for cls, own in ((env, ("render_mode",)), (vector, ("num_envs", "autoreset_mode"))):
         found = inspect.signature(cls).parameters

@@ -13,7 +13,7 @@ from stiction_envs.errors import unknown
 from stiction_envs.robots.chain import chain_title
 from stiction_envs.robots.registry import ARMS
 
-_NOT_OPTIONS = ("robot", "threads", "record")
+_NOT_OPTIONS = ("robot", "threads")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,6 +1,6 @@
 """Episodes of the Generated Trajectory Experiment: one is one run along one path.
 
-The plant steps all of them together: the episodes that `step` is not asked about go on as well,
+The plant steps all together that are not over: those that `step` is not asked about go on as well,
 which is only seen where they are stepped later.
 """
 
@@ -157,7 +157,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self.rig = e.replace(threads=self._engine_threads).rig(count, CAPACITY)
         self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
         self.recorder = Recorder(
-            self.rig, e.protocol, steps=self.interval_steps, record=a.record, capacity=CAPACITY
+            self.rig, e.protocol, steps=self.interval_steps, record=self._traced, capacity=CAPACITY
         )
         self.case: list[Key] = [(TRAJECTORIES[0], episode_settings().stiffness[0])] * count
         self.goals = np.ones(count, dtype=np.int64)
@@ -246,6 +246,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             self.rig.compensator.set_gain(self.action[:, 2 * self.n :])
 
     def _advance(self, ids: Index) -> None:
+        self.rig.plant.step_only(self.alive)
         self.recorder.advance()
         self.rig.end_effector.read()
         if self.rig.senses is not None:

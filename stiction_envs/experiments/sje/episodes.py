@@ -89,7 +89,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
         self.configuration = [Configuration(1, "load", "+")] * self.num_envs
         self.tau_base = np.ones(self.num_envs)
         self._level = np.zeros(self.num_envs)
-        self.trace = [RampTrace() for _ in range(self.num_envs)] if a.record else None
+        self.trace = [RampTrace() for _ in range(self.num_envs)] if self._traced else None
 
     # ---- episodes ----------------------------------------------------------------------------
 
