@@ -38,7 +38,7 @@ class Tiles:
             arguments: of the tiles.
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
-        count = max(1, -(-num_envs // make_core.arms_per_thread))
+        count = max(1, -(-num_envs // make_core.arms_per_tile))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         if count == 1:
             arguments["engine_threads"] = threads

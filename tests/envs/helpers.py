@@ -120,7 +120,7 @@ def tiled(
 ) -> Any:
     """Return environments whose tiles have at most ``per_tile`` arms, on one thread by default."""
     with monkeypatch.context() as m:
-        m.setattr(kind.batch.episodes, "arms_per_thread", per_tile)
+        m.setattr(kind.batch.episodes, "arms_per_tile", per_tile)
         return kind.make_vec(count, **{"threads": 1, "fixed_options": kind.options, **more})
 
 

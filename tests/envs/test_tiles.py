@@ -19,7 +19,7 @@ from tests.envs.helpers import GTE, same, tiled
 class Core:
     """A tile that counts its steps; ``doing`` is called in each of them."""
 
-    arms_per_thread, on_one_thread = 2, True
+    arms_per_tile, on_one_thread = 2, True
 
     def __init__(self, num_envs: int, doing=lambda core: None, **_) -> None:
         self.num_envs, self.doing, self.count = num_envs, doing, 0

@@ -84,8 +84,6 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         "duration",
     )
     groups = GROUPS
-    # each keeps its own engine data, and all are visited in every control step
-    arms_per_thread = 64
     on_one_thread = True
 
     reward_settings = staticmethod(gte_reward_settings)

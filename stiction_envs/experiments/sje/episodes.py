@@ -59,8 +59,8 @@ class SJEEpisodes(Episodes[Configuration, float]):
     each = ("torque", "displacement", "time", "vibration")
     final = ("shaking", "tau_sje", "tau_base", "reduction")
     groups = GROUPS
-    # one after the other runs a whole block: only the block's arrays have to fit
-    arms_per_thread = 256
+    # one after the other runs a whole block: only its arrays have to fit; 64 had 0.95 of the speed
+    arms_per_tile = 256
 
     reward_settings = staticmethod(sje_reward_settings)
 

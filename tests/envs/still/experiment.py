@@ -68,7 +68,6 @@ class StillEpisodes(Episodes):
         TORQUE,
         *DITHER,
     )
-    arms_per_thread = 64
     reward_settings = Weights
 
     def _experiment(self, a, arm, friction):
