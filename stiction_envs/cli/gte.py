@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
 PHASES = ("random", "zero", "spread")
-DAMPING_DESIGNS = ("diagonal", "mass")
 COMPENSATIONS = (
     *("feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer"),
@@ -122,12 +121,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "the Panda's hand has 0 0 0.1034 (default: the flange)",
     )
     parser.add_argument(
-        "--damping-design",
-        choices=DAMPING_DESIGNS,
-        help="diagonal: 2 sqrt(K), as the thesis's robot ran; mass: thesis eq. 2.14 "
-        "(default: diagonal)",
-    )
-    parser.add_argument(
         "--compensate-payload",
         **common.PAYLOAD,
         help="payload in the controller's model (default: the true one)",
@@ -146,7 +139,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the experiment; write tables, plots and provenance."""
     arm = common.read_arm(args)
 
-    from stiction_envs.control.settings import ImpedanceSettings
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
     from stiction_envs.experiments.gte.protocol import (
         read_dither,
@@ -170,11 +162,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     bench = GeneratedTrajectoryExperiment(
         arm,
         friction=args.friction,
-        settings=None
-        if args.damping_design is None
-        else ImpedanceSettings(
-            rate_hz=float(arm.controller_rate_hz), damping_design=args.damping_design
-        ),
         start=args.start,
         tool=args.tool,
         paths={} if own is None else {own.name: own},

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments
 from stiction_envs.control.kernels import advance_reference, impedance_cycle
-from stiction_envs.control.operational import SpaceArrays, damp_by_mass, renew
+from stiction_envs.control.operational import renew
 from stiction_envs.control.rotation import error_matrix, write_error_matrix
 from stiction_envs.control.settings import ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
@@ -51,7 +51,7 @@ class CartesianImpedance:
     """N arms of n joints under Cartesian impedance control; `torque` is called once per cycle.
 
     `update_model` is the slow part: the caller repeats it every 10 to 20 cycles, and its results
-    are held in between. In singular poses Λ, D and P are bounded (`operational`) and the flag
+    are held in between. In singular poses Λ and P are bounded (`operational`) and the flag
     `singular` is set. Finite arguments give finite torques; NaN passes through.
 
     Arguments called ``ids`` are the simulations (M,) to which the other arguments belong; None is
@@ -85,10 +85,8 @@ class CartesianImpedance:
         self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
         self._null_damping = np.zeros((nsim, n))
         self._null_active = False
-        self._damped_by_mass = settings.damping_design == "mass"
         self._ratio = np.array(np.broadcast_to(settings.damping_ratio, 6), dtype=float)
         self._known, self._singular = np.zeros((2, nsim), dtype=bool)
-        self._root, self._inverse_root, self._modes = np.zeros((3, nsim, 6, 6))
         self.inertia = np.zeros((nsim, 6, 6))
         """(N, 6, 6) Λ of the last `update_model`, overwritten by the next [kg, kg·m, kg·m²]."""
         self.projector = np.zeros((nsim, n, n))
@@ -164,7 +162,8 @@ class CartesianImpedance:
         self._null_active = bool(self._null_stiffness.any())
         ratio = self.settings.nullspace_damping_ratio
         self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness[rows])
-        self._damp(rows)
+        diagonal = np.diagonal(new, axis1=1, axis2=2)
+        self._gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
 
     def _rows(self, ids: Ids) -> Index:
         return self._everyone if ids is None else self._everyone[np.asarray(ids)]
@@ -180,7 +179,7 @@ class CartesianImpedance:
     # ---- slow part -----------------------------------------------------------------------------
 
     def update_model(self, ids: Ids, jacobian: Array, mass: Array) -> None:
-        """Compute Λ, D and P from the dynamics of the present pose.
+        """Compute Λ and P from the dynamics of the present pose.
 
         Args:
             ids: (M,) simulations, None for all.
@@ -199,23 +198,13 @@ class CartesianImpedance:
                 f"update_model: Jacobian {jac.shape} and mass {mass.shape}: expected "
                 f"({m}, 6, {n}) and ({m}, {n}, {n})"
             )
-        bad = renew(rows, jac, mass, *self.model_arguments[0])
+        bad = renew(rows, jac, mass, True, *self.model_arguments[1:])
         if bad >= 0:
             finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
             what = "mass is singular: expected positive definite"
             other = "Jacobian or mass: expected finite numbers"
             raise StictionError(f"row {bad}: {what if finite else other}")
         self._known[rows] = True
-        if self._damped_by_mass:
-            self._damp(rows)
-
-    def _damp(self, rows: Index) -> None:
-        """Write −D of the present stiffness; 0 for ``mass`` before the first model."""
-        if self._damped_by_mass:
-            damp_by_mass(rows, *self.model_arguments[2])
-            return
-        diagonal = np.diagonal(self._stiffness[rows], axis1=1, axis2=2)
-        self._gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
 
     # ---- fast part -----------------------------------------------------------------------------
 
@@ -286,16 +275,12 @@ class CartesianImpedance:
 
     @property
     def model_arguments(self) -> Arguments:
-        """The last of `operational.renew_all`; always the same objects."""
-        settings, modes = self.settings, (self._root, self._inverse_root, self._modes)
-        low = settings.singular_below, settings.singular_length
-        return tuple(
-            SpaceArrays(
-                (*low, self._singular, self.inertia, *modes, self.projector),
-                self._damped_by_mass,
-                (self._stiffness, self._ratio, *modes, self._gain[:, :, 6:]),
-            )
-        )
+        """The arguments of `operational.renew` after the inertias.
+
+        Λ and P are renewed while arms follow where a nullspace torque needs them.
+        """
+        low = self.settings.singular_below, self.settings.singular_length
+        return self._null_active, *low, self._singular, self.inertia, self.projector
 
     @property
     def filters(self) -> bool:
@@ -304,8 +289,8 @@ class CartesianImpedance:
 
     @property
     def needs_model(self) -> bool:
-        """Whether torques depend on the model of the present pose: on P, or on a D made with Λ."""
-        return self._null_active or self._damped_by_mass
+        """Whether torques depend on the model of the present pose: on P."""
+        return self._null_active
 
     @property
     def reference_arguments(self) -> Arguments:

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 from stiction_envs.robots.tables import Table, read_toml
 
 Array = NDArray[np.float64]
-DAMPING_DESIGNS = ("diagonal", "mass")
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
 
 
@@ -38,8 +37,6 @@ class ImpedanceSettings:
     """ξ, one number or (6,), in [0, 1] [-]."""
     nullspace_damping_ratio: float = _DEFAULT["nullspace_damping_ratio"]
     """ξ_n of d_n = 2 ξ_n √k_n, in [0, 1] [-]. It contains no mass: critical in number only."""
-    damping_design: str = _DEFAULT["damping_design"]
-    """``diagonal``: D_ii = 2 ξ_i √K_ii, as the package; ``mass``: eq. 2.14, critical at ξ = 1."""
     pseudoinverse_damping: float = _DEFAULT["pseudoinverse_damping"]
     """λ of the J^# of a feedforward compensation, singular values σ/(σ² + λ²) [m and rad]."""
     rate_hz: float = _DEFAULT["rate_hz"]
@@ -83,8 +80,6 @@ class ImpedanceSettings:
             array = np.array(np.broadcast_to(array, shape or array.shape))
             array.flags.writeable = False
             object.__setattr__(self, name, float(array) if shape == () else array)
-        if self.damping_design not in DAMPING_DESIGNS:
-            raise unknown("damping design", self.damping_design, DAMPING_DESIGNS)
 
     @property
     def filter_step(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-import scipy.linalg
 
 from stiction_envs.control import rotation
 from stiction_envs.robots import load_arm
@@ -38,71 +37,16 @@ def test_torque_is_the_printed_law():
 def test_static_deflection_is_force_over_stiffness():
     """At rest under a push F the flange is K⁻¹F away: 2.10 without motion."""
     push = np.array([2.0, -1.0, 3.0, 0.2, 0.1, -0.1])
-    rig = Rig(nullspace_stiffness=5.0, damping_design="mass")
-    for _ in range(3000):
+    rig = Rig(nullspace_stiffness=5.0, translational_stiffness=2000.0)  # settles within 4 s
+    for _ in range(4000):
         rig.step(push)
     expected = np.linalg.solve(rig.control.stiffness[0], push)
     np.testing.assert_allclose(rig.control.error[0], expected, rtol=1e-3, atol=1e-6)
 
 
-def modal_overshoot(ratio: float, mode: int) -> float:
-    """Overshoot of one mode of (K, Λ), started at rest away from the reference."""
-    rig = Rig(damping_ratio=ratio, damping_design="mass")
-    pose = rig.look()
-    inertia = np.linalg.inv(pose.jacobian[0] @ np.linalg.solve(pose.mass[0], pose.jacobian[0].T))
-    _, v = scipy.linalg.eigh(rig.control.stiffness[0], inertia)  # vᵀ Λ v = 1
-    shift = 0.01 * v[:, mode] / np.abs(v[:, mode]).max()
-    rig.control.set_reference(
-        pose.position - shift[:3],
-        rotation.multiply(from_rotation_vector(-shift[3:]), pose.quaternion),
-    )
-    size = []
-    for _ in range(1500):
-        rig.step()
-        size.append(v[:, mode] @ inertia @ rig.control.error[0])
-    return -min(size) / size[0]
-
-
-@pytest.mark.parametrize("mode", range(6))
-def test_design_mass_is_critically_damped(mode):
-    """Eq. 2.14 with ξ = 1: no mode of (K, Λ) overshoots; with ξ = 0.3 by exp(−πξ/√(1 − ξ²))."""
-    assert modal_overshoot(1.0, mode) < 0.01
-    assert modal_overshoot(0.3, mode) == pytest.approx(np.exp(-np.pi * 0.3 / 0.91**0.5), abs=0.03)
-
-
-def test_damping_is_equation_2_14():
-    """D = 2 Qᵀ D_ξ √λ Q with K = Qᵀ λ Q and Λ = Qᵀ Q, from scipy's generalised eigenvalues."""
-    control, _ = batch(damping_ratio=0.7, damping_design="mass")
-    for k in np.flatnonzero(~control.flags.singular):
-        eigenvalues, v = scipy.linalg.eigh(control.stiffness[k], control.inertia[k])
-        q = np.linalg.inv(v)
-        expected = 2 * q.T @ np.diag(0.7 * np.sqrt(eigenvalues)) @ q
-        np.testing.assert_allclose(control.damping[k], expected, rtol=1e-7, atol=1e-7)
-
-
-def test_unequal_damping_ratios_belong_to_axes_and_never_feed_energy_in():
-    """Where K and Λ are diagonal D_ii = 2 ξ_i √(K_ii Λ_ii); everywhere D = Dᵀ ≥ 0."""
-    xi = np.array([1.0, 0.1, 0.5, 0.0, 0.9, 0.3])
-    stiffness = [200, 0, 1500]
-    control, _ = batch(damping_ratio=xi, translational_stiffness=stiffness, damping_design="mass")
-    damping = control.damping
-    np.testing.assert_allclose(damping, damping.transpose(0, 2, 1), atol=1e-9)
-    eigenvalues = np.linalg.eigvalsh(damping)
-    assert (eigenvalues[:, 0] > -1e-9 * eigenvalues[:, -1]).all()
-    inertia = np.array([2.0, 3.0, 4.0, 0.1, 0.2, 0.3])
-    jac = np.zeros((64, 6, 7))
-    jac[:] = np.eye(6, 7)
-    mass = np.tile(np.diag([*inertia, 1.0]), (64, 1, 1))
-    control.update_model(None, jac, mass)
-    stiffness = np.array([*stiffness, 20, 20, 20])
-    np.testing.assert_allclose(
-        control.damping[0], np.diag(2 * xi * np.sqrt(stiffness * inertia)), atol=1e-10
-    )
-
-
-def test_design_diagonal_has_no_mass_in_it():
+def test_damping_has_no_mass_in_it():
     """sources.md 6.1: D_ii = 2 ξ_i √K_ii, whatever the pose."""
-    control, _ = batch(damping_design="diagonal", damping_ratio=[1, 1, 1, 0.5, 0.5, 0.5])
+    control, _ = batch(damping_ratio=[1, 1, 1, 0.5, 0.5, 0.5])
     expected = np.diag([2 * np.sqrt(200)] * 3 + [np.sqrt(20)] * 3)
     np.testing.assert_allclose(control.damping, np.broadcast_to(expected, (64, 6, 6)))
 
@@ -121,10 +65,9 @@ def energies(rig: Rig, steps: int, k_n: float = 0.0, q_d: np.ndarray | float = 0
     return np.array(out)
 
 
-@pytest.mark.parametrize("design", ["mass", "diagonal"])
-def test_energy_never_grows_without_reference_motion(design):
+def test_energy_never_grows_without_reference_motion():
     """Passivity: d/dt(½ q̇ᵀM q̇ + ½ eᵀK e) = −(J q̇)ᵀ D J q̇ ≤ 0, through large fast motions."""
-    rig = Rig(dt=2e-4, damping_design=design, damping_ratio=0.3)
+    rig = Rig(dt=2e-4, damping_ratio=0.3)
     pose = rig.look()
     turn = from_rotation_vector([0.4, -0.5, 0.3])
     rig.control.set_reference(

@@ -110,14 +110,12 @@ def run(ids: np.ndarray, settings: dict[str, object], strided: bool = False) -> 
     return np.array(out)
 
 
-@pytest.mark.parametrize("design", ["mass", "diagonal"])
-def test_bits_do_not_depend_on_the_batch(design):
+def test_bits_do_not_depend_on_the_batch():
     """An arm's torques are the same bits alone, among 7, among 64 and from strided arrays."""
-    settings = EVERYTHING | {"damping_design": design}
-    whole = run(np.arange(64), settings)
+    whole = run(np.arange(64), EVERYTHING)
     for ids in (np.array([0]), np.array([41]), np.arange(20, 27), np.arange(64)[::-1]):
-        np.testing.assert_array_equal(run(ids, settings), whole[:, ids])
-    np.testing.assert_array_equal(run(np.arange(64), settings, strided=True), whole)
+        np.testing.assert_array_equal(run(ids, EVERYTHING), whole[:, ids])
+    np.testing.assert_array_equal(run(np.arange(64), EVERYTHING, strided=True), whole)
 
 
 def test_results_are_fresh_arrays():
@@ -143,7 +141,6 @@ def test_results_are_fresh_arrays():
         ({"translational_stiffness": "stiff"}, "translational stiffness is 'stiff'"),
         ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
         ({"damping_ratio": 1.1}, "damping ratio is 1.1.*<= 1"),
-        ({"damping_design": "other"}, "damping design 'other': expected one of diagonal, mass"),
         ({"torque_rate": 0.0}, "torque rate is 0.0.*> 0"),
         ({"pose_filter": 0.0}, "pose filter is 0.0.*> 0 and <= 1"),
         ({"rate_hz": np.inf}, "rate hz is inf.*finite"),
@@ -164,7 +161,6 @@ def test_defaults_are_the_tomls_and_the_thesiss():
     np.testing.assert_array_equal(s.damping_ratio, [1.0] * 6)
     assert (s.torque_rate, s.rate_hz) == (1.0, 1000.0)
     assert s.filter_step == 1.0
-    assert s.damping_design == "diagonal"
     # controllers share them
     with pytest.raises(ValueError, match="read-only"):
         s.damping_ratio[0] = 0.5

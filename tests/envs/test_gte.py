@@ -270,7 +270,6 @@ def test_what_an_undithered_run_depends_on():
         of("panda", scatter=False),
         of("panda", seed=1),
         of("panda", friction=p.replace(stiction=1.2 * p.stiction)),
-        of("panda", settings=ImpedanceSettings(damping_design="mass")),
         of("panda", start=[0.1, *usual.start[1:]]),
         of("panda", tool=(0.0, 0.0, 0.1034)),
         of("panda", settings=ImpedanceSettings(damping_ratio=[1, 1, 1, 1, 1, 0.9])),

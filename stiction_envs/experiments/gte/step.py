@@ -15,7 +15,7 @@ from stiction_envs.control.kernels import (
     pass_torque,
     site_kinematics,
 )
-from stiction_envs.control.operational import renew_all
+from stiction_envs.control.operational import renew
 from stiction_envs.control.sensing_kernels import send
 from stiction_envs.control.trapezoid import accept, write_sample
 from stiction_envs.dither.kernels import sine
@@ -92,7 +92,7 @@ class AheadArrays(NamedTuple):
     """Control steps from one renewal to the next."""
     dynamics: ModelArrays
     space: Arguments
-    """The last of `renew_all`."""
+    """Of `renew` after the inertias."""
     goals: Arguments
     """Of `trapezoid.accept` between the times and its result."""
     accepted: NDArray[np.bool_]
@@ -144,14 +144,14 @@ def of_arms(arrays: StepArrays, arms: slice, dynamics: ModelArrays) -> StepArray
         )
 
     ahead, compensation = arrays.ahead, arrays.compensation
-    (low, by_mass, damping), (limits, goals, times, profile, trapezoid) = ahead.space, ahead.goals
+    limits, goals, times, profile, trapezoid = ahead.goals
     return arrays._replace(
         site=cut(arrays.site, shared=(4, 5, 6)),  # joints, turn, tool
         joints=JointArrays(*cut(arrays.joints, shared=(2, 3))),  # motor, spring
         ahead=(
             ahead._replace(
                 dynamics=dynamics,
-                space=(cut(low), by_mass, cut(damping, shared=(1,))),  # ratio
+                space=cut(ahead.space),
                 goals=(limits, cut(goals), cut(times), profile, cut(trapezoid)),
                 accepted=ahead.accepted[arms],
                 reference=cut(ahead.reference),
@@ -206,7 +206,8 @@ def look_ahead(
         if not seen.active:
             q = link_angles(joints.qpos, joints.motor, joints.spring)
         renew_dynamics(q, ahead.dynamics)
-        renew_all(jacobian, ahead.dynamics.mass, ahead.space)
+        mass = ahead.dynamics.mass
+        renew(np.arange(len(mass)), jacobian, mass, *ahead.space)
     if goals:
         limits, listed, times, profile, trapezoid = ahead.goals
         time = tick.astype(np.float64) * CONTROL_DT

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
@@ -38,15 +37,13 @@ from tests.robots.arms import chain
 # ---- without friction ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("design", ["mass", "diagonal"])
-def test_tracking_error_without_friction_is_the_impedance_laws(design):
+def test_tracking_error_without_friction_is_the_impedance_laws():
     """Λ ẍ + D ẋ + K e = 0: integrated with Λ and D of the start for a small movement, 30 mm.
 
     The reference's own speed is left out of the damping (sources.md 6.1), so the arm lags by
     D ẋ/K even without friction.
     """
-    settings = ImpedanceSettings(damping_design=design)
-    b = bench(kind="none", settings=settings, scatter=False)
+    b = bench(kind="none", scatter=False)
     case = Case(trajectory="there", stiffness=SOFT)
     run, rig = one(b, case), following(b, case)
     inertia, damping = rig.controller.inertia[0], rig.controller.damping[0]

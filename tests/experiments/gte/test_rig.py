@@ -75,7 +75,6 @@ def compensation_of(rig: GTERig, dq: np.ndarray) -> np.ndarray:
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
 MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
-BY_MASS = ImpedanceSettings(rate_hz=1000.0, damping_design="mass")
 FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
 
 
@@ -86,7 +85,6 @@ FILTERED = ImpedanceSettings(rate_hz=1000.0, pose_filter=0.9)
         ("iiwa7", {}, {}),
         ("panda", {"settings": MIXED, "controller_model": HEAVY}, {}),
         ("panda", {"settings": FILTERED}, {}),
-        ("panda", {"settings": BY_MASS}, {}),
         ("panda", {}, {"gate_velocity": 0.02}),
         ("iiwa7", {}, {"waveform": "random", "offset": 0.3}),
         ("panda", {"settings": MIXED}, {"compensated": True}),
