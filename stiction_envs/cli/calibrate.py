@@ -49,7 +49,12 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     table = read_base(args.table, arm.registered_name, arm.n)
     files = common.model_files(args)
     experiment = SingleJointExperiment(
-        arm, friction=args.friction, scatter=False, seed=args.seed, threads=args.threads
+        arm,
+        friction=args.friction,
+        drive="torque",
+        scatter=False,
+        seed=args.seed,
+        threads=args.threads,
     )
     out = args.out or default_folder("calibrate", arm.name) / "friction.toml"
     check_file(out, ".toml", force=args.force)

@@ -40,7 +40,8 @@ from stiction_envs.experiments.randomise import (
 )
 from stiction_envs.experiments.rig import Rig, count_blocks
 from stiction_envs.experiments.sje.poses import find_poses
-from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import Friction, check_torque_driven
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
@@ -159,10 +160,8 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.weights = self._weights(a)
         """Of the reward's terms, by the argument's name [-]."""
         self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)
-        friction = a.friction
-        if isinstance(friction, (str, Path)):
-            friction = load_friction(Path(friction), arm.n)
-        e = self._experiment(a, arm, friction)
+        e = self._experiment(a, arm, a.friction)
+        check_torque_driven(e.sticking, "environments")
         self._spreads = check_spreads(a.randomise, e.sticking)
         senses = randomised_senses(load_sensing(arm, a.sensing), a.randomise)
         self.experiment = e = e.replace(sensing=senses)
@@ -209,7 +208,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         """Return a dataclass with the default of every weight."""
 
     @abstractmethod
-    def _experiment(self, a: Own, arm: Arm, friction: FrictionParameters | None) -> Experiment:
+    def _experiment(self, a: Own, arm: Arm, friction: Friction | None) -> Experiment:
         """Return what is simulated."""
 
     @staticmethod

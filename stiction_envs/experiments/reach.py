@@ -13,13 +13,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.position_servo import PositionServos, ServoDrive
+from stiction_envs.control.position_servo import ServoDrive
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.poses import PoseLoads
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.servos import PositionServos
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS, Plant
 from stiction_envs.robots import Arm
 

@@ -29,6 +29,7 @@ from stiction_envs.friction.parameters import (
     check_stability,
     load_friction,
 )
+from stiction_envs.friction.servos import PositionServos
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -67,6 +68,8 @@ class StickingModel:
     (`load_sensor`)."""
     timestep: float
     """Physics step [s]."""
+    servos: PositionServos | None = None
+    """Position servos that drive the joints, where its friction TOML has them."""
 
     @property
     def n(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from stiction_envs.friction.parameters import (
     friction_path,
     load_friction,
 )
+from stiction_envs.friction.servos import read_servos
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.registry import known_arm
 
@@ -83,21 +85,26 @@ def sticking_model(
 
     Args:
         robot: the arm; a model keeps its friction.
-        friction: replaces the arm's own.
+        friction: replaces the arm's own; a TOML may have position servos too.
         timestep: physics step [s]; None for the model's own, or 1 ms.
 
     Raises:
         StictionError: an arm or friction that cannot be loaded, or that do not match.
     """
+    arm, servos = arm_of(robot), None
+    if isinstance(friction, str | Path):
+        servos = read_servos(friction_file(arm, friction), arm.n)
     if not isinstance(robot, StickingModel):
-        arm = arm_of(robot)
         step = TIMESTEP if timestep is None else timestep
-        return build(arm, friction_of(arm, friction), timestep=step)
-    step = robot.timestep if timestep is None else timestep
-    if friction is None and step == robot.timestep:
-        return robot
-    own = robot.parameters if friction is None else friction_of(robot.arm, friction)
-    return build(robot.arm, own, timestep=step)
+        out = build(arm, friction_of(arm, friction), timestep=step)
+    else:
+        step = robot.timestep if timestep is None else timestep
+        if friction is None and step == robot.timestep:
+            return robot
+        own = robot.parameters if friction is None else friction_of(arm, friction)
+        servos = robot.servos if friction is None else servos
+        out = build(arm, own, timestep=step)
+    return out if servos is None else replace(out, servos=servos)
 
 
 def with_rotors(friction: FrictionParameters, arm: Arm) -> FrictionParameters:
@@ -122,3 +129,12 @@ def model_sha256(sticking: StickingModel) -> str:
         digest.update(repr(getattr(sticking.parameters, name).tolist()).encode())
     digest.update(repr(sticking.timestep).encode())
     return digest.hexdigest()
+
+
+def check_torque_driven(sticking: StickingModel, who: str) -> None:
+    """Raise a StictionError where an arm has position servos that ``who`` cannot drive."""
+    if sticking.servos is not None:
+        raise StictionError(
+            f"{who} drive joints by torque, but this arm's friction TOML has position servos "
+            "([servo]): expected friction without that table, or a Single Joint Experiment"
+        )

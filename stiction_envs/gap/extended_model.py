@@ -7,7 +7,7 @@ compensate it. What MuJoCo cannot represent is described, and given as torque al
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from stiction_envs.friction.parameters import (
     dump_friction,
     load_friction,
 )
+from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LEAST_FRICTION
@@ -157,7 +158,8 @@ def load_model(
         return sticking_model(arm, path)
     nominal.check(arm, path)
     friction = with_rotors(load_friction(path, arm.n), arm)
-    return sticking_model(changed_arm(arm, nominal.parts), friction)
+    model = sticking_model(changed_arm(arm, nominal.parts), friction)
+    return replace(model, servos=read_servos(Path(path), arm.n))
 
 
 def _poses(data: Data) -> Array:

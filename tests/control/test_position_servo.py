@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.position_servo import (
-    PositionServos,
     ServoDrive,
     put_under_servos,
-    read_servos,
 )
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.servos import PositionServos, read_servos
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.measured.logs.robot_log import ServoLog

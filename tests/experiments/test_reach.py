@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from stiction_envs.control.position_servo import put_under_servos, read_servos
+from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments import reach as module
 from stiction_envs.experiments.reach import Moves, random_poses, reach, weights
+from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model
 from tests.servo_arm import STICTION, servo_arm
 

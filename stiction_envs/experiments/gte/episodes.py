@@ -45,7 +45,7 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
 from stiction_envs.experiments.observation import Checked
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import Friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 
@@ -90,7 +90,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
     _check_options = staticmethod(check_gte_options)
 
     def _experiment(
-        self, a: GTEArguments, arm: Arm, friction: FrictionParameters | None
+        self, a: GTEArguments, arm: Arm, friction: Friction | None
     ) -> GeneratedTrajectoryExperiment:
         given = a.random_paths
         self.random_paths = episode_settings().random_paths if given is None else given

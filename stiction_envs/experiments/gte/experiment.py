@@ -42,7 +42,13 @@ from stiction_envs.experiments.rig import count_blocks, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
-from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
+from stiction_envs.friction.sticking import (
+    Friction,
+    Robot,
+    check_torque_driven,
+    model_sha256,
+    sticking_model,
+)
 from stiction_envs.measured import thesis_robots
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
@@ -108,9 +114,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
 
         Raises:
             StictionError: anything wrong with the arm, its friction or senses, the start or the
-                tool point.
+                tool point; an arm under position servos.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
+        check_torque_driven(sticking, "Cartesian impedance controllers")
         super().__init__(
             sticking,
             interface=interface,

@@ -35,6 +35,8 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.toml import toml_text
+from stiction_envs.robots.tables import read_toml
 
 Array = NDArray[np.float64]
 SAME_LOAD = 1e-6
@@ -156,13 +158,16 @@ def calibrate(
         settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
-        StictionError: table of another number of joints, or friction that is not positive.
+        StictionError: table of another number of joints, friction that is not positive, or joints
+            under position servos: base torques are torques of a ramp.
         ExperimentError: no convergence (the message names the worst cell).
     """
     s = settings or experiment_settings().calibration
     n = experiment.n
     if table.n_joints != n:
         raise StictionError(f"base table of {table.n_joints} joints, but the arm has {n}")
+    if experiment.servos is not None:
+        raise StictionError("calibration under position servos: expected drive torque")
     if (table.friction <= 0).any():
         raise StictionError("base table: friction (half-difference of + and −) must be positive")
     poses = experiment.poses
@@ -227,7 +232,8 @@ def calibrated_toml(
     table_text: bytes,
     run: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the friction TOML of a calibration: old sources kept, new ones stated.
+    """Return the friction TOML of a calibration: old sources and position servos kept,
+    new sources stated.
 
     Args:
         result: the calibration.
@@ -247,7 +253,7 @@ def calibrated_toml(
             f"; negative for joints {joints}: measured friction was smaller in the load pose, "
             "which load does not explain; kept so that both poses are met"
         )
-    return dump_friction(
+    text = dump_friction(
         result.parameters,
         sources=sources,
         meta=meta,
@@ -261,6 +267,10 @@ def calibrated_toml(
             "scatter": "off",
         },
     )
+    if not isinstance(base, str | Path) or Path(base).suffix != ".toml":
+        return text
+    servo = read_toml(Path(base)).get("servo")
+    return text if servo is None else text + "\n" + toml_text({"servo": servo})
 
 
 def _provenance_strings(found: Mapping[str, Any]) -> dict[str, str]:

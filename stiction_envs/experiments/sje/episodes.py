@@ -29,7 +29,7 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING, SJERig
 from stiction_envs.experiments.sje.undithered import base_torques
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.sticking import Friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 
@@ -65,7 +65,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
     reward_settings = staticmethod(sje_reward_settings)
 
     def _experiment(
-        self, a: Arguments, arm: Arm, friction: FrictionParameters | None
+        self, a: Arguments, arm: Arm, friction: Friction | None
     ) -> SingleJointExperiment:
         return SingleJointExperiment(arm, friction=friction, scatter=a.scatter, threads=a.threads)
 

@@ -8,6 +8,7 @@ base.save("runs/base")
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.position_servo import PositionServos, put_under_servos, read_servos
+from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
@@ -35,6 +36,8 @@ from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
@@ -74,7 +77,7 @@ class SingleJointExperiment(SJESetup):
             robot: name, model file, arm, or an arm with its friction (`load_model`).
             friction: of one arm, or its TOML; None for the robot's own.
             drive: "torque", or "position": the joints' position servos of a friction TOML with a
-                table ``[servo]``, which `diagnose` writes of servo logs. None: what the TOML has.
+                table ``[servo]``, which `diagnose` writes of servo logs. None: what the arm has.
             protocol: None for the robot's.
             interface: None for the robot's.
             sensing: what the controller sees, which says when a joint has broken away and gates
@@ -89,6 +92,10 @@ class SingleJointExperiment(SJESetup):
                 poses.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
+        servos = _servos_of(sticking, drive)
+        if servos is not None:
+            sticking = dataclasses.replace(sticking, model=copy.copy(sticking.model))
+            put_under_servos(sticking, servos)
         super().__init__(
             sticking,
             interface=interface,
@@ -98,9 +105,7 @@ class SingleJointExperiment(SJESetup):
             threads=threads,
         )
         arm = sticking.arm
-        servos = _servos_of(friction, arm.n, drive)
         if servos is not None:
-            put_under_servos(sticking, servos)
             self._set(interface=self.interface.unlimited())
         if protocol is None:
             protocol = load_protocol(arm.registered_name, position=servos is not None)
@@ -340,19 +345,16 @@ class SingleJointExperiment(SJESetup):
             logs[i].trace.append(a)
 
 
-def _servos_of(friction: Friction | None, n: int, drive: str | None) -> PositionServos | None:
-    """Return the servos that drive n joints; None for torques."""
+def _servos_of(sticking: StickingModel, drive: str | None) -> PositionServos | None:
+    """Return the servos that drive the joints; None for torques."""
     if drive not in (None, "torque", "position"):
         raise unknown("drive", drive, ("torque", "position"))
-    if drive == "torque":
-        return None
-    servos = read_servos(Path(friction), n) if isinstance(friction, str | Path) else None
-    if drive == "position" and servos is None:
+    if drive == "position" and sticking.servos is None:
         raise StictionError(
             "drive position: expected a friction TOML with a table [servo], as a diagnosis of "
             "servo logs writes it"
         )
-    return servos
+    return None if drive == "torque" else sticking.servos
 
 
 class RampLog:

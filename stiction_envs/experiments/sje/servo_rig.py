@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.control.position_servo import PositionServos, ServoDrive
+from stiction_envs.control.position_servo import ServoDrive
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.experiments.sje.rig import HIGHPASS, RAMP, SJERig, SJESetup
+from stiction_envs.friction.servos import PositionServos
 from stiction_envs.plant import CONTROL_DT
 
 Array = NDArray[np.float64]

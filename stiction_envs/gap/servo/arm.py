@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.position_servo import PositionServos, ServoDrive, put_under_servos
+from stiction_envs.control.position_servo import ServoDrive, put_under_servos
 from stiction_envs.friction.model import build, link_inertia
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.servos import PositionServos
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.parameters import FAR, INDEX

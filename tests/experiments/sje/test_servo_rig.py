@@ -1,11 +1,19 @@
 """The Single Joint Experiment on joints under position servos."""
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+from stiction_envs.cli import main
 from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.sje.calibrate import calibrate
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, Configuration, Job
+from stiction_envs.friction.parameters import load_friction
+from stiction_envs.friction.servos import read_servos
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.measured import read_base
 from tests.servo_arm import STICTION, servo_arm
 
 ELBOW = Configuration(2, "load", "+")
@@ -83,3 +91,45 @@ def test_the_report_says_how_far_the_command_leads(tmp_path):
     assert "| 10.0 |" in text  # 0.3 N·m over 30 N·m/rad, in mrad
     assert "dither A/K [mrad]" in text
     assert result.to_json()["servo_stiffness"].tolist() == [80.0, 30.0]
+
+
+def test_a_model_keeps_its_servos_whatever_runs_on_it(tmp_path, together):
+    """By torque first: the servos of the same model object still lift the arm afterwards."""
+    arm, path = servo_arm(tmp_path)
+    model = sticking_model(arm, path)
+    by_torque = SingleJointExperiment(model, drive="torque", scatter=False, threads=1)
+    driven = SingleJointExperiment(model, scatter=False, threads=1)
+    assert by_torque.servos is None
+    assert by_torque.sticking.model.body_gravcomp.any()
+    assert np.array_equal(measured(driven, [Job(ELBOW)])[Job(ELBOW)].tau, together[Job(ELBOW)].tau)
+
+
+def test_what_drives_by_torque_says_that_servos_are_in_the_way(tmp_path):
+    arm, path = servo_arm(tmp_path)
+    with pytest.raises(StictionError, match=r"impedance controllers drive joints by torque.*servo"):
+        GeneratedTrajectoryExperiment(arm, friction=path)
+    with pytest.raises(StictionError, match=r"environments drive joints by torque.*\[servo\]"):
+        gym.make("stiction_envs:PandaSJE-v0", robot=tmp_path / "two_links.xml", friction=path)
+
+
+def test_base_torques_are_calibrated_by_torque_and_the_servos_are_kept(tmp_path):
+    arm, path = servo_arm(tmp_path)
+    by_torque = SingleJointExperiment(arm, friction=path, drive="torque", scatter=False, threads=1)
+    tau = 1.2 * by_torque.base_torques(iterations=1).tau
+    rows = [
+        f"arm,{j + 1},{load},{direction},0,0,{tau[j, k, d]},0,1,0"
+        for j in range(2)
+        for k, load in enumerate(LOADS)
+        for d, direction in enumerate(DIRECTIONS)
+    ]
+    head = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction"
+    table, out = tmp_path / "base.csv", tmp_path / "friction.toml"
+    table.write_text("\n".join([head, *rows]), encoding="utf-8")
+    words = ["calibrate", tmp_path / "two_links.xml", table, "--friction", path, "--out", out]
+    assert main([str(w) for w in words]) == 0
+    # the slide to the threshold adds the same whatever the stiction
+    expected = np.array(STICTION) + tau[:, 0, 0] * (1 - 1 / 1.2)
+    np.testing.assert_allclose(load_friction(out, 2).stiction.mean(axis=1), expected, rtol=0.01)
+    assert np.array_equal(read_servos(out, 2).stiffness, read_servos(path, 2).stiffness)
+    with pytest.raises(StictionError, match="expected drive torque"):
+        calibrate(read_base(table, "arm", 2), SingleJointExperiment(arm, friction=path))

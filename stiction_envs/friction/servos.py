@@ -1,0 +1,80 @@
+"""Position servos of an arm's joints, as a friction TOML has them in its table ``[servo]``.
+
+`stiction diagnose` writes that table of servo logs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots.tables import read_toml
+
+Array = NDArray[np.float64]
+LONGEST_DELAY = 1.0
+"""Longest delay of a command that is simulated [s]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PositionServos:
+    """Position servos of one arm's joints."""
+
+    stiffness: Array
+    """(n,) K [N·m/rad]."""
+    delay: Array
+    """(n,) time until a command acts [s]; a negative one, of a log's clock, counts as none."""
+    speed_limit: Array
+    """(n,) largest speed of what the servo follows [rad/s]."""
+    torque_limit: Array
+    """(n,) [N·m]."""
+    dead_zone: Array
+    """(n,) error that the servo does not see [rad]."""
+
+    def __post_init__(self) -> None:
+        low = {"delay": -np.inf, "dead_zone": 0.0}
+        for field in fields(self):
+            value = np.array(getattr(self, field.name), dtype=np.float64)
+            least = low.get(field.name)
+            ok = np.isfinite(value) & (value > 0 if least is None else value >= least)
+            if value.ndim != 1 or not ok.all() or (field.name == "delay" and (value > 1).any()):
+                expected = {"delay": f"up to {LONGEST_DELAY:g} s", "dead_zone": "from 0"}
+                raise StictionError(
+                    f"servo {field.name} {value.tolist()}: expected numbers "
+                    f"{expected.get(field.name, 'above 0')}, one per joint"
+                )
+            value.flags.writeable = False
+            object.__setattr__(self, field.name, value)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.stiffness)
+
+
+def read_servos(path: str | Path, n: int) -> PositionServos | None:
+    """Return the servos of n joints in a friction TOML; None where it has no ``[servo]``.
+
+    Raises:
+        StictionError: unreadable, or a table that is not of n servos.
+    """
+    table = read_toml(Path(path)).get("servo")
+    if table is None:
+        return None
+    names = [f.name for f in fields(PositionServos)]
+    try:
+        values = {name: np.array(table[name], dtype=np.float64) for name in names}
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise StictionError(
+            f"{path}: [servo] is not as stiction diagnose writes it: {error}"
+        ) from None
+    wrong = [name for name in names if values[name].shape != (n,)]
+    if wrong:
+        raise StictionError(f"{path}: [servo] {wrong[0]}: expected {n} numbers, one per joint")
+    try:
+        return PositionServos(**values)
+    except StictionError as error:
+        raise StictionError(f"{path}: {error}") from None
