@@ -288,11 +288,6 @@ class CartesianImpedance:
         return self._filter_step < 1.0
 
     @property
-    def needs_model(self) -> bool:
-        """Whether torques depend on the model of the present pose: on P."""
-        return self._null_active
-
-    @property
     def reference_arguments(self) -> Arguments:
         """The arguments of `kernels.advance_reference`; always the same objects."""
         return (

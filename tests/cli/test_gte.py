@@ -18,7 +18,7 @@ from stiction_envs.experiments.gte import protocol as gte_protocol
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import AXES
 from stiction_envs.experiments.gte.rows import CASES
-from stiction_envs.measured import AmplitudeRow, thesis_table
+from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
 
 HEADER = "joint,frequency_hz,amplitude_nm"
@@ -85,28 +85,12 @@ def test_with_dither(cli, work, path, table):
         *("window_sum_of_mean", "mean", "rms", "max", "corner", "settling", "iterations"),
     ]
     assert [r["window_sum"] for r in result["rows"]] == [float(r["window_sum"]) for r in rows]
-    assert result["rows"][0]["thesis_window_sum"] is None
     assert result["failed"] is None
     plain, shaken = read(out / "runs.csv")
     assert float(plain["dither_energy_j"]) == 0 < float(shaken["dither_energy_j"])
     assert float(shaken["vibration_m"]) > float(plain["vibration_m"])
     assert {r["case"] for r in read(out / "trace.csv")} == {"no_dither", "dither"}
     assert [r["goal"] for r in read(out / "points.csv")] == ["1", "2"] * 2
-
-
-def test_a_case_of_the_thesis_stands_beside_table_4_11(cli, work, table):
-    options = ["--trajectory", "triangle", "--stiffness", 400, 40, 0, "--iterations", 1]
-    ran = cli("gte", "panda", *options, "--dither", table, "--json", "--out", "a")
-    assert (work / "a" / "table_4_11.png").is_file()
-    printed = {
-        (name, r["axis"]): r[f"mean_error_{name}"]
-        for r in thesis_table("4.11")
-        if r["trajectory"] == "triangle" and r["stiffness_translation"] == 400
-        for name in ("dither", "no_dither")
-    }
-    result = json.loads(ran.out)
-    assert {(r["case"], r["axis"]): r["thesis_window_sum"] for r in result["rows"]} == printed
-    assert "thesis: without" in gte.show(result)
 
 
 def test_senses_change_a_run_and_are_in_its_provenance(cli, work, path, inputs):

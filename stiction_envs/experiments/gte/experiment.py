@@ -49,7 +49,6 @@ from stiction_envs.friction.sticking import (
     model_sha256,
     sticking_model,
 )
-from stiction_envs.measured import thesis_robots
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
@@ -238,11 +237,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Run cases to the end; see `run`. The result can be saved as tables and plots."""
         runs = self.run(cases, iterations=iterations, progress=progress)
         arm = self.sticking.arm
-        model, own = self.controller_model, any(c.trajectory in self.paths for c in cases)
+        model = self.controller_model
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
-            compared=arm.registered_name in thesis_robots("4.11") and not own,
             note=friction_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "gte",

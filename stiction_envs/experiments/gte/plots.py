@@ -19,9 +19,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from stiction_envs.experiments.gte.measures import Measures, error_against_time, sample_period
+from stiction_envs.experiments.gte.measures import error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
-from stiction_envs.experiments.gte.rows import CASES, case_name, thesis_window_sums, unit
+from stiction_envs.experiments.gte.rows import CASES, case_name
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT, plain_axes
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
 """Colour of accepted goals, purple as in the thesis."""
-MEASURED = "#2166ac"
-"""Colour of the thesis's numbers."""
 _COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))
 COLOURS = dict(zip(CASES, chain((WITHOUT, WITH), _COMPENSATED), strict=False))
 """Colours of cases by name; a plot has one or two of the compensations."""
@@ -241,50 +239,3 @@ def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
         for k, t in enumerate(run.accepted.mean(axis=0)):
             if np.isfinite(t) and (k > 0 or run is runs[0]):
                 axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)
-
-
-# ---- Table 4.11 ----------------------------------------------------------------------------------
-
-
-def plot_window_sums(
-    pair: Sequence[tuple[Run, Measures]], path: str | os.PathLike[str], *, robot: str
-) -> None:
-    """Draw the sums of Table 4.11, simulated and measured: an arrow is what dither does.
-
-    Args:
-        pair: the run without dither and the one with it, of one path and stiffness.
-        path: PNG to write.
-        robot: name for the title.
-    """
-    figure = Figure(figsize=(5.8, 4.0), layout="constrained")
-    axes = figure.subplots()
-    simulated = [m.window_sum.mean(axis=0) for _, m in pair]
-    _arrows(axes, simulated, WITH, -0.17)
-    printed = [thesis_window_sums(run.case) for run, _ in pair]
-    if all(printed):
-        _arrows(axes, [np.array([p[a] for a in AXES]) for p in printed if p], MEASURED, 0.17)
-    axes.set_title(case_text(pair[0][0].case), loc="left", fontsize=10)
-    axes.set_yticks(range(6), [f"{a} [{unit(a)}·samples]" for a in AXES], fontsize=8.5)
-    axes.invert_yaxis()
-    axes.set_xlim(left=0)
-    plain_axes(axes, grid="x")
-    axes.set_xlabel("sum of |error| over 200 samples", fontsize=9)
-    entries = [
-        Line2D([], [], color=shade, marker="o", ms=5.5, lw=1.8, label=label, mfc=face, mec=shade)
-        for shade, kind in ((WITH, "simulated"), (MEASURED, "measured"))
-        for face, label in (("white", f"{kind}, no dither"), (shade, f"{kind}, dither"))
-    ]
-    figure.legend(handles=entries, loc="outside lower center", ncols=4, frameon=False)
-    figure.suptitle(
-        f"{arm_title(robot)}: Table 4.11, from without dither (ring) to with it (dot)",
-        fontsize=11,
-    )
-    save_full(figure, path)
-
-
-def _arrows(axes: Axes, ends: Sequence[Array], shade: str, shift: float) -> None:
-    for k, (before, after) in enumerate(zip(*ends, strict=True)):
-        y = k + shift
-        axes.plot([before, after], [y, y], color=shade, lw=1.8, zorder=2)
-        axes.plot(before, y, "o", ms=6, mfc="white", mec=shade, mew=1.4, zorder=3)
-        axes.plot(after, y, "o", ms=5, color=shade, zorder=4)

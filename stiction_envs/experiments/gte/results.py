@@ -18,7 +18,6 @@ from stiction_envs.experiments.gte.rows import (
     RunRow,
     error_rows,
     run_row,
-    thesis_window_sums,
     write_points,
     write_rows,
     write_trace,
@@ -39,8 +38,6 @@ class TrackingErrors(Result):
     robot: str
     runs: tuple[tuple[Run, Measures], ...]
     """One per case."""
-    compared: bool
-    """Whether the thesis's numbers of the same cases, where it has them, are shown too."""
     provenance: Provenance
     note: str = ""
     """Stands at the top of the report."""
@@ -61,15 +58,10 @@ class TrackingErrors(Result):
         return sum(row.unfinished for row in self.run_rows)
 
     def to_json(self) -> dict[str, Any]:
-        """Return robot, rows with the thesis's number where it has one, and runs."""
-        rows = []
-        for r, m in self.runs:
-            printed = (thesis_window_sums(r.case) if self.compared else None) or {}
-            for row in error_rows(r, m, self.robot):
-                rows.append({**asdict(row), "thesis_window_sum": printed.get(row.axis)})
+        """Return robot, rows and runs."""
         return {
             "robot": self.robot,
-            "rows": rows,
+            "rows": [asdict(row) for row in self.rows],
             "runs": [asdict(row) for row in self.run_rows],
         }
 
@@ -92,11 +84,7 @@ class TrackingErrors(Result):
         plots.plot_errors(
             runs, folder / "error_orientation.png", robot=self.robot, orientation=True
         )
-        printed = [self.compared and thesis_window_sums(run.case) for run in runs[:2]]
-        in_thesis = len(printed) == 2 and all(printed)
-        if in_thesis:
-            plots.plot_window_sums(self.runs[:2], folder / "table_4_11.png", robot=self.robot)
-        write_report(folder, self.rows, self.run_rows, printed=in_thesis, note=self.note)
+        write_report(folder, self.rows, self.run_rows, note=self.note)
 
     def __repr__(self) -> str:
         return f"<TrackingErrors of {self.robot}: {len(self.runs)} cases>"
@@ -110,23 +98,20 @@ def describe(rows: Sequence[Row], runs: Sequence[Row]) -> str:
     """Return errors as text: an axis in a line, then a line per case.
 
     Args:
-        rows: of ``errors.csv`` with ``thesis_window_sum``, by column.
+        rows: of ``errors.csv``, by column.
         runs: of ``runs.csv``.
     """
     by_case: dict[str, list[Row]] = {}
     for row in rows:
         by_case.setdefault(row["case"], []).append(row)
     base, *others = by_case.values()
-    printed = [name for name, row in by_case.items() if row[0]["thesis_window_sum"] is not None]
     head = f"{'sum of |error|':<20}{_words(base[0]):>18}"
     head += "".join(f"{_words(other[0]):>20}{'change':>9}" for other in others)
-    head += "".join(f"{_THESIS.get(name, name):>18}" for name in printed)
     lines = [head]
     for k, row in enumerate(base):
         line = f"{row['axis'] + ' [' + row['unit'] + '·samples]':<20}{_sum(row):>18}"
         for other in others:
             line += f"{_sum(other[k]):>20}{_change(row, other[k]):>9}"
-        line += "".join(f"{by_case[name][k]['thesis_window_sum']:>18.3f}" for name in printed)
         lines.append(line)
     return "\n".join([*lines, *(_run_text(r) for r in runs)])
 
@@ -136,9 +121,6 @@ def _change(row: Row, other: Row) -> str:
     if row["window_sum"] == 0:
         return "–"
     return f"{100 * (other['window_sum'] / row['window_sum'] - 1):+.1f} %"
-
-
-_THESIS = {"no_dither": "thesis: without", "dither": "thesis: with"}
 
 
 def _words(row: Row) -> str:
@@ -179,7 +161,6 @@ def write_report(
     rows: Sequence[ErrorRow],
     runs: Sequence[RunRow],
     *,
-    printed: bool,
     note: str = "",
 ) -> None:
     """Write both pages; cases are compared with the first, without dither and compensation."""
@@ -217,7 +198,6 @@ def write_report(
         left=_errors(cases, "settling", MILLI),
         window=_errors(cases, "window_sum", 1.0),
         runs=_runs(runs),
-        printed=printed,
     )
 
 

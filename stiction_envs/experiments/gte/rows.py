@@ -1,4 +1,4 @@
-"""Runs of the Generated Trajectory Experiment as table rows; the thesis's Table 4.11."""
+"""Runs of the Generated Trajectory Experiment as table rows; the thesis's settings."""
 
 from __future__ import annotations
 
@@ -198,19 +198,6 @@ def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
 
 
 # ---- the thesis ----------------------------------------------------------------------------------
-
-
-def thesis_window_sums(case: Case) -> dict[str, float] | None:
-    """Return what Table 4.11 has for a case, by axis; None for a case it lacks."""
-    if case.compensation is not None:
-        return None
-    column = "mean_error_dither" if case.dithered else "mean_error_no_dither"
-    found = {
-        row["axis"]: float(row[column])
-        for row in thesis_table("4.11")
-        if (row["trajectory"], *_stiffness(row)) == (case.trajectory, *case.stiffness)
-    }
-    return found or None
 
 
 def thesis_stiffness() -> list[tuple[float, float, float]]:

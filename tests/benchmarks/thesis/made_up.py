@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 
 import numpy as np
 
 from stiction_envs.experiments.gte.protocol import Run
-from stiction_envs.experiments.gte.rows import thesis_window_sums
 from stiction_envs.experiments.sje.protocol import Job, Measurement
-from stiction_envs.measured import thesis_base
+from stiction_envs.measured import thesis_base, thesis_table
 from tests.experiments.gte.made_up import made_up as made_up_run
 
 
@@ -36,9 +36,13 @@ def run_torques(self, jobs, *, iterations=None, progress=None, simulations=0):
 
 def run_paths(self, cases, *, iterations=None, progress=None) -> list[Run]:
     """Pretend to run: constant errors whose sums over 200 samples are the printed ones."""
-    runs = []
+    runs, printed = [], defaultdict(list)
+    for row in thesis_table("4.11"):
+        stiffness = tuple(row[f"stiffness_{k}"] for k in ("translation", "rotation", "nullspace"))
+        printed[row["trajectory"], stiffness].append(row)
     for case in cases:
-        size = np.array(list(thesis_window_sums(case).values())) / 200
+        column = "mean_error_dither" if case.dithered else "mean_error_no_dither"
+        size = np.array([row[column] for row in printed[case.trajectory, case.stiffness]]) / 200
         error = np.tile(size, (iterations or 10, 700, 1))
         run = made_up_run(error, iterations=iterations or 10, trajectory=case.trajectory)
         runs.append(dataclasses.replace(run, case=case))

@@ -10,7 +10,6 @@ from stiction_envs.experiments.gte import experiment as gte
 from stiction_envs.experiments.gte import measures as gte_measures
 from stiction_envs.experiments.gte import rows as gte_table
 from stiction_envs.experiments.gte.protocol import AXES, load_gte_protocol
-from stiction_envs.measured import thesis_table
 from tests.experiments.gte.made_up import made_up
 
 NAN = float("nan")
@@ -192,23 +191,6 @@ def test_written_tables_have_their_columns(tmp_path):
     assert lines["points"][2].startswith("dither,2,2.0,4.0,0.00")
     assert all(len(line.split(",")) == 14 for line in lines["trace"])
     assert lines["errors"][1].startswith("panda,triangle,200.0,20.0,0.0,dither,x,m,")
-
-
-def test_thesis_numbers():
-    """All 48 of Table 4.11 are found, a case it lacks is not."""
-    found = []
-    for trajectory in ("triangle", "pentagon"):
-        for stiffness in gte_table.thesis_stiffness():
-            for dithered in (False, True):
-                run = made_up(trajectory=trajectory, stiffness=stiffness, dithered=dithered)
-                sums = gte_table.thesis_window_sums(run.case)
-                assert sums is not None
-                assert tuple(sums) == AXES
-                found += sums.values()
-    printed = [r[k] for r in thesis_table("4.11") for k in r if k.startswith("mean_error")]
-    assert len(found) == 48
-    assert sorted(found) == sorted(printed)
-    assert gte_table.thesis_window_sums(made_up(stiffness=(300, 30, 0)).case) is None
 
 
 def test_thesis_dither_is_the_final_column_of_table_4_9():

@@ -7,9 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from stiction_envs.experiments.gte import plots as gte_plots
-from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import AXES
-from stiction_envs.experiments.gte.rows import thesis_window_sums
 from tests.experiments.gte.made_up import made_up
 
 NAN = float("nan")
@@ -91,33 +89,6 @@ def test_reference_is_cut_where_it_goes_to_the_measured_pose():
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(reference[:, 0])), [200, 401])
     assert len(reference) == 702
     assert goals.shape == (3, 3)
-
-
-def test_window_sums_beside_the_thesis(drawn):
-    """From the ring without dither to the dot with it, simulated and measured."""
-    plain, shaken = pair()
-    both = ((plain, measure(plain)), (shaken, measure(shaken)))
-    gte_plots.plot_window_sums(both, "a.png", robot="panda")
-    (axes,) = drawn[0].axes
-    texts = [t.get_text() for t in axes.get_yticklabels()]
-    assert texts[0] == "x [m·samples]"
-    assert texts[5] == "yaw [rad·samples]"
-    bars = [x for x in axes.lines if len(x.get_xdata()) == 2]
-    simulated = [x for x in bars if x.get_color() == gte_plots.WITH]
-    measured = [x for x in bars if x.get_color() == gte_plots.MEASURED]
-    for k, axis in enumerate(AXES):
-        sums = [m.window_sum.mean(axis=0)[k] for _, m in both]
-        np.testing.assert_allclose(simulated[k].get_xdata(), sums)
-        printed = [thesis_window_sums(run.case)[axis] for run, _ in both]
-        np.testing.assert_allclose(measured[k].get_xdata(), printed)
-
-
-def test_case_the_thesis_lacks_is_drawn_alone(drawn):
-    plain, shaken = pair(stiffness=(300, 30, 0))
-    both = ((plain, measure(plain)), (shaken, measure(shaken)))
-    gte_plots.plot_window_sums(both, "a.png", robot="panda")
-    colours = {x.get_color() for x in drawn[0].axes[0].lines}
-    assert gte_plots.MEASURED not in colours
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ def report(tmp_path):
     def write(*runs):
         found = [(run, measure(run), "panda") for run in runs]
         rows = [row for x in found for row in error_rows(*x)]
-        write_report(tmp_path, rows, [run_row(*x) for x in found], printed=False)
+        write_report(tmp_path, rows, [run_row(*x) for x in found])
         return (tmp_path / "report.md").read_text("utf-8"), (tmp_path / "report.html").read_text()
 
     return write
