@@ -109,50 +109,41 @@ GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))
 ALL = slice(None)
 Q, DQ, TAU = slice(1, 8), slice(8, 15), slice(15, 22)
 FROM_ZERO = "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(7))
-SIX, EIGHT = (text_of(good_values(joints=n), header_of("q", "dq", "tau", joints=n)) for n in (6, 8))
+SIX = text_of(good_values(joints=6), header_of("q", "dq", "tau", joints=6))
 CONSTANT = changed(lambda values: values.__setitem__((ALL, slice(1, None)), values[0, 1:]))
 BACKWARDS = changed(lambda values: values.__setitem__((ALL, 0), values[::-1, 0].copy()))
-ONES = np.ones((200, 6))
 
 BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "empty file": (r"log\.csv: empty file: expected a header", ""),
     "only blank lines": (r"log\.csv: empty file", "\n\r\n\n"),
     "header only": (r"log\.csv: no rows below", HEADER + "\n"),
     "wrong joint count": (r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7", SIX),
-    "too many joints": (r"columns for 8 joints, but the robot has 7", EIGHT),
     "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "time,")),
     "missing column": (r"log\.csv: missing column 'tau4'", _header("tau4", "torque4")),
-    "one speed missing": (r"log\.csv: missing column 'dq2'", _header("dq2", "velocity2")),
     "duplicate column": (r"log\.csv: column 'q3' is there twice", _header("q4", "q3")),
     "joints from zero": (r"column 'q0', but joints count from 1", _header(HEADER, FROM_ZERO)),
     "no header": (r"log\.csv: missing column 't'", GOOD.split("\n", 1)[1]),
     "semicolons": (r"log\.csv: missing column 't'", GOOD.replace(",", ";")),
     "text in a cell": (r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")),
-    "decimal comma": (r"line 9: q1 is '0\.1\.2'", _cell(9, "q1", "0.1.2")),
     "underscore in a number": (r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
     "infinity": (r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
-    "negative infinity": (r"line 61: tau1 is -inf", _cell(61, "tau1", "-Infinity")),
     "infinite time": (r"line 62: t is inf", _cell(62, "t", "inf")),
     "time missing": (r"line 63: t is nan", _cell(63, "t", "")),
     "huge value": (
         r"line 64: tau6 is 1e\+300: expected up to 100000 N·m",
         _cell(64, "tau6", "1e300"),
     ),
-    "overflow": (r"line 65: dq6 is inf", _cell(65, "dq6", "1e999")),
     "time falls": (r"line 3: t falls from 1\.99 to 1\.98: expected time that rises", BACKWARDS),
     "one negative step": (r"line 81: t falls from 0\.78 to 0\.3", _cell(81, "t", "0.3")),
-    "time stands": (r"t never rises", _set(ALL, 0, 4.0)),
     "milliseconds": (
         r"t rises by 10 from row to row, it looks like milliseconds",
         _scaled(slice(0, 1), 1e3),
     ),
-    "nanoseconds": (r"it looks like nanoseconds", _scaled(slice(0, 1), 1e9)),
     "too slow": (r"t rises by 0\.2 from row to row", _scaled(slice(0, 1), 20)),
     "shorter than a second": (
         r"0\.29 s of samples: expected 1 s or more",
         text_of(good_values(rows=30)),
     ),
-    "one row": (r"log\.csv", text_of(good_values(rows=1))),
     "all constant": (r"q1\.\.q7 and tau1\.\.tau7 never change", CONSTANT),
     "no torque": (r"tau1\.\.tau7 never change", _set(ALL, TAU, 0.0)),
     "degrees": (
@@ -176,20 +167,14 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
         r"line 2: q2 has no value, in 200 of 200 rows",
         _set(ALL, 2, np.nan),
     ),
-    "many missing values": (
-        r"line 12: tau3 has no value, in 40 of 200 rows",
-        _set(slice(10, 50), 17, np.nan),
-    ),
     "no values at all": (r"no row has values", _set(ALL, slice(1, 22), np.nan)),
     "a row with too few values": (
         r"line 20: 21 values: expected one for each of the 22",
         _line(20, lambda line: line.rsplit(",", 1)[0]),
     ),
     "a row with too many values": (r"line 21: 23 values", _line(21, lambda line: line + ",1")),
-    "cut in the middle of a row": (r"line 201: \d+ values", GOOD[:-100]),
     "binary garbage": (r"log\.csv, line 1: ", GARBAGE),
     "wrong encoding": (r"line 1: byte 0 is not UTF-8", GOOD.encode("utf-16")),
-    "null bytes": (r"line 1: not text", "\0" * 1000),
     "endless line": (r"a line of over 65536 bytes", "1," * 200_000),
     "compressed but named csv": (r"gzip-compressed: expected the name \.csv\.gz", ZIPPED),
 }
@@ -200,10 +185,6 @@ BAD_GZIP: dict[str, tuple[str, str | bytes]] = {
         r"log\.csv\.gz: the compressed file ends early after line 1\d\d:",
         ZIPPED[:-2000],
     ),
-    "compressed file cut in its first rows": (
-        r"log\.csv\.gz: the compressed file ends early after line \d",
-        ZIPPED[:600],
-    ),
     "compressed file damaged": (
         r"log\.csv\.gz: the compressed file (is damaged|ends early) after line \d+:",
         ZIPPED[:3000] + b"\xff" * 4000,
@@ -212,19 +193,12 @@ BAD_GZIP: dict[str, tuple[str, str | bytes]] = {
 BAD_NPZ: dict[str, tuple[str, str | bytes]] = {
     "npz that is none": (r"damaged or no NumPy archive", b"PK\x03\x04 no archive"),
     "npz cut short": (r"damaged or no NumPy archive", _npz()[:-700]),
-    "npz without angles": (r"missing columns 'q1', 'q2'", _npz(q=None)),
-    "npz with other names": (r"missing column 't'", _npz(t=None, q=None, tau=None, a=np.zeros(3))),
     "npz with shorter torques": (
         r"column 'tau1' has 50 rows, 't' has 200",
         _npz(tau=good_values()[:50, 15:]),
     ),
-    "npz of six joints": (r"columns for 6 joints", _npz(q=ONES, tau=ONES)),
     "npz with deep arrays": (r"missing columns 'q1', 'q2'", _npz(q=np.ones((200, 7, 2)))),
     "npz with text": (r"column 'q1' holds <U3: expected numbers", _npz(q=np.full((200, 7), "one"))),
-    "npz with complex numbers": (
-        r"column 'tau1' holds complex128",
-        _npz(tau=np.ones((200, 7), complex)),
-    ),
     "npz with objects": (r"q\.npy: holds Python objects", _npz(q=np.full((200, 7), None))),
     "npz that claims a terabyte": (r"q\.npy: shape \(100000000000, 7\) does not fit", _lying_npz()),
 }

@@ -92,8 +92,6 @@ def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: Join
     "names",
     [
         tuple(f"lbr_joint_{j}" for j in range(7)),
-        tuple(f"A{j}" for j in range(1, 8)),
-        tuple(f"iiwa_joint_{j}" for j in range(1, 8)),
         tuple(f"robot2_joint_a{j}_rot" for j in range(1, 8)),
         ARM.joint_names,
     ],
@@ -102,7 +100,7 @@ def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: Join
 def test_names_by_number(tmp_path: Path, names: tuple[str, ...], plain: JointLog) -> None:
     log = read(write_bag(tmp_path / "log", "mcap", joint_states(VALUES, names)))
     assert_same(log, plain)
-    assert log.side == ("link" if names[0].startswith(("lbr", "iiwa")) else None)
+    assert log.side == ("link" if names[0].startswith("lbr") else None)
 
 
 def test_names_of_a_ur_need_the_robot_or_the_option(tmp_path: Path, plain: JointLog) -> None:
@@ -197,13 +195,6 @@ def test_without_speeds_and_stamps(tmp_path: Path, plain: JointLog) -> None:
     log = read(write_bag(tmp_path / "log", "bag", messages))
     assert_same(log, plain, speeds=False)
     assert any("no stamp" in x for x in log.warnings)
-
-
-def test_simulated_time_is_no_date(tmp_path: Path, plain: JointLog) -> None:
-    messages = joint_states(VALUES, stamp=lambda known, time, *_: header(known, time - START + 5))
-    log = read(write_bag(tmp_path / "log", "mcap", messages))
-    assert_same(log, plain)
-    assert log.date is None
 
 
 def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
@@ -304,11 +295,9 @@ BAD = {
         lambda f: put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
         "damaged or no ROS bag",
     ),
-    "empty": (lambda f: put(f / "log.bag", b""), "damaged or no ROS bag"),
     "no database": (lambda f: put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
     "cut bag": (lambda f: shortened(f, "bag"), "damaged or no ROS bag.*rosbag reindex"),
     "cut mcap": (lambda f: shortened(f, "mcap"), "damaged or no ROS bag.*mcap recover"),
-    "cut db3": (lambda f: shortened(f, "db3"), "damaged or no ROS bag"),
     "folder that is none": (empty_metadata, "damaged or no ROS bag"),
     "other messages": (
         text_bag,
@@ -319,15 +308,10 @@ BAD = {
         lambda f: write_bag(f / "log", "mcap", joint_states(VALUES, efforts=False)),
         "/joint_states, message 1: effort is empty: expected the torques",
     ),
-    "efforts of NaN": (
-        lambda f: changed(f, 17, np.nan),
-        "/joint_states, message 1: tau3 has no value, in 200 of 200 rows",
-    ),
     "infinite effort": (
         lambda f: changed(f, 17, np.inf, slice(60, 61)),
         "/joint_states, message 61: tau3 is inf",
     ),
-    "efforts of zero": (lambda f: changed(f, slice(15, 22), 0.0), "never change"),
     "too few efforts": (short_efforts, "message 21: 3 values of effort: expected 7, one a joint"),
     "two publishers": (
         two_publishers,
@@ -336,10 +320,6 @@ BAD = {
     "messages without a description": (
         undescribed,
         "the bag does not describe franka_msgs/msg/FrankaState: expected one of sensor_msgs",
-    ),
-    "too short": (
-        lambda f: write_bag(f / "log", "mcap", joint_states(VALUES[:30])),
-        "0.29 s of samples",
     ),
     "another arm": (
         lambda f: write_bag(f / "log", "bag", joint_states(good_values(joints=6), PANDA[:6])),
@@ -355,11 +335,6 @@ def test_bad_bag_is_one_clear_line(tmp_path: Path, name: str) -> None:
     message = refuses(lambda: read(path), says)
     assert str(path) in message
     assert len(message.replace(str(tmp_path), "")) < 400
-
-
-def test_a_wrong_topic_says_what_it_holds(tmp_path: Path) -> None:
-    with pytest.raises(StictionError, match="/chat: holds std_msgs/msg/String: expected one of"):
-        read(text_bag(tmp_path), topic="/chat")
 
 
 def test_without_rosbags(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,9 +37,9 @@ def wrong_steps(rows: Rows, truth: np.ndarray, drift: float = 0.0) -> float:
     return float(off[30:-30].mean())
 
 
-@pytest.mark.parametrize("rate", [1000.0, 500.0, 200.0])
-@pytest.mark.parametrize("motion_hz", [0.3, 1.0, 2.0, 3.5])
-@pytest.mark.parametrize("jitter", [0.03, 0.1, 0.4])
+@pytest.mark.parametrize("rate", [1000.0, 200.0])
+@pytest.mark.parametrize("motion_hz", [0.3, 3.5])
+@pytest.mark.parametrize("jitter", [0.03, 0.4])
 def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float) -> None:
     """Lines through fast motion are too flat, by up to 2 %: the step must not be so."""
     rows, truth = swaying(rate, motion_hz, jitter=jitter)
@@ -49,8 +49,7 @@ def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float
     assert wrong_steps(rows, truth) == 0
 
 
-@pytest.mark.parametrize("rate", [600.0, 240.0, 130.0, 59.94])
-@pytest.mark.parametrize("lost", [0.0, 0.06])
+@pytest.mark.parametrize(("rate", "lost"), [(600.0, 0.06), (59.94, 0.0)])
 def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
     """Its step comes from the stamps, which are all that can say it."""
     rows, truth = swaying(rate, 1.0, lost=lost, drift=3e-5)

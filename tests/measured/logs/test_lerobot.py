@@ -18,7 +18,7 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
-from stiction_envs.measured.logs.units import encoder_step, read_calibration
+from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
 from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
 from tests.measured.logs.lerobot_datasets import (
@@ -176,17 +176,6 @@ def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
     assert sha256(path) != before
 
 
-def test_the_step_of_an_encoder() -> None:
-    rng = np.random.default_rng(0)
-    ticks = rng.integers(0, 1500, 400).astype(float)
-    assert encoder_step(0.0879 * ticks - 7) == pytest.approx(0.0879, rel=1e-6)
-    single = (ticks * (200 / 1523) - 100).astype(np.float32).astype(float)
-    assert encoder_step(single) == pytest.approx(200 / 1523, rel=1e-5)
-    assert encoder_step(rng.random(400)) is None
-    assert encoder_step(np.zeros(400)) is None
-    assert encoder_step(ticks[:5]) is None
-
-
 # ---- damaged ----
 
 
@@ -209,9 +198,6 @@ def _text(name: str, text: str):
 STATE = "observation.state"
 DAMAGES = {
     "no json": (_text("meta/info.json", "{"), "damaged or no info.json"),
-    "a list": (_text("meta/info.json", "[]"), "damaged or no info.json"),
-    "deep": (_text("meta/info.json", "[" * 100_000), "damaged or no info.json"),
-    "no features": (info(lambda v: v.pop("features")), "damaged or no info.json"),
     "no state": (info(lambda v: v["features"].pop(STATE)), "damaged or no info.json"),
     "fps 0": (info(lambda v: v.update(fps=0)), "fps is 0: expected"),
     "other shape": (info(lambda v: v["features"][STATE].update(shape=[7])), "damaged or no info"),
@@ -225,10 +211,6 @@ DAMAGES = {
     ),
     "no data": (lambda path: shutil.rmtree(path / "data"), r"no \.parquet in data/"),
     "no table": (_text("data/chunk-000/file-000.parquet", "PAR1"), "damaged, or not as"),
-    "other columns": (
-        info(lambda v: v["features"].update(action=v["features"].pop("action") | {"names": None})),
-        "action has no 'shoulder_pan'",
-    ),
 }
 
 
@@ -241,9 +223,7 @@ def test_a_damaged_dataset_is_one_clear_line(tmp_path: Path, damage: str) -> Non
     refuses(lambda: read_servo_logs([path], n)[0], says)
 
 
-@pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"a": 1}', '{"a": {"id": 1, "range_min": 5, "range_max": 5}}', "\0"]
-)
+@pytest.mark.parametrize("text", ["", "{}", '{"a": {"id": 1, "range_min": 5, "range_max": 5}}'])
 def test_a_damaged_calibration_is_one_clear_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "arm.json"
     path.write_text(text)

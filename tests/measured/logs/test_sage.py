@@ -116,7 +116,6 @@ def test_signed_torques_are_torques(tmp_path: Path) -> None:
 
 DAMAGES = {
     "no rows": ("state_motor.csv", "type,timestamp,positions\n", "no rows"),
-    "no lists": ("control.csv", "type,timestamp,positions\nC,0,0.5\nC,1,0.6\n", "line 2: no time"),
     "no time": ("control.csv", 'type,timestamp,positions\nC,x,"[1]"\n', "line 2: no time"),
     "no positions": ("control.csv", "type,timestamp\nC,1\n", "missing column 'positions'"),
     "other joints": ("control.csv", 'type,timestamp,positions\nC,0,"[1]"\n', "commands of 1 joint"),
@@ -125,7 +124,6 @@ DAMAGES = {
         'type,timestamp,positions\nC,0,"[1]"\nC,1,"[1, 2]"\n',
         "line 3: positions of other joints",
     ),
-    "deep": ("control.csv", f'type,timestamp,positions\nC,0,"{"[" * 50_000}"\n', "line 2: no time"),
     "bytes": ("state_motor.csv", "type,timestamp,positions\n\0\0", "no rows|no text|no time"),
     "a name too few": ("joint_list.txt", "a\nb\n", "2 names: expected those of 6"),
     "a pointer": (
