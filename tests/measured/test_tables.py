@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import stiction_envs.measured as measured
-from stiction_envs.dither.dither import Dither
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import (
     AmplitudeRow,
@@ -87,14 +86,10 @@ def test_other_line_ends_column_order_and_byte_order_mark(tmp_path):
 
 BAD_SJE = {
     "load": ("panda,3,up,-,30,0.7,-0.6,0.01,5,0.1", "line 2.*load 'up'.*load, no_load"),
-    "direction": ("panda,3,load,1,30,0.7,-0.6,0.01,5,0.1", r"direction '1'.*\+, -"),
-    "joint": ("panda,0,load,-,30,0.7,-0.6,0.01,5,0.1", "joint is 0.*from 1"),
     "joint float": ("panda,1.0,load,-,30,0.7,-0.6,0.01,5,0.1", "joint is '1.0'.*whole"),
     "iterations": ("panda,1,load,-,30,0.7,-0.6,0.01,0,0.1", "iterations is 0"),
     "tau": ("panda,1,load,-,30,0.7,nan,0.01,5,0.1", "tau_nm is 'nan'.*finite"),
     "std": ("panda,1,load,-,30,0.7,-0.6,-0.01,5,0.1", "std_nm is -0.01"),
-    "std inf": ("panda,1,load,-,30,0.7,-0.6,inf,5,0.1", "std_nm is 'inf'"),
-    "reduction": ("panda,1,load,-,30,0.7,-0.6,0.01,5,x", "reduction is 'x'"),
     "frequency": ("panda,1,load,-,0,0.7,-0.6,0.01,5,0.1", "frequency_hz is 0.0.*> 0"),
     "robot": (",1,load,-,30,0.7,-0.6,0.01,5,0.1", "robot is empty"),
     "columns": ("panda,1,load", "line 2: 3 values"),
@@ -110,17 +105,10 @@ def test_bad_sje(tmp_path, line, message):
 @pytest.mark.parametrize(
     "change",
     [
-        {"robot": ""},
         {"robot": " panda"},
         {"joint": 0},
-        {"load": "up"},
-        {"direction": "*"},
-        {"frequency_hz": 0.0},
         {"frequency_hz": math.nan},
-        {"amplitude_nm": -1.0},
         {"tau_nm": math.inf},
-        {"std_nm": -1.0},
-        {"iterations": 0},
         {"reduction": math.inf},
     ],
 )
@@ -157,13 +145,6 @@ def test_a_gate_of_nothing_is_no_gate(tmp_path, empty):
     assert gated.gate_velocity == 0.05
 
 
-def test_amplitudes_feed_dither(tmp_path):
-    path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm,offset_nm\n7,15,0.8,0.1\n")
-    d = Dither.from_table(read_amplitudes(path, n_joints=7), 2, 7)
-    assert d.amplitude[1, 6] == 0.8
-    assert d.torque(0.0)[0, 6] == 0.1
-
-
 def test_no_dither_on_a_joint_may_have_no_frequency(tmp_path):
     path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm\n7,0,0\n")
     assert read_amplitudes(path, n_joints=7, controller_rate_hz=200) == [AmplitudeRow(7, 0, 0)]
@@ -175,27 +156,19 @@ BAD_AMPLITUDES = {
     "missing column": ("joint,frequency_hz\n1,2\n", "missing column 'amplitude_nm'.*joint,freq"),
     "unknown column": ("joint,frequency_hz,amplitude_nm,f\n1,2,3,4\n", "column 'f'.*waveform,off"),
     "repeated column": ("joint,joint,frequency_hz,amplitude_nm\n1,1,2,3\n", "repeated column"),
-    "semicolons": ("joint;frequency_hz;amplitude_nm\n1;2;3\n", "missing column 'joint'"),
     "text": (HEAD + "1,15,0.5\n2,fast,0.5\n", "line 3: frequency_hz is 'fast'.*number"),
-    "empty number": (HEAD + "1,,0.5\n", "line 2: frequency_hz is ''"),
     "underscore": (HEAD + "1,1_5,0.5\n", "frequency_hz is '1_5'"),
     "nan": (HEAD + "1,15,nan\n", "amplitude_nm is 'nan'.*finite"),
-    "inf": (HEAD + "1,inf,0.5\n", "frequency_hz is 'inf'.*finite"),
-    "overflow": (HEAD + "1,1e999,0.5\n", "frequency_hz is '1e999'.*finite"),
     "duplicate joint": (HEAD + "1,15,0.5\n1,15,0.5\n", "line 3: joint 1 occurs twice"),
-    "joint 0": (HEAD + "0,15,0.5\n", "joint is 0.*1 to 7"),
     "joint 8": (HEAD + "8,15,0.5\n", "joint is 8.*1 to 7"),
-    "joint text": (HEAD + "J1,15,0.5\n", "joint is 'J1'.*1 to 7"),
     "negative amplitude": (HEAD + "1,15,-0.5\n", "amplitude_nm is -0.5.*>= 0"),
     "torque limit": (HEAD + "7,15,12.5\n", "amplitude_nm is 12.5.*joint 7, 12 N·m"),
     "limit and offset": (WIDE + "7,15,11,sine,-2\n", r"\|offset_nm\| is 13.*12 N·m"),
     "frequency 0": (HEAD + "1,0,0.5\n", "frequency_hz is 0.0.*> 0"),
-    "frequency negative": (HEAD + "1,-15,0.5\n", "frequency_hz is -15.0.*> 0"),
     "beyond the rate": (HEAD + "1,201,0.5\n", "line 2: .*201 Hz.*at most 200 Hz"),
     "waveform": (WIDE + "1,15,0.5,saw,0\n", "waveform 'saw'.*sine, square"),
     "offset": (WIDE + "1,15,0.5,sine,nan\n", "offset_nm is 'nan'"),
     "empty": ("", "empty file.*joint,frequency_hz,amplitude_nm"),
-    "blank": ("\n  \n", "empty file"),
     "no rows": (HEAD, "no rows below the header"),
     "not UTF-8": (b"joint,frequency_hz,amplitude_nm\n1,15,\xff\n", "byte 37 is not UTF-8"),
     "binary": (b"\x00\x01\x02", "expected"),
@@ -327,10 +300,7 @@ BAD_BASE = {
     "missing": ("", "27 of 28 base torques of panda: joint 5, no_load - missing"),
     "duplicate": (PANDA + "\n" + PANDA, r"line 5\d: joint 5, no_load - occurs twice"),
     "sign": ("panda,5,no_load,-,0.506", r"line \d+: joint 5, no_load -: .* 0.506 N·m: .*< 0"),
-    "zero": ("panda,5,no_load,-,0", "expected < 0"),
     "nan": ("panda,5,no_load,-,nan", "tau_base_Nm is 'nan'"),
-    "joint": ("panda,8,no_load,-,-1", "joint is 8.*1 to 7"),
-    "load": ("panda,5,none,-,-1", "load 'none'"),
     "direction": ("panda,5,no_load,x,-1", "direction 'x'"),
 }
 

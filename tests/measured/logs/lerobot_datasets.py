@@ -68,7 +68,6 @@ def write_dataset(
     action: Array | None,
     *,
     names: tuple[str, ...] = tuple(f"{x}.pos" for x in SO101),
-    action_names: tuple[str, ...] | None = None,
     episodes: tuple[int, ...] | None = None,
     fps: int = 30,
     robot: str | None = "so101_follower",
@@ -80,8 +79,7 @@ def write_dataset(
         folder: to make.
         state: ``observation.state`` (T, k).
         action: ``action`` (T, m), or None.
-        names: of the state's columns.
-        action_names: of the action's; None for the same.
+        names: of the columns.
         episodes: frames of each episode; None for one.
         fps: frames a second.
         robot: ``robot_type``.
@@ -92,8 +90,8 @@ def write_dataset(
     frame = np.concatenate([np.arange(k) for k in lengths])
     columns = {"observation.state": state, **({} if action is None else {"action": action})}
     features = {
-        key: {"dtype": "float32", "shape": [x.shape[1]], "names": list(of), "fps": fps}
-        for (key, x), of in zip(columns.items(), (names, action_names or names), strict=False)
+        key: {"dtype": "float32", "shape": [x.shape[1]], "names": list(names), "fps": fps}
+        for key, x in columns.items()
     }
     for key in ("timestamp", "frame_index", "episode_index", "index", "task_index"):
         dtype = "float32" if key == "timestamp" else "int64"
@@ -103,14 +101,7 @@ def write_dataset(
     info = {
         "codebase_version": version,
         "robot_type": robot,
-        "total_episodes": len(lengths),
-        "total_frames": len(state),
-        "total_tasks": 1,
-        "chunks_size": 1000,
-        "data_files_size_in_mb": 100,
-        "video_files_size_in_mb": 200,
         "fps": fps,
-        "splits": {"train": f"0:{len(lengths)}"},
         "data_path": f"data/{path}.parquet",
         "video_path": f"videos/{{video_key}}/{path}.mp4",
         "features": features,
