@@ -132,7 +132,8 @@ def measure(folder: Path) -> tuple[dict[str, dict[str, Array]], dict[str, Array]
     """Return per group of motions errors by model (n,) [mrad]; what is drawn."""
     path = robot_file("so101")
     arm = load_arm(path)
-    result = diagnose([folder / f"so101_{name}.csv.gz" for name in FITTED], robot=path, threads=1)
+    files = [folder / f"so101_{name}.csv.gz" for name in FITTED]
+    result = diagnose(files, robot=path, same_servo=True, threads=1)
     found = result.diagnosis
     assert isinstance(found, ServoDiagnosis)
     xml, p = result.extension.xml, found.parameters

@@ -250,18 +250,21 @@ class _Joints:
         return out
 
     def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
-        """Give joints that do not clearly sag the stiffness of the others, and say so."""
+        """Give joints that do not clearly sag a stiffness, and say so.
+
+        It is that of the other joints where all servos are the same.
+        """
         asked = self.settings.questions
-        stiffness = float(np.median(stiffnesses)) if stiffnesses else asked.unknown_stiffness
+        same = self.servo.same and bool(stiffnesses)
+        stiffness = float(np.median(stiffnesses)) if same else asked.unknown_stiffness
         for j in light:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             largest = float(np.abs(self.motions[j].gravity).max())
             seen = largest > asked.gravity_seen * self.resolution[j] * stiffness
-            self.scaled[j] = bool(stiffnesses) and bool(seen) and largest > asked.least_gravity
+            self.scaled[j] = same and bool(seen) and largest > asked.least_gravity
         without = [j for j in light if not self.scaled[j]]
         if without:
-            same = self.servo.same and stiffnesses
             said = "taken from the other joints" if same else "unknown"
             self.notes.append(
                 f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "

@@ -10,6 +10,7 @@ import pytest
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
+from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.example_command import log_csv
 from stiction_envs.hidden.servo_logs import CAUSES, HiddenServoLog, hide
@@ -113,6 +114,20 @@ def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(arm: Arm) -> None
     for j, found in stiffness.items():
         # links are off by 5 %, and set the scale
         assert found["stiffness_nm_per_rad"].value == pytest.approx(h.stiffness[j - 1], rel=0.25)
+
+
+def test_joints_without_gravity_get_the_others_stiffness_only_where_servos_are_the_same(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "turning.xml"
+    path.write_text(TWO_LINKS.replace('"shoulder" axis="0 1 0"', '"shoulder" axis="0 0 1"'))
+    arm = load_arm(path)
+    h = _hidden(arm, "coulomb_friction", seconds=20.0)
+    for same in (True, False):
+        d = diagnose_servo([h.log], arm, Servo(same=same))
+        upright, other = d.parameters[:, INDEX["stiffness"]]
+        assert upright == pytest.approx(other if same else 10.0, rel=0.01)
+        assert ("taken from the other joints" in d.notes[0]) == same
 
 
 def test_a_stretch_in_which_the_arm_is_held_is_left_out_and_named(arm: Arm) -> None:
