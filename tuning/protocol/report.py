@@ -1,26 +1,18 @@
-"""report.md: what was tuned, and the thesis's tables simulated and measured.
+"""report.md: what was tuned, and how it was verified.
 
 The text is in ``templates/``; this module makes its numbers and tables.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.friction.assumed import friction_note
-from stiction_envs.measured import (
-    BaseTable,
-    DitheredRow,
-    thesis_base,
-    thesis_dithered,
-    thesis_robots,
-    thesis_table,
-)
-from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.measured import BaseTable, DitheredRow, thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures
@@ -35,14 +27,6 @@ PLACE = "joint, pose, direction"
 
 def _name(c: Configuration) -> str:
     return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
-
-
-def _simulated(tuner: ThesisTuner, verified: Verified, row: DitheredRow) -> Measurement | None:
-    """Return what belongs to a row of Tables 4.5–4.8 and 4.10; None if it was not simulated."""
-    c = Configuration(row.joint, row.load, row.direction)
-    if row.table == "4.10":
-        return verified[row.amplitude_set].get(c)
-    return tuner.cells.get(tuner.job(c, row.frequency_hz, row.scale))
 
 
 def thesis_rows(tuner: ThesisTuner) -> list[DitheredRow]:
@@ -65,48 +49,12 @@ def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
     return table_text(header, rows)
 
 
-def _dithered(
-    number: str, rows: Sequence[DitheredRow], tuner: ThesisTuner, verified: Verified
-) -> dict[str, object]:
-    """One of Tables 4.5–4.8 and 4.10: a line per configuration, a column per setting."""
-    key = "amplitude_set" if number == "4.10" else "frequency_hz"
-    columns = list(dict.fromkeys(getattr(r, key) for r in rows))
-    lines: dict[Configuration, dict[str | float, str]] = {}
-    differences = []
-    for r in rows:
-        place = Configuration(r.joint, r.load, r.direction)
-        found = _simulated(tuner, verified, r)
-        cell = f"– / {signed(r.change_pct)}"
-        if found is not None:
-            simulated = change(found, tuner.base[place])
-            cell = f"{signed(found.mean, 3)} ({signed(simulated)})"
-            cell += f" / {signed(r.tau_sje_nm, 3)} ({signed(r.change_pct)})"
-            if not r.outlier:
-                differences.append(abs(simulated - r.change_pct))
-        lines.setdefault(place, {})[getattr(r, key)] = cell + (" †" if r.outlier else "")
-    names = [k if isinstance(k, str) else f"{k:g} Hz" for k in columns]
-    body = [[_name(c), *(cells.get(k, "") for k in columns)] for c, cells in lines.items()]
-    return {
-        "number": number,
-        "table": table_text([PLACE, *names], body),
-        "differences": differences,
-        "mean": float(np.mean(differences)) if differences else float("nan"),
-        "median": float(np.median(differences)) if differences else float("nan"),
-        "broken": any(r.outlier for r in rows),
-    }
-
-
-def _choices(tuner: ThesisTuner, choices: list[Choice], robot: str | None) -> str:
-    by_joint: dict[int, JsonRecord] = {}
-    if robot in thesis_robots("4.9"):
-        by_joint = {int(r["joint"]): r for r in thesis_table("4.9")}
+def _choices(tuner: ThesisTuner, choices: list[Choice]) -> str:
     header = ["joint", "f [Hz]", "scale", "intermediate: load +, −; no load +, − [N·m]"]
     header += ["final A [N·m]", "why"]
     servos = tuner.experiment.servos is not None
     if servos:
         header.append("A/K [mrad]")
-    if by_joint:
-        header += ["thesis: f [Hz], final A [N·m]"]
     rows = []
     for c in choices:
         cells = [str(c.row.joint), f"{c.row.frequency_hz:g}", f"{c.scale:g}"]
@@ -114,14 +62,11 @@ def _choices(tuner: ThesisTuner, choices: list[Choice], robot: str | None) -> st
         cells += [f"{c.row.amplitude_nm:.4f}", c.reason]
         if servos:
             cells.append(f"{1e3 * tuner.angle(c):.1f}")
-        if by_joint:
-            r = by_joint[c.row.joint]
-            cells += [f"{r['frequency_Hz']:g}, {abs(r['tau_final_Nm']):g}"]
         rows.append(cells)
     return table_text(header, rows)
 
 
-def _own_verification(tuner: ThesisTuner, verified: Verified) -> str:
+def _verification(tuner: ThesisTuner, verified: Verified) -> str:
     rows = []
     for c, base in tuner.base.items():
         found = [verified[kind][c] for kind in ("intermediate", "final")]
@@ -169,18 +114,15 @@ def write_report(
     """Write report.md and its plots; return the summary that ``--json`` prints."""
     sticking = tuner.experiment.sticking
     robot = sticking.arm.name
-    name, rows, measured = sticking.arm.registered_name, thesis_rows(tuner), table
-    if measured is None and name in thesis_robots():
-        measured = thesis_base(name)
     reductions = _reductions(tuner, verified["final"])
     mean = float(np.mean(list(reductions.values())))
-    numbers = list(dict.fromkeys(r.table for r in rows))
-    _draw(tuner.out / "frequency.png", figures.frequency, tuner, rows)
-    _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], rows)
-    worst = float("nan")
-    if measured is not None:
-        _draw(tuner.out / "base.png", figures.base, tuner, measured)
-        found = [m.mean / measured.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
+    thesis = thesis_rows(tuner)
+    _draw(tuner.out / "frequency.png", figures.frequency, tuner, thesis)
+    _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], thesis)
+    worst = None
+    if table is not None:
+        _draw(tuner.out / "base.png", figures.base, tuner, table)
+        found = [m.mean / table.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
     write_md_and_html(
         tuner.out,
@@ -194,16 +136,11 @@ def write_report(
         least=min(reductions, key=reductions.__getitem__),
         count=len(verified["final"]),
         caveats=_caveats(tuner, reductions, warnings),
-        choices=_choices(tuner, choices, name),
+        choices=_choices(tuner, choices),
         servos=tuner.experiment.servos is not None,
-        base=_base_table(tuner, measured),
-        measured=measured is not None,
-        own_verification="" if "4.10" in numbers else _own_verification(tuner, verified),
-        dithered=[
-            _dithered(n, [r for r in rows if r.table == n], tuner, verified)
-            for n in ("4.5", "4.6", "4.7", "4.8", "4.10")
-            if n in numbers
-        ],
+        base=_base_table(tuner, table),
+        measured=table is not None,
+        verification=_verification(tuner, verified),
         iterations=figures.iterations(tuner, verified["final"]),
     )
     return {
@@ -215,7 +152,7 @@ def write_report(
         ],
         "mean_reduction_percent": mean,
         "reduction_percent": reductions,
-        "largest_base_difference_percent": None if np.isnan(worst) else worst,
+        "largest_base_difference_percent": worst,
         "warnings": warnings,
         "report": str(tuner.out / "report.md"),
     }

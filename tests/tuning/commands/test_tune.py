@@ -85,21 +85,6 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     assert one.experiment.threads == 1
 
 
-def test_tune_by_force_starts_anew(cli, work, two, monkeypatch):
-    def killed(tuner, *_):
-        (tuner.out / "plots").mkdir()
-        (tuner.out / "plots" / "a.png").write_text("old")
-        raise RuntimeError("power went out")
-
-    monkeypatch.setattr(tuner, "run_protocol", killed)
-    ran = cli("tune", two, *TUNE, "--out", "t")
-    assert ran.code == 1
-    assert "RuntimeError: power went out" in ran.err
-    monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
-    assert cli("tune", two, *TUNE, "--seed", 2, "--out", "t", "--force").code == 0
-    assert {p.name for p in (work / "t").iterdir()} == {"provenance.json"}
-
-
 def test_a_scale_beyond_its_bounds_is_refused(refused, two):
     line = refused("tune", two, *TUNE[:-1], 7, "--out", "t")
     assert "scale 7.0: expected above 0 up to 5" in line

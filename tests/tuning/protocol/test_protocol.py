@@ -1,10 +1,5 @@
 from __future__ import annotations
 
-import json
-import shutil
-import sqlite3
-from pathlib import Path
-
 import numpy as np
 import optuna
 import pytest
@@ -14,8 +9,6 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
 from tests.servo_arm import servo_arm
 from tests.tuning.conftest import small
-from tests.tuning.study.searches import killed, run_to_its_end, tune_small
-from tuning.protocol import figures
 from tuning.protocol.rules import final_amplitude, frequencies_of
 from tuning.protocol.tune import tune
 from tuning.settings import tuning_settings
@@ -68,12 +61,6 @@ def first(tmp_path_factory):
     return folder / "out", run(*small(folder), folder / "out")
 
 
-@pytest.fixture
-def whole(first, tmp_path) -> Path:
-    """A copy of the folder of a whole run."""
-    return Path(shutil.copytree(first[0], tmp_path / "whole"))
-
-
 @pytest.mark.slow
 def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_path):
     whole = tmp_path / "whole"
@@ -99,86 +86,12 @@ def test_interrupted_anywhere_it_goes_on_to_the_same_bits(small_arm, fast, tmp_p
     }
 
 
-@pytest.mark.slow
-def test_killed_at_random_moments_it_gives_the_same_files(small_arm, tmp_path):
-    """kill −9 of the real process, from the first measurement to the last plot."""
-    model = str(tmp_path / "small.xml")
-
-    def begin(folder):
-        return tune_small, (model, None, folder)
-
-    def made(folder):
-        return (
-            contents(folder),
-            studies(folder),
-            {p.relative_to(folder) for p in folder.rglob("*")},
-        )
-
-    whole = tmp_path / "whole"
-    run_to_its_end(begin, whole)
-    expected = made(whole)
-
-    def finished(folder):
-        assert made(folder) == expected
-
-    killed(begin, finished, tmp_path, times=8, within=(0.1, 2.5), seed=5)
-
-
-@pytest.mark.slow
-def test_the_studies_are_the_record(small_arm, fast, whole):
-    """Tables follow from the trials alone: a value that is changed there is found in them."""
-    out = whole
-    before = contents(out)
-    with sqlite3.connect(out / "optuna.db") as database:
-        query = "UPDATE trial_user_attributes SET value_json = ? WHERE trial_user_attribute_id = ?"
-        rows = database.execute(
-            "SELECT trial_user_attribute_id, value_json FROM trial_user_attributes "
-            "WHERE key = 'load+'"
-        ).fetchall()
-        for place, text in rows:
-            data = json.loads(text)
-            data["tau"] = [1.5 * x for x in data["tau"]]
-            database.execute(query, (json.dumps(data), place))
-    (out / "frequency.png").unlink()
-    run(small_arm, fast, out)
-    after = contents(out)
-    # 1.5 times the base asks for other amplitudes in the grid, which are not those measured
-    assert all(before[f"{name}.csv"] != after[f"{name}.csv"] for name in ("base", "scale"))
-
-
-def test_what_was_drawn_is_not_drawn_again(small_arm, fast, whole, monkeypatch):
-    out = whole
-    before = contents(out)
-    drawn = []
-    draw = figures.save_full
-    monkeypatch.setattr(figures, "save_full", lambda f, path: drawn.append(path) or draw(f, path))
-    (out / "verification.png").unlink()
-    (out / "report.md").unlink()
-    run(small_arm, fast, out)
-    assert [path.name for path in drawn] == ["verification.png"]
-    assert contents(out) == before
-
-
-@pytest.mark.parametrize(
-    "storage", ["postgresql://tuner:s3cret@127.0.0.1:1/x", "sqlite:////nowhere/x.db", "x.txt"]
-)
-def test_a_storage_that_cannot_be_opened_leaves_no_folder(small_arm, fast, tmp_path, storage):
+def test_a_storage_that_cannot_be_opened_leaves_no_folder(small_arm, fast, tmp_path):
+    storage = "postgresql://tuner:s3cret@127.0.0.1:1/x"
     with pytest.raises(StictionError, match="storage") as caught:
-        run(small_arm, fast, tmp_path / "out", storage=storage, table=None)
+        run(small_arm, fast, tmp_path / "out", storage=storage)
     assert "s3cret" not in str(caught.value)
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.slow
-def test_a_journal_holds_the_studies_too(small_arm, fast, tmp_path):
-    place = str(tmp_path / "study.journal")
-    found = run(small_arm, fast, tmp_path / "a", storage=place)
-    assert not (tmp_path / "a" / "optuna.db").exists()
-    again = run(small_arm, fast, tmp_path / "b", storage=place)
-    assert again.final == found.final
-    with pytest.raises(StictionError, match="was made with other friction, bounds"):
-        run(small_arm, fast, tmp_path / "c", storage=place, seed=1)
-    assert not (tmp_path / "c").exists()
 
 
 def test_the_tables_are_consistent(first):

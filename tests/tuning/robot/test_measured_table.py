@@ -17,7 +17,6 @@ BOUNDS = Bounds(
     frequency_hz=np.array([[15.0, 80.0], [20.0, 60.0]]),
     torque_rate=np.array([100.0, np.inf]),
     offset_nm=np.zeros(2),
-    gate_rad_s=(0.01, 1.0),
     forbidden_hz=((), ((35.0, 45.0),)),
     displacement_rad=np.full(2, np.nan),
     vibration_m=(np.nan, np.nan),

@@ -16,7 +16,6 @@ from tuning.robot.next_setting import (
     expected_improvement,
     may_stop,
     next_settings,
-    open_settings,
 )
 from tuning.robot.posterior import Posterior, discrepancy_kernel, posterior_of
 from tuning.robot.prediction import grid
@@ -37,10 +36,6 @@ def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
     return Posterior(
         mean=mean, covariance=covariance, cell_mean=cells, cell_sd=cells, eligible=every
     )
-
-
-def test_the_simulations_best_comes_first():
-    assert next_settings(joint(PREDICTED), NOTHING) == [4]
 
 
 def test_every_setting_is_asked_for_once():
@@ -70,12 +65,6 @@ def test_a_failed_setting_is_neither_asked_again_nor_chosen():
     # measured again, and this time it moved
     again = readings.with_rows([(4, 1, 0.5), (4, 2, 0.5), (4, 3, 0.5)])
     assert best_measured(posterior_of(c, again), again) == 4
-
-
-def test_a_half_measured_setting_is_still_open():
-    readings = Readings.of([(0, 0, 0.8), (0, 1, 0.8)])
-    assert open_settings(readings, np.ones(5, dtype=bool))[0]
-    assert best_measured(posterior_of(joint(PREDICTED), readings), readings) is None
 
 
 def test_what_is_not_eligible_is_only_learnt_from():
@@ -109,10 +98,6 @@ def test_chance_of_better_by_hand():
     assert not may_stop(posterior, readings)
     sure = dataclasses.replace(posterior, mean=np.array([0.9, 0.97]))
     assert may_stop(sure, readings)
-
-
-def test_it_does_not_stop_before_anything_is_measured():
-    assert not may_stop(posterior_of(joint(PREDICTED), NOTHING), NOTHING)
 
 
 def test_stopping_keeps_its_promise():
@@ -152,7 +137,6 @@ def joint_bounds(draw):
         frequency_hz=np.array([[low, high]]),
         torque_rate=np.array([rate]),
         offset_nm=np.zeros(1),
-        gate_rad_s=(0.01, 1.0),
         forbidden_hz=(bands,),
         displacement_rad=np.array([np.nan]),
         vibration_m=(np.nan, np.nan),

@@ -23,14 +23,6 @@ def test_nothing_measured_is_the_simulation():
     np.testing.assert_allclose(posterior.sd, np.sqrt(alone))
 
 
-def test_readings_without_noise_are_believed():
-    truth = np.random.default_rng(0).uniform(0.5, 1.0, (5, 4))
-    exact = dataclasses.replace(S, noise=1e-5)
-    posterior = posterior_of(joint(PREDICTED), read(truth, [0, 1, 2, 3, 4]), exact)
-    # a cell has no error of its own, so that readings can ask for more than it can follow
-    np.testing.assert_allclose(posterior.mean, truth.mean(axis=1), atol=1e-6)
-
-
 def test_one_reading_by_hand():
     """Gain k/(k + σ²) of one cell's discrepancy (Rasmussen & Williams 2.25)."""
     posterior = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.80)]))
@@ -48,13 +40,6 @@ def test_a_common_error_decides_nothing():
     assert (posterior.mean[[0, 2, 4]] > PREDICTED[[0, 2, 4]] + 0.05).all()
 
 
-def test_what_is_far_away_is_corrected_less():
-    f = np.array([15.0, 16.0, 78.0])
-    posterior = posterior_of(joint(np.full(3, 0.9), f), read(np.full((3, 4), 0.7), [0]))
-    assert posterior.mean[0] < posterior.mean[1] < posterior.mean[2] < 0.9
-    assert posterior.sd[0] < posterior.sd[1] < posterior.sd[2]
-
-
 def test_advantage_knows_what_two_settings_share():
     posterior = posterior_of(joint(PREDICTED), NOTHING)
     mean, sd = posterior.advantage(1)
@@ -63,19 +48,6 @@ def test_advantage_knows_what_two_settings_share():
     assert (sd[[0, 2, 3, 4]] < np.sqrt(2) * posterior.sd[0]).all()
     # far apart only the setting's and the shape's own parts differ
     assert sd.max() <= np.sqrt(2 * (S.setting**2 + S.shape**2)) + 1e-12
-
-
-def test_failed_readings_say_nothing():
-    one = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.5), (1, 0, float("nan"))]))
-    other = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.5)]))
-    np.testing.assert_array_equal(one.mean, other.mean)
-
-
-def test_repeats_narrow_the_belief():
-    once = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.8)]))
-    often = posterior_of(joint(PREDICTED), Readings.of([(0, 0, 0.8)] * 6))
-    assert often.cell_sd[0, 0] < once.cell_sd[0, 0]
-    assert abs(often.cell_mean[0, 0] - 0.8) < abs(once.cell_mean[0, 0] - 0.8)
 
 
 def test_the_interval_holds_what_it_says():

@@ -54,15 +54,6 @@ def test_every_candidate_keeps_the_limit_and_the_best_come_near_it(bounds):
     assert len(np.unique(c.frequency_hz)) == S.frequencies, "a slow one lost all its amplitudes"
 
 
-def test_without_a_limit_there_is_no_second_pass(bounds):
-    springs = Springs(bounds, np.inf)
-    found = predict(springs, S)
-    assert springs.ran == sum(map(len, found.values()))
-    c = found[1]
-    assert len(c) == S.frequencies * S.amplitudes
-    assert c.amplitude_nm.max() == bounds.largest(1, 15.0)
-
-
 def test_a_limit_that_leaves_nothing_is_said(bounds):
     high = dataclasses.replace(bounds, amplitude_nm=np.array([[1.0, 2.0]] * 7))
     with pytest.raises(StictionError, match="joint 1: no setting within the bounds keeps to"):

@@ -12,7 +12,6 @@ from stiction_envs.measured import read_amplitudes
 from tests.tuning.conftest import small
 from tuning.robot.robot_study import measured_trials
 from tuning.robot.session import Session
-from tuning.study.record import Record
 
 SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
 COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
@@ -130,29 +129,6 @@ def test_the_same_table_told_twice_counts_once(session):
     assert len(trials(arm, options)) == 4
 
 
-def test_killed_while_telling_it_goes_on_to_the_same_files(session, tmp_path, monkeypatch):
-    arm, options, _ = session
-    torn = {**options, "out": tmp_path / "torn"}
-    shutil.copytree(options["out"], torn["out"])
-    table = fill(options["out"])
-    tell(arm, table, **options)
-    add, count = Record.add, [0]
-
-    def killed(self, trial):
-        count[0] += 1
-        if count[0] == 3:
-            raise KeyboardInterrupt
-        add(self, trial)
-
-    monkeypatch.setattr(Record, "add", killed)
-    with pytest.raises(KeyboardInterrupt):
-        tell(arm, table, **torn)
-    monkeypatch.undo()
-    assert tell(arm, table, **torn).told == 2
-    assert contents(torn["out"]) == contents(options["out"])
-    assert trials(arm, torn) == trials(arm, options)
-
-
 def test_a_setting_that_was_not_asked_for_counts_too(session):
     arm, options, state = session
     c = state.joints[0].candidates
@@ -221,16 +197,6 @@ def test_another_robots_study_is_refused(session, tmp_path):
     with pytest.raises(StictionError, match=r"study .*: is of robot small: expected panda"):
         ask("panda", out=tmp_path / "panda", storage=url, study="small-robot")
     assert not (tmp_path / "panda").exists()
-
-
-def test_other_settings_are_another_run(session, tmp_path):
-    arm, options, _ = session
-    other = {**options, "settings": {**SETTINGS, "robot.amplitudes": 3}}
-    with pytest.raises(StictionError, match="a run of stiction tune"):
-        ask(arm, **other)
-    url = f"sqlite:///{options['out'] / 'study.db'}"
-    with pytest.raises(StictionError, match="was made with other friction, bounds, settings"):
-        ask(arm, **{**other, "out": tmp_path / "new"}, storage=url)
 
 
 def test_force_does_not_wipe_what_was_told(session):

@@ -17,13 +17,3 @@ def test_the_first_is_the_models_own_and_the_others_spread_about_it():
         assert np.all(np.abs(np.log(ratio).mean(axis=0)) < 0.02)
     up, down = (np.array([p.stiction[:, k] for p in drawn[1:]]) for k in (0, 1))
     assert np.allclose(up / down, nominal.stiction[:, 0] / nominal.stiction[:, 1])
-
-
-def test_same_seed_same_frictions():
-    nominal = SingleJointExperiment("panda").sticking.parameters
-    a, b = (frictions(nominal, 3, spread=0.1, seed=5) for _ in range(2))
-    c = frictions(nominal, 3, spread=0.1, seed=6)
-    assert np.array_equal(a[2].stiction, b[2].stiction)
-    assert not np.array_equal(a[2].stiction, c[2].stiction)
-    more = frictions(nominal, 5, spread=0.1, seed=5)
-    assert np.array_equal(a[2].rotor_inertia, more[2].rotor_inertia)

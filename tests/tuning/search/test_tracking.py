@@ -78,16 +78,6 @@ def test_errors_are_those_of_the_experiment(make, experiment):
     assert by["resting_position"][0] == pytest.approx(ratio[-1])
 
 
-def test_an_outcome_does_not_depend_on_the_batch(make):
-    objective = make()
-    rng = np.random.default_rng(0)
-    space = objective.space()
-    settings = [{k: float(rng.uniform(d.low, d.high)) for k, d in space.items()} for _ in range(3)]
-    together = objective.evaluate([(0, s) for s in settings])
-    alone = [objective.evaluate([(0, s)])[0] for s in settings]
-    assert together == alone
-
-
 def test_forbidden_bands_are_not_simulated(make):
     bounds = bounds_of(SingleJointExperiment("panda"))
     band = ((20.0, 30.0),)

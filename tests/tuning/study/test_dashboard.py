@@ -38,11 +38,10 @@ def get(app, path):
     return body
 
 
-@pytest.mark.parametrize("place", ["sqlite:///{}/study.db", "{}/study.journal"])
-def test_the_dashboard_shows_studies_and_trials(place, tmp_path):
+def test_the_dashboard_shows_studies_and_trials(tmp_path):
     from optuna_dashboard import wsgi
 
-    place = place.format(tmp_path)
+    place = f"sqlite:///{tmp_path}/study.db"
     searches = [search(place, name, evaluations=6) for name in ("random", "tpe")]
     run(searches, evaluate)
     storage = open_storage(place)

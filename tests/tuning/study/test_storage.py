@@ -16,7 +16,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 from tests.tuning.study.searches import evaluate, search, trials
 from tuning.settings import tuning_settings
 from tuning.study.record import run
-from tuning.study.storage import is_shared, open_storage, shown, storage_file
+from tuning.study.storage import is_shared, open_storage, storage_file
 
 SECRET = "gr4vel"
 
@@ -80,12 +80,6 @@ def test_a_file_that_is_no_database_stays(tmp_path):
     assert file.read_text() == "robot,joint\n" * 100
 
 
-def test_what_may_be_shown():
-    url = f"postgresql://tuner:{SECRET}@host:5432/name?password={SECRET}"
-    assert shown(url) == "postgresql+psycopg://tuner:***@host:5432/name"
-    assert shown("a.journal") == "a.journal"
-
-
 def test_only_a_server_is_shared(tmp_path):
     assert is_shared("postgresql+psycopg://host/name")
     assert not is_shared("sqlite:///study.db")
@@ -106,7 +100,7 @@ def journal(tmp_path):
     return file
 
 
-@pytest.mark.parametrize("end", [-1, -2, -40, -300])
+@pytest.mark.parametrize("end", [-1, -300])
 def test_a_half_written_last_line_is_dropped_and_evaluated_again(journal, end):
     """Power that fails while the last trial is written, down to the missing end of its line."""
     whole = journal.read_bytes()
@@ -146,21 +140,6 @@ def test_operations_without_their_fields_are_refused(journal):
     with journal.open("a") as file:
         file.write('{"op_code": 0, "worker_id": "other"}\n')
     assert "its lines are no operations of Optuna" in refused(journal)
-
-
-def test_a_log_of_something_else_is_not_repaired(tmp_path):
-    file = tmp_path / "robot.log"
-    file.write_text("moved joint 1")
-    assert "line 1 is damaged" in refused(file)
-    assert file.read_text() == "moved joint 1"
-
-
-def test_the_first_line_may_be_torn_too(tmp_path):
-    file = tmp_path / "study.journal"
-    file.write_text('{"op_co')
-    with pytest.warns(UserWarning, match="half-written"):
-        run([search(file, "random", evaluations=2)], evaluate)
-    assert len(search(file, "random").record.trials) == 2
 
 
 def test_a_full_database_says_so_and_goes_on_with_room(tmp_path):
