@@ -45,8 +45,8 @@ ALWAYS = ("mujoco", "numpy", "scipy")
 PACKAGES = ("numba", "pin")
 """Packages that also decide episodes and diagnoses."""
 EPISODES = (
-    *(f"stiction_envs/{place}" for place in MADE_BY),
-    *("!stiction_envs/reporting", "!stiction_envs/experiments/*/plots.py"),
+    *(f"stiction_envs/{place}" for place in (*MADE_BY, "envs")),
+    *("!stiction_envs/envs/render", "!stiction_envs/experiments/*/plots.py"),
 )
 """Code of the package that decides an episode, without the code that only shows it."""
 LOGS = tuple(
