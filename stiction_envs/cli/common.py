@@ -387,11 +387,6 @@ def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) 
     from stiction_envs.reporting.provenance import provenance
 
     recorded = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}
-    for later in ("chain", "drive", "units", "calibration", "engine", "kind"):
-        if recorded.get(later, ()) is None:
-            del recorded[later]  # so that digests are those of versions without it
-    if recorded.get("sensing") == IDEAL:
-        del recorded["sensing"]  # likewise
     return provenance(
         args.command,
         recorded,

@@ -37,6 +37,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
     parser.add_argument(
         "--engine",
+        default="mujoco",
         metavar="NAME",
         help="where the joints are tested: mujoco (default), or one of the extras warp, mjx and "
         "newton; there a robot's name means what `stiction export ROBOT --engine NAME` writes",
@@ -54,7 +55,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         result = conformance(
             args.robot,
             args.stiction,
-            engine=args.engine or "mujoco",
+            engine=args.engine,
             chain=args.chain,
             threads=args.threads,
             progress=lambda k, n: progress.set("conformance", k, n),

@@ -34,6 +34,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
     parser.add_argument(
         "--engine",
+        default="mujoco",
         metavar="NAME",
         help="that must read it: mujoco (default), warp, mjx (frictionloss only) or newton "
         "(dcmotors driven by voltage)",
@@ -54,13 +55,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     from stiction_envs.experiments.engines import ENGINES
     from stiction_envs.friction.export import export, friction_in
 
-    if (engine := args.engine or "mujoco") not in ENGINES:
-        raise unknown("engine", engine, ENGINES)
+    if args.engine not in ENGINES:
+        raise unknown("engine", args.engine, ENGINES)
     args.friction, args.kind = _friction(args.friction)
     arm = common.read_arm(args)
-    motor = ENGINES[engine].motor
+    motor = ENGINES[args.engine].motor
     if args.kind == "dcmotor" and motor is None:
-        raise StictionError(f"engine {engine} has no dcmotor: expected --friction frictionloss")
+        raise StictionError(
+            f"engine {args.engine} has no dcmotor: expected --friction frictionloss"
+        )
     if args.source is not None:
         if args.friction is not None:
             raise StictionError("--from and --friction both name the friction: expected one")

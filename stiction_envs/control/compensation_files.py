@@ -35,8 +35,6 @@ OPTIONAL = (
     *dict.fromkeys(field.column for law in LAWS.values() for field in law.fields),
 )
 _ENDS = (".csv", ".yaml", ".yml")
-_OLD = {"feedforward": ("error_rad",)}
-"""Columns that tables of a law had before and that say nothing."""
 
 
 def is_file(text: str | Path) -> bool:
@@ -75,7 +73,7 @@ def read_compensation(
             raise line.error(f"joint {joint} is there twice: expected one line per joint")
         seen.add(joint)
         for column, text in line.fields.items():
-            if column in ("joint", KIND) or column in _OLD.get(kind, ()):
+            if column in ("joint", KIND):
                 continue
             if column not in columns:
                 raise line.error(f"{column}: {kind} has none: expected {', '.join(columns)}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import yaml
@@ -85,14 +83,6 @@ def test_missing_numbers_are_the_defaults(tmp_path):
     assert c.gain == (0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.5)
     assert c.speed == (usual.speed[0], 0.1, *usual.speed[2:])
     assert (c.error, c.load) == (usual.error, usual.load)
-
-
-def test_tables_of_before_are_read(tmp_path):
-    """A feedforward's table had an error, which says nothing."""
-    path = tmp_path / "c.csv"
-    path.write_text("joint,gain_nm,speed_rad_s,error_rad\n1,1.0,0.1,0.002\n")
-    c = read_compensation(path, "feedforward", 2)
-    assert dataclasses.asdict(c)["speed"] == (0.1, 0.025)
 
 
 @pytest.mark.parametrize(
