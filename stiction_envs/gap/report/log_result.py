@@ -121,7 +121,6 @@ class LogDiagnosis(DiagnosisResult):
             forward=self.forward,
             check=self.check,
             left_out=self.left_out_motion,
-            threads=self.threads,
         )
 
     def series(self) -> Series:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,6 @@ from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
 from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
-from stiction_envs.reporting.shared_work import shared
 
 Array = NDArray[np.float64]
 
@@ -124,10 +122,9 @@ def log_page(
     forward: ForwardValidation | str,
     check: Check | None = None,
     left_out: LeftOutMotion | None = None,
-    threads: int = 0,
 ) -> dict[str, object]:
     """Draw the pictures of a report of logs into ``plots``; return its template's variables."""
-    pictures = _drawn(d, plots, forward, check, threads)
+    pictures = _drawn(d, plots, forward, check)
     page: dict[str, object] = {}
     if isinstance(forward, ForwardValidation):
         page["forward_errors"] = _forward_errors(forward)
@@ -165,24 +162,22 @@ def log_page(
 
 
 def _drawn(
-    d: Diagnosis, plots: Path, forward: ForwardValidation | str, check: Check | None, threads: int
+    d: Diagnosis, plots: Path, forward: ForwardValidation | str, check: Check | None
 ) -> dict[str, Picture]:
     """Draw all pictures of a report of logs; return them by name, those of causes by the cause."""
     caption = "Root mean square residual on data that was not fitted."
     summary = (d.nominal_rms, d.extended_rms, d.noise, plots / "summary.png")
     joints = JointPictures(d)
-    jobs: dict[str, Callable[[], Picture]] = {
-        "summary": partial(draw_summary, *summary, "held-out residual [N·m]", caption)
-    }
+    out = {"summary": draw_summary(*summary, "held-out residual [N·m]", caption)}
     for j in range(1, d.data.n + 1):
-        jobs[f"joint {j}"] = partial(joints.draw, j - 1, plots / f"joint_{j}.png")
+        out[f"joint {j}"] = joints.draw(j - 1, plots / f"joint_{j}.png")
     if isinstance(forward, ForwardValidation):
-        jobs["forward"] = partial(draw_forward, forward, plots / "forward.png")
+        out["forward"] = draw_forward(forward, plots / "forward.png")
     if check is not None:
-        jobs["check"] = partial(draw_check, check, plots / "check.png")
+        out["check"] = draw_check(check, plots / "check.png")
     for c in d.causes:
-        jobs[c.name] = partial(draw_cause, d, c, plots / f"cause_{c.name}.png")
-    return dict(zip(jobs, shared(list(jobs.values()), threads), strict=True))
+        out[c.name] = draw_cause(d, c, plots / f"cause_{c.name}.png")
+    return out
 
 
 def _links(links: LinkErrors) -> str:
