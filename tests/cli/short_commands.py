@@ -75,7 +75,6 @@ SLOW = {
     ),
     "evaluate": Command(f"evaluate panda sje --policy none --episodes 2 {EPISODES}"),
     "tune": Command(TUNE, True),
-    "tune journal": Command(f"{TUNE} --storage study.journal", True),
     "search": Command(f"{SEARCH} --sampler random --evaluations 2", True),
     "ask": Command(f"{SEARCH} --ask", True),
     "tell": Command(f"{SEARCH} --tell {{told.csv}} --ask", True),

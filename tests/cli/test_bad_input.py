@@ -189,7 +189,7 @@ BAD = {
         "--objective gte --bounds {bounds_slow.toml}": "15 Hz",
         "--limit nowhere.csv": "nowhere.csv",
         "--beside {strong.csv}": "torque limit",
-        "--storage study.txt": "study.txt",
+        "--storage study.txt": "expected a URL",
         "--storage postgresql+psycopg://me:secret@127.0.0.1:1/none": (
             "storage postgresql+psycopg://me:***@127.0.0.1:1/none"
         ),

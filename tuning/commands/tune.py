@@ -81,7 +81,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser.add_argument(
         "--storage",
         metavar="URL",
-        help="study: sqlite:///FILE, FILE.journal, or postgresql+psycopg://USER:PASSWORD@HOST/DB, "
+        help="study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB, "
         "which machines share (default: a file in --out)",
     )
     parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")

@@ -130,7 +130,6 @@ def tune(
     seed: int = 0,
     storage: str | None = None,
     study: str | None = None,
-    sampler: str = "grid",
     friction: Friction | None = None,
     sensing: SensingLike = "ideal",
     drive: str | None = None,
@@ -158,7 +157,6 @@ def tune(
         seed: seed of the scatter.
         storage: Optuna storage URL; None for a SQLite file in ``out``.
         study: prefix of the studies' names; None for the arm's name.
-        sampler: "grid": the protocol is a grid.
         friction: parameters to start from, or their TOML; None for the robot's own.
         sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
         drive: "torque", or "position": servos, as of `SingleJointExperiment`; they also write
@@ -173,8 +171,6 @@ def tune(
         StictionError: bad input, or an output folder of another run; nothing was written.
         ExperimentError: a joint that sticks, a calibration that does not converge.
     """
-    if sampler != "grid":
-        raise StictionError(f"sampler {sampler!r} with protocol 'thesis': expected grid")
     experiment = SingleJointExperiment(
         robot,
         friction=friction,

@@ -94,11 +94,3 @@ def chance_of_better(
     drawn = posterior.mean[at] + normal @ (vectors * np.sqrt(np.maximum(values, 0.0))).T
     better = drawn[:, -1] - drawn[:, :-1].min(axis=1) > s.tolerance
     return float(better.mean())
-
-
-def may_stop(
-    posterior: Posterior, readings: Readings, settings: RobotSettings | None = None
-) -> bool:
-    """Return whether `chance_of_better` is small enough to stop."""
-    s = settings or tuning_settings().robot
-    return chance_of_better(posterior, readings, s) < 1.0 - s.confidence

@@ -86,8 +86,6 @@ class Posterior:
     """(S, S) covariance of these means [-]."""
     cell_mean: Array
     """(S, 4) mean of each configuration [-]."""
-    cell_sd: Array
-    """(S, 4) standard deviation without measuring noise [-]."""
     eligible: NDArray[np.bool_]
     """(S,) as in the candidates."""
 
@@ -134,6 +132,5 @@ def posterior_of(
         mean=mean.mean(axis=1),
         covariance=blocks.mean(axis=(1, 3)),
         cell_mean=mean,
-        cell_sd=np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(cells),
         eligible=candidates.eligible,
     )

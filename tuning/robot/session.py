@@ -75,7 +75,7 @@ class Session:
             out: output folder; None for ``runs/ask-ROBOT``.
             force: whether the files of *another* run in it are replaced; a session's own are kept.
             seed: of the simulations.
-            storage: URL or journal file of the study; None for a SQLite file in ``out``.
+            storage: URL of the study; None for a SQLite file in ``out``.
             study: name of the study; None for ``ROBOT-robot``.
             friction: friction of the arm, or its TOML; None for the robot's own.
             protocol: protocol of the simulated SJE; None for the robot's.

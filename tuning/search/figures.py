@@ -1,13 +1,11 @@
-"""Plots of a search: landscape, front, history, importance, comparison of tables."""
+"""Plots of a search: landscape, front, history, comparison of tables."""
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import optuna
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -22,7 +20,7 @@ from tuning.study.record import Record
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 COLOURS = ("#c0285f", "#d1701a", "#2b7bba", "#4a9a4a", "#8c6bb1", "#8a5a2b", "#1a7a6a", "#555555")
 LEAST = 8
-"""Fewest trials for a landscape or for importances (assumed)."""
+"""Fewest trials for a landscape (assumed)."""
 
 
 def _joints(n: int, width: float = 3.4, height: float = 3.0) -> tuple[Figure, list[Axes]]:
@@ -143,33 +141,6 @@ def history(records: Mapping[str, Sequence[Record]], path: Path) -> None:
         axis.set(xlabel="trials", ylabel=labels[stage], title=stage.upper())
         axis.grid(alpha=0.3)
         axis.legend(frameon=False, fontsize=8)
-    save_full(figure, path)
-
-
-def importance(records: Mapping[str, Sequence[Record]], path: Path) -> None:
-    """Draw how much each parameter contributes to a value (PED-ANOVA), a bar per parameter."""
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axis = figure.subplots()
-    names, shares = [], []
-    for stage, group in records.items():
-        for k, record in enumerate(group):
-            kept = complete(record.trials)
-            if len(kept) < LEAST:
-                continue
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
-                found = optuna.importance.get_param_importances(
-                    record.study,
-                    evaluator=optuna.importance.PedAnovaImportanceEvaluator(),
-                    target=lambda trial: float(trial.values[0]),
-                )
-            for name, share in found.items():
-                names.append(f"joint {k + 1}: {name}" if stage == "sje" else name)
-                shares.append(share)
-    axis.barh(np.arange(len(names)), shares, color=COLOURS[2])
-    axis.set_yticks(np.arange(len(names)), names, fontsize=7)
-    axis.invert_yaxis()
-    axis.set(xlabel="importance [1]", title="What decides the value (PED-ANOVA)")
     save_full(figure, path)
 
 

@@ -168,7 +168,6 @@ def _draw(found: Stages, searched: Records, folder: Path, verified: Verified) ->
             found.records["sje"], list(found.limit["sje"]), verified, folder / "displacement.png"
         )
     figures.history(searched, folder / "history.png")
-    figures.importance(searched, folder / "importance.png")
     if found.options.pareto is not None:
         figures.pareto(searched, found.options.pareto, folder / "pareto.png")
     if verified.tracking:

@@ -88,7 +88,7 @@ def search(
             comparison.csv, report.md, plots, study.db. None for ``runs/search-ROBOT``.
         force: whether the files of another run in it are replaced.
         seed: of scatter, drawn frictions and samplers.
-        storage: URL or journal file of the study; None for a SQLite file in ``out``.
+        storage: URL of the study; None for a SQLite file in ``out``.
         study: prefix of the studies' names; None for the arm's name.
         friction: of the arm, or its TOML; None for the robot's own.
         sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.

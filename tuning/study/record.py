@@ -22,7 +22,6 @@ import optuna
 from optuna.distributions import BaseDistribution
 from optuna.exceptions import StorageInternalError
 from optuna.samplers import BaseSampler
-from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -79,7 +78,7 @@ class Record:
         """Open the study, or create it.
 
         Args:
-            storage: URL or file of `storage.open_storage`.
+            storage: URL of `storage.open_storage`.
             name: name of the study.
             objectives: number of values of a trial, all minimised.
             about: what defines the search; a study about something else is not continued.
@@ -100,7 +99,12 @@ class Record:
         definition = json.dumps([objectives, about], sort_keys=True, default=str)
         fingerprint = hashlib.sha256(definition.encode()).hexdigest()
         try:
-            self.study = _study(opened, name, objectives)
+            self.study = optuna.create_study(
+                study_name=name,
+                storage=opened,
+                directions=["minimize"] * objectives,
+                load_if_exists=True,
+            )
             known = self.study.user_attrs.get("fingerprint")
             if known is None and not self.study.get_trials(deepcopy=False):
                 for key in SHOWN:
@@ -143,19 +147,6 @@ class Record:
         """
         with writing(self.place):
             self.study.add_trial(trial)
-
-
-def _study(storage: BaseStorage, name: str, objectives: int) -> optuna.Study:
-    try:
-        # `create_study` alone writes to a journal even if the study exists
-        return optuna.load_study(study_name=name, storage=storage)
-    except KeyError:
-        return optuna.create_study(
-            study_name=name,
-            storage=storage,
-            directions=["minimize"] * objectives,
-            load_if_exists=True,
-        )
 
 
 def has_outcome(trial: FrozenTrial) -> bool:

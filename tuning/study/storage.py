@@ -1,56 +1,38 @@
-"""Where studies are kept: a SQLite file, a journal, or a database that machines share."""
+"""Where studies are kept: a SQLite file, or a database that machines share."""
 
 from __future__ import annotations
 
 import fcntl
-import json
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import IO
 
 import optuna
-from optuna.storages import (
-    BaseStorage,
-    JournalStorage,
-    RDBStorage,
-    RetryHeartbeatStaleTrialCallback,
-)
-from optuna.storages.journal import JournalFileBackend
-from optuna.storages.journal._file import BaseJournalFileLock
+from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError, SQLAlchemyError
 
 from stiction_envs.errors import ExperimentError, StictionError, missing_extra
 from tuning.settings import SharedSettings, tuning_settings
 
-JOURNAL = ("journal", "jsonl", "log")
-"""File name extensions of a journal."""
 OPENINGS = 5
 """Tries to create the tables (assumed): machines that start together can block each other."""
 
 
-def open_storage(storage: str | Path, settings: SharedSettings | None = None) -> BaseStorage:
-    """Return a storage by its URL (``sqlite:///FILE``, ``postgresql+psycopg://…``) or journal file.
-
-    If the last line of a journal is half-written (power failure), it is dropped with a warning; its
-    trial is evaluated again.
+def open_storage(storage: str, settings: SharedSettings | None = None) -> RDBStorage:
+    """Return a storage by its URL (``sqlite:///FILE``, ``postgresql+psycopg://…``).
 
     Args:
-        storage: URL, or a file whose name ends in one of `JOURNAL`.
+        storage: the URL.
         settings: time limits for a shared database; None for the defaults.
 
     Raises:
-        StictionError: neither, or one that cannot be reached or read; passwords are not shown.
+        StictionError: no URL, or one that cannot be reached or read; passwords are not shown.
     """
-    text = str(storage)
-    if "://" not in text:
-        return _open_journal(_journal_file(text))
-    url = _parse(text)
-    shared = is_shared(text)
+    url = _parse(storage)
+    shared = is_shared(storage)
     s = settings or tuning_settings().shared
     try:
         for left in range(OPENINGS - 1, -1, -1):
@@ -66,27 +48,22 @@ def open_storage(storage: str | Path, settings: SharedSettings | None = None) ->
         raise _cannot_open(url, error) from None
 
 
-def is_shared(storage: str | Path) -> bool:
+def is_shared(storage: str) -> bool:
     """Return whether machines can share a storage: a database server, not a file."""
-    text = str(storage)
-    return "://" in text and _parse(text).get_backend_name() != "sqlite"
+    return _parse(storage).get_backend_name() != "sqlite"
 
 
-def storage_file(storage: str | Path) -> Path | None:
+def storage_file(storage: str) -> Path | None:
     """Return the file of a storage, None for a database server or one in memory."""
-    text = str(storage)
-    if "://" not in text:
-        return _journal_file(text)
-    url = _parse(text)
+    url = _parse(storage)
     if url.get_backend_name() != "sqlite" or url.database in (None, "", ":memory:"):
         return None
     return Path(str(url.database))
 
 
-def shown(storage: str | Path) -> str:
+def shown(storage: str) -> str:
     """Return a storage without password and options, for printing."""
-    text = str(storage)
-    return _shown(_parse(text)) if "://" in text else text
+    return _shown(_parse(storage))
 
 
 @contextmanager
@@ -123,13 +100,10 @@ def writing(place: str) -> Iterator[None]:
         raise ExperimentError(f"storage {place}: {reason_of(error)}") from error
 
 
-# ---- databases -----------------------------------------------------------------------------------
-
-
 def _parse(text: str) -> URL:
     """Return the parts of a URL; PostgreSQL's driver is psycopg unless another one is named."""
     expected = "expected a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
-    if text.split("://", 1)[1].count("@") > 1:
+    if text.partition("://")[2].count("@") > 1:
         # what follows the first one would be taken for the host, and printed
         raise StictionError("storage: more than one @ in the URL: expected %40 in a password")
     try:
@@ -202,86 +176,7 @@ def reason_of(error: BaseException) -> str:
     cause = getattr(error, "orig", None) or error.__cause__ or error
     cause = getattr(cause, "orig", None) or cause
     if isinstance(cause, OSError) and cause.strerror:
-        return cause.strerror.lower()  # a journal's error
+        return cause.strerror.lower()
     said = [line.strip() for line in str(cause).splitlines() if line.strip()] or [""]
     text = said[0].rsplit("failed: ", 1)[-1].removeprefix("FATAL:").strip()
     return text or type(cause).__name__
-
-
-# ---- journals ------------------------------------------------------------------------------------
-
-
-class _ProcessLock(BaseJournalFileLock):
-    """Lock of a journal that ends with its process; Optuna's own lasts half a minute longer."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self._held: IO[bytes] | None = None
-
-    def acquire(self) -> bool:
-        self._held = self._file.open("r+b")
-        fcntl.lockf(self._held, fcntl.LOCK_EX)
-        return True
-
-    def release(self) -> None:
-        if self._held is not None:
-            self._held.close()
-            self._held = None
-
-
-def _journal_file(text: str) -> Path:
-    if text.rsplit(".", 1)[-1] not in JOURNAL:
-        ends = ", ".join(f".{end}" for end in JOURNAL)
-        raise StictionError(f"storage {text}: expected a URL, or a file that ends in {ends}")
-    return Path(text)
-
-
-def _open_journal(file: Path) -> JournalStorage:
-    try:
-        file.touch()
-        _drop_torn_line(file)
-        return JournalStorage(JournalFileBackend(str(file), lock_obj=_ProcessLock(file)))
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise StictionError(f"journal {file}: cannot be opened: {reason}") from None
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
-        if isinstance(error, StictionError):
-            raise
-        raise StictionError(f"journal {file}: its lines are no operations of Optuna") from None
-
-
-def _drop_torn_line(file: Path) -> None:
-    """Remove a half-written last line, or the next one would be appended to it."""
-    with file.open("r+b") as stream:
-        fcntl.lockf(stream, fcntl.LOCK_EX)
-        end, begun = 0, False
-        for number, line in enumerate(stream, start=1):
-            if _is_operation(line):
-                end += len(line)
-                continue
-            first = b'{"op_code"'
-            begun = number > 1 or line.startswith(first) or first.startswith(line)
-            if not begun or stream.read(1):
-                raise StictionError(
-                    f"journal {file}: line {number} is damaged: expected one operation of Optuna a "
-                    "line; only a half-written last one is repaired"
-                )
-        if not begun:
-            return
-        stream.truncate(end)
-        os.fsync(stream.fileno())
-    warnings.warn(
-        f"journal {file}: the last line was half-written and is dropped; what was in it is "
-        "evaluated again",
-        stacklevel=4,
-    )
-
-
-def _is_operation(line: bytes) -> bool:
-    if not line.endswith(b"\n"):
-        return False
-    try:
-        found = json.loads(line)
-    except ValueError:
-        return False
-    return isinstance(found, dict) and "op_code" in found

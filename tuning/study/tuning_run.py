@@ -31,7 +31,7 @@ class TuningRun:
     about: Mapping[str, object]
     """Definition of the run."""
     storage: str
-    """URL or journal file of the studies."""
+    """URL of the studies."""
     study: str
     """Prefix of the studies' names."""
     settings: SharedSettings
@@ -91,7 +91,7 @@ def open_run(
         defining: what else defines the run.
         out: output folder; None for ``runs/NAME-ROBOT``.
         force: whether the files of another run in it are replaced.
-        storage: URL or journal file; None for the SQLite file ``database`` in the folder.
+        storage: URL; None for the SQLite file ``database`` in the folder.
         study: prefix of the studies' names; None for the arm's name.
         settings: time limits of a shared database.
         inputs: files by the name of their argument; what is no path is left out.

@@ -175,7 +175,6 @@ def test_the_final_amplitude_obeys_rate_and_cap(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"sampler": "tpe"}, "expected grid"),
         ({"scales": (0.0,)}, "scale 0.0: expected"),
         ({"scales": ()}, "at least one"),
         ({"frequencies": (15.0, 15.0)}, "must not repeat"),

@@ -14,7 +14,6 @@ from tuning.robot.next_setting import (
     best_measured,
     chance_of_better,
     expected_improvement,
-    may_stop,
     next_settings,
 )
 from tuning.robot.posterior import Posterior, discrepancy_kernel, posterior_of
@@ -30,12 +29,14 @@ def repeated(values: np.ndarray) -> np.ndarray:
     return np.repeat(values[:, None], 4, axis=1)
 
 
+def may_stop(posterior: Posterior, readings: Readings) -> bool:
+    return chance_of_better(posterior, readings) < 1.0 - S.confidence
+
+
 def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
     cells = np.zeros((len(mean), 4))
     every = np.ones(len(mean), dtype=bool)
-    return Posterior(
-        mean=mean, covariance=covariance, cell_mean=cells, cell_sd=cells, eligible=every
-    )
+    return Posterior(mean=mean, covariance=covariance, cell_mean=cells, eligible=every)
 
 
 def test_every_setting_is_asked_for_once():

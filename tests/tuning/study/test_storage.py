@@ -38,7 +38,7 @@ def refused(storage, settings=None):
 @pytest.mark.parametrize(
     ("storage", "message"),
     [
-        ("study.txt", "storage study.txt: expected a URL, or a file that ends in .journal"),
+        ("study.txt", "expected a URL such as sqlite:///study.db"),
         ("://", "expected a URL such as sqlite:///study.db"),
         (f"postgresql://tuner:{SECRET}@host:port/name", "expected a URL such as"),
         (f"postgresql://tuner:p@{SECRET}@host/name", "more than one @ in the URL"),
@@ -48,7 +48,6 @@ def refused(storage, settings=None):
         (f"postgresql://tuner@127.0.0.1:1/name?password={SECRET}", "tuner@127.0.0.1:1/name: cann"),
         (f"postgresql://tuner:{SECRET}@nowhere.invalid/name", "failed to resolve host"),
         ("sqlite:////nowhere/study.db", "cannot be opened: unable to open database file"),
-        ("/nowhere/study.journal", "cannot be opened: no such file"),
     ],
 )
 def test_what_cannot_be_opened(storage, message):
@@ -83,63 +82,9 @@ def test_a_file_that_is_no_database_stays(tmp_path):
 def test_only_a_server_is_shared(tmp_path):
     assert is_shared("postgresql+psycopg://host/name")
     assert not is_shared("sqlite:///study.db")
-    assert not is_shared("study.journal")
     assert storage_file("sqlite:///a/study.db").as_posix() == "a/study.db"
     assert storage_file("sqlite://") is None
     assert storage_file("postgresql+psycopg://host/name") is None
-    assert storage_file("study.log").name == "study.log"
-
-
-# ---- journals ------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def journal(tmp_path):
-    file = tmp_path / "study.journal"
-    run([search(file, "random", evaluations=6)], evaluate)
-    return file
-
-
-@pytest.mark.parametrize("end", [-1, -300])
-def test_a_half_written_last_line_is_dropped_and_evaluated_again(journal, end):
-    """Power that fails while the last trial is written, down to the missing end of its line."""
-    whole = journal.read_bytes()
-    before = trials(search(journal, "random").record)
-    journal.write_bytes(whole[:end])
-    with pytest.warns(UserWarning, match="last line was half-written and is dropped"):
-        torn = search(journal, "random", evaluations=6)
-    assert len(torn.record.trials) == 5
-    assert whole.startswith(journal.read_bytes())
-    run([torn], evaluate)
-    assert trials(search(journal, "random").record) == before
-
-
-def test_a_last_line_of_zeros_is_dropped(journal):
-    """What some file systems leave after a power failure."""
-    whole = journal.read_bytes()
-    journal.write_bytes(whole + bytes(512))
-    with pytest.warns(UserWarning, match="half-written"):
-        open_storage(journal)
-    assert journal.read_bytes() == whole
-
-
-@pytest.mark.parametrize("damage", ["torn in the middle", "not json", "foreign json"])
-def test_other_damage_is_refused_and_nothing_changed(journal, damage):
-    lines = journal.read_bytes().splitlines(keepends=True)
-    lines[3] = {
-        "torn in the middle": lines[3][:20],
-        "not json": b"hello\n",
-        "foreign json": b'{"series": "tune"}\n',
-    }[damage]
-    journal.write_bytes(b"".join(lines))
-    assert "line 4 is damaged: expected one operation of Optuna" in refused(journal)
-    assert journal.read_bytes() == b"".join(lines)
-
-
-def test_operations_without_their_fields_are_refused(journal):
-    with journal.open("a") as file:
-        file.write('{"op_code": 0, "worker_id": "other"}\n')
-    assert "its lines are no operations of Optuna" in refused(journal)
 
 
 def test_a_full_database_says_so_and_goes_on_with_room(tmp_path):
