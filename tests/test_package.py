@@ -143,7 +143,7 @@ def imports(path: Path) -> Iterator[tuple[str, bool]]:
         yield from ((name.partition(".")[0], id(node) not in late) for name in names)
 
 
-GUARDED = ("tuning/policies/checkpoint.py", "tuning/policies/training_callbacks.py")
+GUARDED = ("tuning/policies/callbacks.py",)
 """Imported where what is missing has been said: by `tuning.policies.train`."""
 
 

@@ -1,170 +1,87 @@
-"""Page of `policies`: tables of its results; the words are in ``policies.md.j2``."""
+"""Page and picture of `policies`, from its rows; the words are in ``policies.md.j2``."""
 
 from __future__ import annotations
 
-import math
+import csv
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from benchmarks.learning.policies_pictures import draw_behaviour, draw_curves, draw_pareto
-from benchmarks.learning.policies_plan import (
-    BASELINES,
-    BOUND,
-    FROM_A_TABLE,
-    NOMINAL,
-    RANDOM_PATHS,
-    SEARCHED,
-    SHAKING_WEIGHT,
-    SJE_ALGORITHM,
-    SMALL,
-    SPREADS,
-    TRAINED,
-    Cell,
-    title,
-)
-from benchmarks.learning.policies_results import (
-    AIM,
-    ERRORS,
-    MEASURES,
-    VIBRATIONS,
-    Against,
-    Measure,
-    Results,
-)
-from benchmarks.learning.policies_statistics import DRAWS, LEVEL, Estimate
-from stiction_envs.envs.agents import agent_settings
-from stiction_envs.experiments.gte.protocol import load_gte_protocol
-from stiction_envs.reporting.markdown import listed, number, signed, table_text
+from matplotlib.figure import Figure
 
-SJE = TRAINED[SJE_ALGORITHM]
+from stiction_envs.reporting.markdown import number, signed, table_text
+from stiction_envs.reporting.png import save_full
+
+BASELINE, BOUND = "Table 4.9", "no dither, 1 % of the friction"
+"""Whom changes are over, and what is left by the controller's lag alone: dither, which takes
+friction away at best, cannot do better."""
+AIM = {"position": -35, "orientation": -40}
+"""Changes of the error over Table 4.9 that are aimed at [%]; assumed."""
+PATHS, RAMPS = "random paths", ("torque", "oscillation")
 
 
-def page(results: Results, folder: Path) -> dict[str, Any]:
-    """Draw the pictures into a folder; return what the page's template asks for."""
-    draw_curves(folder / "policies_curves.png", results)
-    draw_pareto(folder / "policies_pareto.png", results)
-    behaviour = draw_behaviour(folder / "policies_behaviour.png", results)
-    constant, rule = results.rivals()
-    pairs = ((results.learned, constant), (results.learned, rule), (rule, constant))
-    duels = {
-        (pair, f): results.against(results.cell("panda", RANDOM_PATHS, f), *pair)
-        for pair in pairs
-        for f in results.plan.frictions
-    }
-    on_ramps = {
-        ((SJE, theirs), NOMINAL): results.against(results.cell("panda", "ramps"), SJE, theirs)
-        for theirs in results.rivals("ramps")
-    }
-    over = results.improvements(results.cell("panda", RANDOM_PATHS))
-    return {
-        "small": results.plan == SMALL,
-        "plan": results.plan,
-        "learned": results.learned,
-        "constant": duels[pairs[0], NOMINAL],
-        "rule": duels[pairs[1], NOMINAL],
-        "duels": _duels(duels),
-        "ramps": _duels(on_ramps),
-        "aim": AIM,
-        "bound": BOUND,
-        "reached": [name for name, found in over.items() if found.meets_aim and name != BOUND],
-        "improvements": _improvements(over),
-        "behaviour": behaviour,
-        "sections": _sections(results),
-        "trainings": len(results.trained),
-        "by_earlier_code": results.by_earlier_code,
-        "frictions": [f for f in results.plan.frictions if f != NOMINAL],
-        "baselines": BASELINES,
-        "trained": TRAINED,
-        "from_a_table": [TRAINED[algorithm] for algorithm in FROM_A_TABLE],
-        "searched": SEARCHED,
-        "sje": SJE,
-        "agents": agent_settings(),
-        "lever": load_gte_protocol().vibration_lever,
-        "measuring_hours": results.measuring_hours,
-        "rates": [f"{name} {rate:.0f}" for name, rate in results.rates.items()],
-        "spreads": SPREADS,
-        "shaking_weight": SHAKING_WEIGHT,
-        "draws": DRAWS,
-        "level": LEVEL,
-    }
+class Estimate(NamedTuple):
+    """A number and its bootstrap interval."""
+
+    value: float
+    low: float
+    high: float
 
 
-def _range(found: Estimate, measure: Measure) -> str:
-    if not math.isfinite(found.value):
-        return "–"
-    value, low, high = (number(x, measure.digits) for x in found)
-    return f"{value} ({low} to {high})"
+Found = dict[tuple[str, ...], Estimate]
+"""Numbers with the known friction, by task, agent, measure and the agent that it is against."""
 
 
-# ---- tables --------------------------------------------------------------------------------------
+def read(path: Path) -> Found:
+    """Return the rows of ``policies.csv``."""
+    out = {}
+    with open(path, encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            if float(row["friction"]) == 1:
+                names = (row[k] for k in ("task", "agent", "measure", "against"))
+                value, low, high = (float(row[k] or "nan") for k in ("value", "low", "high"))
+                out[tuple(names)] = Estimate(value, low, high)
+    return out
 
 
-def _duels(duels: dict[tuple[tuple[str, str], float], Against]) -> str:
-    """Return a table of agents against others, by friction: how much more or less of everything."""
-    lines = []
-    for (pair, friction), one in duels.items():
-        changes = [signed(100 * (x.value - 1), 0) for x in one.ratio.values()]
-        ends = [listed(one.unsure) or "–", "yes" if one.beats else "no"]
-        lines.append([*pair, f"× {friction:g}", *changes, *ends])
-    measures = {key: m for kind in MEASURES.values() for key, m in kind.items()}
-    header = [f"{measures[key].label} [%]" for key in next(iter(duels.values())).ratio]
-    return table_text(
-        ["agent", "against", "friction", *header, "not significant", "beats it"], lines
-    )
+def agents(found: Found) -> list[str]:
+    """Return the names of all agents on random paths."""
+    return list(dict.fromkeys(agent for task, agent, *_ in found if task == PATHS))
 
 
-def _improvements(over: dict[str, Against]) -> str:
-    """Return a table: every agent against Table 4.9 on the random paths."""
-    lines = []
-    for name, found in over.items():
-        cells = [name]
-        for key in ERRORS:
-            r = found.ratio[key]
-            less = [number(100 * (1 - x), 0) for x in (r.value, r.high, r.low)]
-            cells.append(f"{less[0]} ({less[1]} to {less[2]})")
-        cells += [number(found.ratio[key].value, 2) for key in VIBRATIONS]
-        for key in ERRORS:
-            p = found.improvement[key]
-            cells.append(f"{p.value:.2f} ({p.low:.2f} to {p.high:.2f})")
-        lines.append([*cells, "met" if found.meets_aim else "missed"])
-    header = ["agent", *(f"less {key} error left [%]" for key in ERRORS)]
-    header += ["vibration moving, ratio", "at rest, ratio"]
-    header += [f"P(improvement), {key}" for key in ERRORS]
-    return table_text([*header, "aim"], lines)
+def page(rows: Path, folder: Path) -> dict[str, Any]:
+    """Draw the picture into a folder; return what the page's template asks for."""
+    found = read(rows)
+    lines, reached = [], []
+    for agent in agents(found):
+        measures = (*AIM, "moving", "at_rest")
+        change = [found.get((PATHS, agent, f"{x}_change_percent", BASELINE)) for x in measures]
+        aims = zip(change, (*AIM.values(), 0, 0), strict=True)
+        if agent != BOUND and all(x is not None and x.value <= aim for x, aim in aims):
+            reached.append(agent)
+        torque, oscillation = (found.get(("ramps", agent, x, "")) for x in RAMPS)
+        cells = ["–" if x is None else signed(x.value, 0) for x in change]
+        cells.append("–" if torque is None else number(torque.value, 2))
+        lines.append([agent, *cells, "–" if oscillation is None else number(oscillation.value, 3)])
+    header = ["agent", *(f"{x} error [%]" for x in AIM), "vibration moving [%]", "at rest [%]"]
+    header += ["ramps: torque left", "oscillation [mrad]"]
+    _draw(folder / "policies.png", found)
+    least = {name: -x for name, x in AIM.items()}
+    return {"found": found, "table": table_text(header, lines), "reached": reached, "aim": least}
 
 
-def _sections(results: Results) -> dict[str, dict[str, str]]:
-    """Return tables by title: everything at the nominal friction, then what friction changes."""
-    return {
-        f"{title(cell.robot)}, {cell.task}": {
-            "nominal": _nominal(results, cell),
-            "others": _frictions(results, cell),
-        }
-        for cell in results.by_cell
-        if cell.friction == NOMINAL
-    }
-
-
-def _nominal(results: Results, cell: Cell) -> str:
-    measures = MEASURES[cell.experiment]
-    lines = []
-    for name, ones in results.by_cell[cell].items():
-        runs, lost = sum(len(results.episodes.runs(x)) for x in ones), results.truncated(cell, name)
-        trained = f", {runs} of {results.plan.runs} trained" if ones[0].run is not None else ""
-        found = [_range(results.estimate(cell, name, key), m) for key, m in measures.items()]
-        lines.append([name + trained + (f", {lost} truncated" if lost else ""), *found])
-    header = [m.label + (f" [{m.unit}]" if m.unit != "1" else "") for m in measures.values()]
-    return table_text(["agent", *header], lines)
-
-
-def _frictions(results: Results, cell: Cell) -> str:
-    """Return a table: errors and vibration at rest, or torque and oscillation, by friction."""
-    keys = (*ERRORS, "at_rest") if cell.experiment == "gte" else ("torque", "oscillation")
-    frictions = [f for f in results.plan.frictions if f != NOMINAL]
-    there = [results.cell(cell.robot, cell.task, f) for f in frictions]
-    pairs = [(c, key, MEASURES[cell.experiment][key]) for c in there for key in keys]
-    lines = [
-        [name, *(_range(results.estimate(c, name, key), m) for c, key, m in pairs)]
-        for name in results.by_cell[cell]
-    ]
-    return table_text(["agent", *(f"× {c.friction:g}: {m.label}" for c, _, m in pairs)], lines)
+def _draw(path: Path, found: Found) -> None:
+    """Draw errors left against vibration on random paths."""
+    figure = Figure(figsize=(12, 5), layout="constrained")
+    both: Any = figure.subplots(1, 2)
+    for axes, error in zip(both, AIM, strict=True):
+        for k, agent in enumerate(agents(found)):
+            x, y = (found[PATHS, agent, name, ""] for name in ("moving", error))
+            sides = ([[e.value - e.low], [e.high - e.value]] for e in (y, x))
+            style = {"fmt": "osD^v<>pP*XhH"[k % 13], "color": f"C{k % 10}", "mfc": "none"}
+            axes.errorbar(x.value, y.value, *sides, ms=9, label=agent, **style)
+        axes.set_xlabel("vibration moving, over the undithered run's [1]")
+        axes.set_ylabel(f"{error} error left, over the undithered run's [1]")
+        axes.grid(alpha=0.3)
+    figure.legend(*axes.get_legend_handles_labels(), frameon=False, loc="outside right upper")
+    figure.suptitle("Panda, random paths; interquartile means, 95 % intervals")
+    save_full(figure, path)

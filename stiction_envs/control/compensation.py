@@ -33,12 +33,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 KINDS = tuple(LAWS)
 _MOST = 1 + max(len(law.fields) for law in LAWS.values())
-_SCALES = np.array(
-    [
-        np.pad([True, *(f.scales for f in law.fields)], (0, _MOST - 1 - len(law.fields)))
-        for law in LAWS.values()
-    ]
-)
 _READS_ERROR = np.array([law.reads_error for law in LAWS.values()])
 _READS_MOMENTUM = np.array([law.reads_momentum for law in LAWS.values()])
 Numbers = tuple[float, ...]
@@ -199,7 +193,6 @@ class Compensator:
         self._kind = np.full(nsim, -1)
         self._given: list[Compensation | None] = [None] * nsim
         self._packed = np.zeros((nsim, n, _MOST))
-        self._own = self._packed.copy()
         self._state, self._last_speed = np.zeros((nsim, n, 1)), np.zeros((nsim, n))
         self._command = np.zeros((nsim, n)) if command is None else command
         self._mass = np.zeros((nsim, n, n)) if mass is None else mass
@@ -221,21 +214,12 @@ class Compensator:
                 raise StictionError(f"compensation of {c.n} joints: expected {self.n}")
             self._given[i] = c
             self._kind[i] = KINDS.index(c.kind) if c is not None and any(c.gain) else -1
-            self._packed[i] = self._own[i] = c.packed() if c is not None else 0.0
+            self._packed[i] = c.packed() if c is not None else 0.0
         used = {c for c in self._given if c is not None and any(c.gain)}
         self.active = bool(used)
         self.feeds = any(LAWS[c.kind].feeds for c in used)
         self.reads_model = any(LAWS[c.kind].reads_model(vars(c)) for c in used)
         self.reset(ids)
-
-    def set_gain(self, gain: Array) -> None:
-        """Set the gains (N, n) of all arms between two cycles [N·m]; 0 is no compensation.
-
-        What else is proportional to friction follows. Every joint had a gain in `set_rows`.
-        """
-        share = (gain / self._own[:, :, 0])[:, :, None]
-        np.multiply(self._own, share, out=self._packed, where=_SCALES[self._kind][:, None])
-        self._packed[:, :, 0] = gain
 
     def reset(self, ids: Index) -> None:
         """Let arms ``ids`` start at rest: observers have seen nothing."""

@@ -7,9 +7,8 @@
     actions, _ = agent.predict(observations)
 
 Observations are (observations,) or a batch (M, observations), actions (2n,) or (M, 2n) in the units
-of the environment: amplitudes [N·m], then frequencies [Hz]. What an action has besides stays in the
-middle of its bounds: the gains of the environment's treatment. Actions depend on the observation
-only, so that they are the same bits in any batch.
+of the environment: amplitudes [N·m], then frequencies [Hz]. Actions depend on the observation only,
+so that they are the same bits in any batch.
 """
 
 from __future__ import annotations
@@ -71,10 +70,8 @@ class Agent(ABC):
         base = _own(env, type(self).__name__)
         names = list(base.observation_names)
         self.n = n = int(base.core.n)
-        one = base.core.action_space
-        low, high = one.low.astype(float), one.high.astype(float)
-        self.low, self.high = low[: 2 * n], high[: 2 * n]
-        self._rest = 0.5 * (low + high)[2 * n :]
+        space = base.core.action_space
+        self.low, self.high = space.low.astype(float), space.high.astype(float)
         joints = range(1, n + 1)
         self._speed = np.array([names.index(f"velocity_{j}") for j in joints])
         self._torque = np.array([names.index(f"torque_{j}") for j in joints])
@@ -99,13 +96,11 @@ class Agent(ABC):
         actions = np.clip(self._act(rows), self.low, self.high).astype(np.float32)
         # float32 may lie above the bound that it was rounded from
         actions = np.clip(actions, self.low.astype(np.float32), self.high.astype(np.float32))
-        rest = np.tile(self._rest.astype(np.float32), (len(rows), 1))
-        actions = np.concatenate([actions, rest], axis=1)
         return (actions[0] if np.ndim(observation) == 1 else actions), state
 
     @abstractmethod
     def _act(self, observation: Observation) -> Array:
-        """Return the dither (M, 2n) of actions for observations (M, observations)."""
+        """Return actions (M, 2n) for observations (M, observations)."""
 
     def speed(self, observation: Observation) -> Array:
         """Return the joints' speeds (M, n) [rad/s]."""

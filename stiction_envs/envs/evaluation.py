@@ -123,7 +123,7 @@ def evaluate(
         ids = np.flatnonzero(going)
         action = np.asarray(actions, dtype=float)[ids]
         step = tiles.step(ids, action)
-        a, f = action[:, : core.n], action[:, core.n : 2 * core.n]
+        a, f = np.split(action, 2, axis=1)
         new = {
             "return": step.reward,
             "steps": 1.0,

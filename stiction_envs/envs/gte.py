@@ -26,7 +26,6 @@ class GTEArguments(ArmArguments, total=False):
     start: ArrayLike | None
     tool: ArrayLike | None
     compensation: str | Path | Compensation | None
-    action: str
     controller_model: Arm | None
     random_paths: int | None
     settling_weight: float | None
@@ -69,19 +68,6 @@ class GTEEnv(ArmEnv):
     whatever the frequency. An action outside the space, or not a number, is an error; wrap the
     environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
 
-    With `action="dither+push"` the action has n more numbers, the gains of a push in the sign of
-    the joint error (`control/laws/push.py`), for the next `control_interval_s`:
-
-    | index | meaning | min | max | unit |
-    |---|---|---|---|---|
-    | 14–20 | push gain, joint 1 … 7 | 0 | 2 × the treatment's | N·m |
-
-    The treatment is the `compensation`, a push whose every joint has a gain; `"push"`, with gains
-    of the model's friction, where none is given. The middle of the range, 0 of `RescaleAction`, is
-    the treatment's gain, 0 N·m exactly no push. Its switch-over speed and error stay, its load
-    gain follows the gain. The reward's undithered runs have the treatment: −1 is what its gains
-    alone achieve, and the gains cost nothing but the shaking that they cause.
-
     ## Observation space
     `Box`, shape (5n + 20,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
     the name of every element. The tolerance, within which a goal counts as reached, is 0.04 m and
@@ -107,9 +93,6 @@ class GTEEnv(ArmEnv):
     | 40 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
     | 41–47 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
     | 48–54 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
-
-    With `action="dither+push"` n more end it: `push_1` … `push_7`, the last push gain, −1 for 0,
-    0 for the treatment's, +1 for twice that.
 
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum.
@@ -196,7 +179,6 @@ class GTEEnv(ArmEnv):
       `"lugre_observer"` or `"momentum_observer"`, with gains of `friction`; a file of
       gains (`compensation.csv`, `final.yaml`); or a `Compensation`. Undithered
       runs are compensated too. Default none.
-    * `action`: name of the action space, `"dither"` or `"dither+push"`. Default `"dither"`.
     * `controller_model`: the controller's own `Arm`, for a wrong payload or tilt. Default:
       the true one.
     * `random_paths`: how many random paths are drawn from. Default 64, whose undithered runs (4

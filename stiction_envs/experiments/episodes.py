@@ -21,10 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.observation import (
-    DITHER,
     Checked,
     Group,
     action_bounds,
@@ -122,7 +120,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     final: ClassVar[tuple[str, ...]]
     """Measures that are in the info of an episode's last step."""
     groups: tuple[Group, ...]
-    """The observation; of the class, that with the action `DITHERED`."""
+    """The observation."""
     arms_per_tile: ClassVar[int] = 64
     """Most arms of a tile, see `tiles.Tiles`. Of 1024 arms of the GTE on two cores, tiles of 32 had
     0.92 of the speed of tiles of 64, those of 128 0.98, those of 256 0.85."""
@@ -135,8 +133,6 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Unit of the observed speeds [rad/s]."""
     rig: Rig
     """The experiment's machine with all N arms."""
-    action_name: str = DITHERED
-    """Of the action, one of `ACTIONS`."""
 
     def __init__(
         self, num_envs: int, engine_threads: int = 1, record: bool = False, **arguments: Any
@@ -175,10 +171,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.n, self.num_envs = arm.n, num_envs
         self.max_episode_steps = int(a.max_episode_steps)
         self.fixed_options = self._check_options(a.fixed_options)
-        low, high = self._action_bounds(a)
-        self.quantities = ACTIONS[self.action_name]
-        """Of the action, n numbers each."""
-        self.groups += tuple(q.observed for q in self.quantities[len(DITHER) :])
+        low, high = action_bounds(self._nominal, find_poses(arm), e.interface)
         self.action_space = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         bounds = observation_bounds(arm.n, self.groups)
         self.observation_space = Box(*bounds, dtype=np.float32)
@@ -189,16 +182,6 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.steps = np.zeros(num_envs, dtype=np.int64)
         self.alive = np.zeros(num_envs, dtype=bool)
         self._make(a)
-
-    def _action_bounds(self, a: Own) -> tuple[Array, Array]:
-        """Return the lowest and highest action; one with more than dither is `action_name`'s."""
-        e = self.experiment
-        return action_bounds(self._nominal, find_poses(self.arm), e.interface)
-
-    def _act(self) -> None:
-        """Let the rig do the last actions."""
-        n = self.n
-        self.rig.retune(self.action[:, :n], self.action[:, n : 2 * n])
 
     # ---- what an experiment has of its own ---------------------------------------------------
 
@@ -315,13 +298,11 @@ class Episodes(ABC, Generic[Case, Unit]):
     def step(self, ids: Index, action: ArrayLike) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
 
-        Actions of another name of `ACTIONS` have further numbers.
-
         Raises:
             StictionError: an action outside the space, or an episode that is over.
         """
         self.action[ids] = self.check_step(ids, action)
-        self._act()
+        self.rig.retune(*np.split(self.action, 2, axis=1))
         self._advance(ids)
         self.steps[ids] += 1
         out = self._outcome(ids)
@@ -362,10 +343,10 @@ class Episodes(ABC, Generic[Case, Unit]):
         good = (out >= self._low - slack) & (out <= self._high + slack)
         if not good.all():
             row, k = np.argwhere(~good)[0]
-            of = self.quantities[k // self.n]
+            what, unit = (("amplitude", "N·m"), ("frequency", "Hz"))[k // self.n]
             raise StictionError(
-                f"action: {of.what} of joint {k % self.n + 1} is {out[row, k]:g} {of.unit}: "
-                f"expected {self._low[k]:g} to {self._high[k]:g} {of.unit}"
+                f"action: {what} of joint {k % self.n + 1} is {out[row, k]:g} {unit}: "
+                f"expected {self._low[k]:g} to {self._high[k]:g} {unit}"
             )
         return np.clip(out, self._low, self._high)
 
@@ -387,7 +368,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         They are the means over joints of (A / A_max)² and of the dither's (2πfA / limit)².
         """
         n = self.n
-        amplitude, frequency = self.action[ids, :n], self.action[ids, n : 2 * n]
+        amplitude, frequency = np.split(self.action[ids], 2, axis=1)
         rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
         top = self._high[:n]
         power, rates = np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)

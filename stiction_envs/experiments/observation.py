@@ -59,8 +59,7 @@ DITHER = (
     Group("amplitude", -1.0, 1.0, "1", "last amplitude; −1 is 0, +1 is A_max", per_joint=True),
     Group("frequency", -1.0, 1.0, "1", "last frequency; −1 is f_min, +1 is f_max", per_joint=True),
 )
-"""Groups of the last action: every environment's observation ends with them, or with what its
-action has besides."""
+"""Groups of the last action: every environment's observation ends with them."""
 
 
 def observation_names(n: int, groups: Sequence[Group]) -> tuple[str, ...]:
@@ -107,19 +106,16 @@ def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
     return np.maximum(*levels)
 
 
-def observed_action(
-    action: Array, low: Array, high: Array, quantities: int = len(DITHER)
-) -> tuple[Array, ...]:
-    """Return actions (M, k n) of k quantities as they are observed, (M, n) each in [-1, 1].
+def observed_action(action: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """Return actions (M, 2n) as they are observed: amplitudes and frequencies (M, n) in [-1, 1].
 
     Args:
-        action: amplitudes [N·m], then frequencies [Hz], then what an action has besides.
-        low: (k n,) the lowest action, observed as −1.
-        high: (k n,) the highest, observed as +1.
-        quantities: k.
+        action: amplitudes [N·m], then frequencies [Hz].
+        low: (2n,) the lowest action, observed as −1.
+        high: (2n,) the highest, observed as +1.
     """
-    scaled = 2.0 * (action - low) / (high - low) - 1.0
-    return tuple(np.split(scaled, quantities, axis=1))
+    amplitude, frequency = np.split(2.0 * (action - low) / (high - low) - 1.0, 2, axis=1)
+    return amplitude, frequency
 
 
 def pack(

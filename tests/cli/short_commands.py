@@ -35,7 +35,6 @@ learning_starts = 16
 [run]
 evaluation_every = 32
 evaluation_episodes = 2
-checkpoint_every = 32
 final_episodes = 2
 """
 """Settings of a short training."""

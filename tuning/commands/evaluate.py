@@ -21,7 +21,6 @@ TRAJECTORIES = ("triangle", "pentagon", "random")
 NAMED = ("none", "gated", "random", "rule")
 EPISODES = 32  # as in tuning/policies/settings.toml
 GTE_ONLY = ("trajectory", "stiffness")
-ACTIONS = ("dither", "dither+push")
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -82,12 +81,6 @@ def add_task_options(parser: common.Parser) -> None:
         "final.csv or final.yaml",
     )
     parser.add_argument(
-        "--action",
-        choices=ACTIONS,
-        help="what a policy sets (gte): dither, or also push gains, of which --compensation has "
-        "the middle (default: dither)",
-    )
-    parser.add_argument(
         "--friction-factor",
         type=common.number(0, above=True),
         metavar="X",
@@ -104,12 +97,8 @@ def add_task_options(parser: common.Parser) -> None:
     )
 
 
-def read_task(args: argparse.Namespace, **more: object) -> Task:
-    """Return the environment of `add_task_options`.
-
-    Args:
-        args: of the command.
-        more: reset options; those of the user override them.
+def read_task(args: argparse.Namespace, n: int) -> Task:
+    """Return the environment of `add_task_options`, for an arm of ``n`` joints.
 
     Raises:
         StictionError: an option of another experiment, or an argument that does not exist.
@@ -117,25 +106,21 @@ def read_task(args: argparse.Namespace, **more: object) -> Task:
     from stiction_envs.control.compensation_files import is_file, read_compensation
     from tuning.policies.task import Task
 
-    common.read_arm(args)
     arguments = dict(_named(text) for text in args.env)
     for name in ("payload", "chain", "friction", "friction_factor"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:
         arguments["sensing"] = args.sensing
-    for name in ("action", "compensation"):
-        if getattr(args, name) is None:
-            continue
+    if args.compensation is not None:
         if args.experiment != "gte":
-            raise StictionError(f"--{name}: not with {args.experiment}")
-        arguments[name] = getattr(args, name)
+            raise StictionError(f"--compensation: not with {args.experiment}")
+        arguments["compensation"] = args.compensation
     if (given := arguments.get("compensation")) is not None and is_file(given):
-        # by its content, which tells trainings from one another
-        arguments["compensation"] = read_compensation(given, None, common.read_arm(args).n)
+        arguments["compensation"] = read_compensation(given, None, n)
     if any(args.tilt):
         arguments["tilt"] = tuple(args.tilt)
-    if options := {**more, **read_options(args)}:
+    if options := read_options(args):
         arguments["fixed_options"] = {**options, **arguments.get("fixed_options", {})}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
@@ -166,7 +151,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.evaluation import check, evaluate_all
 
-    task, options = read_task(args), read_options(args)
+    task, options = read_task(args, common.read_arm(args).n), read_options(args)
     check(task, args.policy, options)
     inputs = {
         **common.model_files(args),

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import metadata
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -32,9 +33,10 @@ try:
     from stable_baselines3.common.base_class import BaseAlgorithm
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
     from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
     from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-    from tuning.policies.resumable_env import ResumableVecEnv
+    from stiction_envs.envs.sb3 import SB3VecEnv
 except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
@@ -71,9 +73,9 @@ def least_steps(settings: Settings) -> tuple[int, str]:
 
 
 def make_env(task: Task, num_envs: int, settings: RunSettings, gamma: float) -> VecNormalize:
-    """Return N arms as Stable-Baselines3 trains on them: recorded, monitored, normalised."""
+    """Return N arms as Stable-Baselines3 trains on them: monitored, normalised."""
     return VecNormalize(
-        VecMonitor(ResumableVecEnv(task.make(num_envs))),
+        VecMonitor(SB3VecEnv(task.make(num_envs))),
         clip_obs=settings.clip_observation,
         clip_reward=settings.clip_reward,
         gamma=gamma,
@@ -148,16 +150,36 @@ def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: Star
         model.actor_target.load_state_dict(model.actor.state_dict())
 
 
-def make_logger(folder: Path | None) -> Logger:
-    """Return a logger to TensorBoard, or one without output."""
-    if folder is None:
-        return Logger(None, [])
-    return Logger(str(folder), [TensorBoardOutputFormat(str(folder))])
+def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgorithm:
+    """Return the model of a checkpoint, which can run code, at the start of new episodes.
+
+    Args:
+        algorithm: one of `ALGORITHMS`.
+        place: folder of the checkpoint.
+        env: of `make_env`; the checkpoint's normalisation takes the place of its own.
+
+    Raises:
+        StictionError: a checkpoint that cannot be read.
+    """
+    torch.set_num_threads(1)
+    kinds: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
+    steps = int(place.name)
+    try:
+        normal = VecNormalize.load(
+            str(place / f"rl_model_vecnormalize_{steps}_steps.pkl"), env.venv
+        )
+        model = kinds[algorithm].load(place / f"rl_model_{steps}_steps.zip", normal, device="cpu")
+        if isinstance(model, OffPolicyAlgorithm):
+            model.load_replay_buffer(place / f"rl_model_replay_buffer_{steps}_steps.pkl")
+    except Exception as error:  # unpickling raises any
+        raise StictionError(f"checkpoint {place}: cannot be read: {error}") from error
+    return model
 
 
-def packages() -> dict[str, str]:
-    """Return the versions of other packages that decide a training's bits."""
-    return {name: metadata.version(name) for name in ("stable-baselines3", "torch", "numpy")}
+def log_to(model: BaseAlgorithm, folder: Path) -> None:
+    """Let a model log to TensorBoard if it is installed, and not at all otherwise."""
+    there = find_spec("tensorboard") is not None
+    model.set_logger(Logger(str(folder), [TensorBoardOutputFormat(str(folder))] if there else []))
 
 
 # ---- the actor as numbers ------------------------------------------------------------------------
@@ -193,12 +215,11 @@ def export(
             environment=task.kind,
             observation_names=tuple(batch.observation_names),
             interval=float(batch.core.interval),
-            action=batch.core.action_name,
             activation=names[between.pop()] if between else "relu",
             output=output,
             clip=float(normal.clip_obs) if used else float(np.finfo(np.float32).max),
             epsilon=float(normal.epsilon) if used else 1.0,
-            training={**(training or {}), "versions": {**versions(), **packages()}},
+            training={**(training or {}), "versions": {**versions(), **_packages()}},
         ),
         low=batch.single_action_space.low.astype(float),
         high=batch.single_action_space.high.astype(float),
@@ -219,6 +240,10 @@ def _layers(model: BaseAlgorithm) -> tuple[list[SB3], str]:
     if isinstance(model, TD3):
         return list(policy.actor.mu)[:-1], "tanh"
     raise StictionError(f"{type(model).__name__}: expected one of PPO, SAC, TD3")
+
+
+def _packages() -> dict[str, str]:
+    return {name: metadata.version(name) for name in ("stable-baselines3", "torch", "numpy")}
 
 
 def _numbers(tensor: torch.Tensor) -> NDArray[np.float64]:

@@ -144,7 +144,6 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
             environment=task.kind,
             observation_names=env.observation_names,
             interval=float(env.core.interval),
-            action=env.core.action_name,
         )
         return _WithinBounds(policy, env)
     if path.suffix != ".csv":

@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.actions import ACTIONS, DITHERED
 from stiction_envs.method_settings import Positive
 from stiction_envs.reporting.json_text import JsonRecord
 from tuning.policies.policy_file import Array, read_archive, write_archive
@@ -50,8 +49,6 @@ class Card:
     """Bound of normalised observations."""
     epsilon: Positive
     """Added to the variance in the normalisation."""
-    action: str = DITHERED
-    """Name of the action space, one of `experiments.actions.ACTIONS`."""
     training: JsonRecord
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
@@ -60,16 +57,14 @@ class Card:
 class Policy:
     """Observation → normalised → layers → amplitudes [N·m] and frequencies [Hz].
 
-    An action of another name than ``dither`` has further numbers behind these.
-
     A row of a batch gives the same bits as the row alone.
     """
 
     card: Card
     low: Array
-    """(k n,) lowest action: n amplitudes [N·m], n frequencies [Hz], what it has besides."""
+    """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
     high: Array
-    """(k n,) highest action."""
+    """(2n,) highest action."""
     mean: Array
     """(observations,) mean of the observations in training."""
     variance: Array
@@ -95,7 +90,7 @@ class Policy:
             deterministic: not used: the policy is deterministic.
 
         Returns:
-            (k n,) or (M, k n) amplitudes [N·m], frequencies [Hz] and what else there is, and None.
+            (2n,) or (M, 2n) amplitudes [N·m] and frequencies [Hz], and None.
 
         Raises:
             StictionError: an observation of another shape.
@@ -128,7 +123,6 @@ class Policy:
         environment: str,
         observation_names: Sequence[str],
         interval: float,
-        action: str = DITHERED,
     ) -> None:
         """Raise a StictionError that names the difference if this policy is for something else.
 
@@ -137,7 +131,6 @@ class Policy:
             environment: end of the identifier, ``GTE-v0``.
             observation_names: of the environment.
             interval: time between two actions [s].
-            action: name of the action space.
         """
         card = self.card
         kind, version = card.environment.split("-")
@@ -147,8 +140,6 @@ class Policy:
             raise StictionError(f"policy for {mine}: expected one for {other}")
         if version != environment.split("-")[1]:
             raise StictionError(f"policy for {card.environment}: expected one for {environment}")
-        if card.action != action:
-            raise StictionError(f"policy for action {card.action}: expected one for {action}")
         names = tuple(observation_names)
         if card.observation_names != names:
             more = [n for n in card.observation_names if n not in names]
@@ -219,8 +210,7 @@ class Policy:
                     f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}: expected "
                     f"({bias.size}, {sizes[k]}) and ({bias.size},)"
                 )
-        odd = actions % len(ACTIONS[self.card.action])
-        if not (actions == sizes[-1] and odd == 0 and (self.low < self.high).all()):
+        if not (actions == sizes[-1] and actions % 2 == 0 and (self.low < self.high).all()):
             raise StictionError(f"{path}: action bounds that are none: expected low < high")
         if self.variance.min() < 0:
             raise StictionError(f"{path}: variance below 0")
@@ -241,8 +231,7 @@ def _checked_card(path: Path, raw: JsonRecord) -> Card:
         raise StictionError(f"{path}: {value}{said[:1].lower()}{said[1:]}") from None
     if not np.isfinite([card.interval, card.clip, card.epsilon]).all():
         raise StictionError(f"{path}: interval, clip and epsilon: expected finite numbers")
-    known = (("activation", ACTIVATIONS), ("output", OUTPUTS), ("action", tuple(ACTIONS)))
-    for name, expected in known:
+    for name, expected in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
         if getattr(card, name) not in expected:
             raise unknown(f"{name} in {path}", getattr(card, name), expected)
     if card.environment.count("-") != 1:

@@ -15,15 +15,13 @@ from stiction_envs.friction.sticking import friction_of
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import write_md_and_html
-from stiction_envs.robots import load_arm
+from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import arm_title
 
 if TYPE_CHECKING:
-    from tuning.policies.distil import Distilled
     from tuning.policies.evaluation import Evaluated
     from tuning.policies.task import Task
-    from tuning.policies.train import Trained
-    from tuning.policies.training_callbacks import CurvePoint
+    from tuning.policies.train import CurvePoint, Trained
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "train.md.j2"
 COLUMNS = {
@@ -55,25 +53,24 @@ def means_table(
 def write_report(
     folder: Path,
     task: Task,
+    arm: Arm,
     algorithm: str,
     trained: Trained,
     evaluated: Evaluated,
-    distilled: Distilled | None = None,
 ) -> None:
     """Write both pages.
 
     Args:
         folder: an existing one, with ``curve.png``.
         task: task of the training.
+        arm: its arm.
         algorithm: its name.
         trained: the policy's curve.
         evaluated: no dither ("none") and the policy ("trained"), on the same episodes.
-        distilled: the closest table and rule, if they were requested.
     """
     summary = evaluated.summary()
     none, policy = summary["none"], summary["trained"]
     gain, error = policy["return"] - none["return"], policy["return_error"]
-    arm = load_arm(task.robot, chain=task.arguments.get("chain"))
     write_md_and_html(
         folder,
         TEMPLATE,
@@ -88,17 +85,13 @@ def write_report(
         first=trained.points[0].evaluation_return,
         best=trained.best.evaluation_return,
         best_steps=trained.best.steps,
-        notes=list(trained.notes),
         table=table_text(*means_table(summary)),
-        distilled=None
-        if distilled is None
-        else {kind: 100 * lost for kind, lost in distilled.lost.items()},
     )
 
 
 # ---- the curve -----------------------------------------------------------------------------------
 
-POLICY, TRAINING, NONE = "#1f5fa8", "#8a8a8a", "#d1701a"
+POLICY, NONE = "#1f5fa8", "#d1701a"
 
 
 def draw_curve(path: Path, points: Sequence[CurvePoint], *, title: str, experiment: str) -> None:
@@ -106,7 +99,7 @@ def draw_curve(path: Path, points: Sequence[CurvePoint], *, title: str, experime
 
     Args:
         path: path of the PNG.
-        points: `training_callbacks.CurvePoint`.
+        points: the evaluations.
         title: title of the plot.
         experiment: one of `envs.registration.EXPERIMENTS`.
     """
@@ -115,11 +108,8 @@ def draw_curve(path: Path, points: Sequence[CurvePoint], *, title: str, experime
     steps = np.array([p.steps for p in points])
     mean = np.array([p.evaluation_return for p in points])
     spread = np.array([p.evaluation_std for p in points])
-    training = np.array([p.training_return for p in points])
     axes.fill_between(steps, mean - spread, mean + spread, color=POLICY, alpha=0.15, lw=0)
     axes.plot(steps, mean, "o-", ms=3, color=POLICY, label="evaluation, ± std of episodes")
-    if np.isfinite(training).any():
-        axes.plot(steps, training, color=TRAINING, lw=1, label="training, exploration included")
     best = int(np.argmax(mean))
     axes.plot(steps[best], mean[best], "o", ms=9, mfc="none", color=POLICY, label="kept")
     kind = EXPERIMENTS[experiment]

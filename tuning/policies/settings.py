@@ -93,8 +93,6 @@ class RunSettings:
     """Steps between two evaluations."""
     evaluation_episodes: Count
     """Episodes of each evaluation, the same ones every time."""
-    checkpoint_every: Count
-    """Steps between two checkpoints; an interruption loses at most these."""
     final_episodes: Count
     """Episodes with other seeds on which the finished policy is compared."""
     clip_observation: Positive
@@ -105,7 +103,7 @@ class RunSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class StartSettings:
-    """A policy that starts from an amplitude table, or from a treatment's gains."""
+    """A policy that starts from an amplitude table."""
 
     slope: Positive
     """Initial variation of the network's output, over that of an untrained network [-]."""
@@ -136,26 +134,6 @@ class FileSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DistilSettings:
-    """The gated table and rule that come closest to a policy."""
-
-    episodes: Count
-    """Default number of episodes of the policy that are recorded."""
-    starts: Count
-    """Initial gates and initial thresholds of a joint's fit; every combination is tried."""
-    gate_rad_s: tuple[Positive, Positive]
-    """Slowest and fastest gate speed; a gate that ends on the fastest counts as none [rad/s]."""
-    threshold: tuple[Positive, Positive]
-    """Lowest and highest torque threshold over stiction; one on the lowest counts as none [-]."""
-    least_share: Positive
-    """A joint whose amplitude is below this share of the highest possible is not dithered [-]."""
-    edge: Positive
-    """A gate or threshold this near its bound, in the logarithm, is on it [-]."""
-    least_spread: Positive
-    """Amplitudes whose standard deviation is below this share of the highest are constant [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class PolicySettings:
     """All settings of this package."""
 
@@ -166,15 +144,13 @@ class PolicySettings:
     td3: TD3Settings
     """Twin delayed deterministic policy gradient."""
     run: RunSettings
-    """Evaluations and checkpoints."""
+    """Evaluations, limits."""
     start: StartSettings
     """Trainings that start from a table."""
     evaluation: EvaluationSettings
     """Comparisons."""
     file: FileSettings
     """Limits of a policy file."""
-    distil: DistilSettings
-    """A table from a policy."""
 
 
 @cache

@@ -1,20 +1,21 @@
-"""Training of a policy that continues after an interruption with the same bits.
+"""Training of a policy with Stable-Baselines3, which goes on from its last checkpoint.
 
     task = Task(robot="panda", experiment="gte")
-    with OutputFolder(path, provenance(...), resumable=True) as folder:
-        trained = train(task, "ppo", steps=300_000, out=folder.path)
+    training = Training(task=task, algorithm="ppo", steps=300_000, settings=policy_settings())
+    training.check()
+    trained = training.run(folder)
 
-The steps are: evaluate, then rollouts with evaluations and checkpoints between them, evaluate, keep
-the policy of the best evaluation. All random numbers follow from the seed; interruptions do not
-change them. Needs the extra `rl`.
+A training that is not interrupted gives the same bits for the same seed. One that was interrupted
+loses what came after its last checkpoint, and starts the episodes that were under way again. Needs
+the extra `rl`.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import time
+import csv
+import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,32 +23,42 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.actions import DITHERED
 from stiction_envs.measured import AmplitudeRow
-from stiction_envs.method_settings import fingerprint
-from stiction_envs.reporting.atomic import write_bytes_atomic
+from stiction_envs.measured.csv_text import write_lines
 from tuning.policies.algorithms import (
-    Settings,
+    BaseAlgorithm,
     begin_with,
     export,
     least_steps,
+    load_checkpoint,
+    log_to,
     make_env,
-    make_logger,
     make_model,
-    packages,
     settings_of,
 )
-from tuning.policies.checkpoint import newest, read_state, restore, save
+from tuning.policies.callbacks import Checkpoints, Evaluations, newest
 from tuning.policies.policy import Policy
-from tuning.policies.settings import PolicySettings, policy_settings
+from tuning.policies.settings import PolicySettings
 from tuning.policies.task import Task
-from tuning.policies.training_callbacks import Checkpoints, CurvePoint, Evaluations, write_curve
 
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
 """Contents of the folder of a training."""
-NO_TENSORBOARD = f"tensorboard is not installed: the curve is in {CURVE} alone"
 Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """One evaluation, a row of ``curve.csv``."""
+
+    steps: int
+    """Steps of all arms together."""
+    evaluation_return: float
+    """Mean return of the evaluation's episodes, without exploration."""
+    evaluation_std: float
+    """Standard deviation of these returns."""
+    evaluation_length: float
+    """Mean length of these episodes [steps]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,11 +70,7 @@ class Trained:
     points: tuple[CurvePoint, ...]
     """The curve."""
     resumed_at: int | None
-    """Steps of the checkpoint from which it continued, None for none."""
-    steps_per_second: float | None
-    """Speed of this process without evaluations; None if nothing was left to train."""
-    notes: tuple[str, ...]
-    """Notes for the user."""
+    """Steps of the checkpoint from which it went on, None for none."""
 
     @property
     def best(self) -> CurvePoint:
@@ -73,7 +80,7 @@ class Trained:
 
 @dataclass(frozen=True, kw_only=True)
 class Training:
-    """Definition of a training; equal ones give the same bits."""
+    """Definition of a training."""
 
     task: Task
     algorithm: str
@@ -83,45 +90,17 @@ class Training:
     seed: int = 0
     """Seed of all random numbers."""
     start: Sequence[AmplitudeRow] = ()
-    """Amplitudes that the policy starts with."""
+    """Amplitudes that the policy starts with, for every observation; gates are ignored. Without
+    them: half of the highest amplitudes and frequencies."""
+    checkpoint_every: int = 20_000
+    """Steps between two checkpoints."""
     settings: PolicySettings
 
-    @property
-    def own(self) -> Settings:
-        """Settings of the algorithm."""
-        return settings_of(self.algorithm, self.settings)
-
-    @property
-    def starts(self) -> bool:
-        """Whether it starts from dither or gains that are known."""
-        return bool(self.start) or self.task.arguments.get("action", DITHERED) != DITHERED
-
-    def identity(self) -> dict[str, object]:
-        """Return what distinguishes a training from another."""
-        task, settings = self.task, self.settings
-        return {
-            "robot": task.arm_name,
-            "environment": task.kind,
-            "algorithm": self.algorithm,
-            "steps": self.steps,
-            "seed": self.seed,
-            "start": [repr(row) for row in self.start],
-            "arguments": {k: repr(v) for k, v in sorted(task.arguments.items())},
-            "settings": fingerprint({"own": self.own, "run": settings.run}),
-            "start_settings": fingerprint(settings.start) if self.starts else None,
-            "packages": packages(),
-        }
-
-    def check(self, out: Path | None) -> None:
-        """Raise a StictionError if the arguments are invalid; nothing is written.
-
-        ``out`` is searched for a checkpoint; None for a new training.
-        """
-        least, why = least_steps(self.own)
+    def check(self) -> None:
+        """Raise a StictionError if the training cannot be run; nothing is written."""
+        least, why = least_steps(settings_of(self.algorithm, self.settings))
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        if out is not None and (place := newest(out / CHECKPOINTS)) is not None:
-            read_state(place, self.identity())
         env = self.task.make(1)
         ConstantTable(env, self.start)  # raises if the environment cannot execute it
         drawn, first = getattr(env.core, "random_paths", 0), self.settings.evaluation.test_paths
@@ -133,162 +112,124 @@ class Training:
             )
 
     def run(self, out: Path, progress: Progress | None = None) -> Trained:
-        """Train in an existing folder; an unfinished run of the same training is continued."""
-        return _Process(self, out, progress).run()
+        """Train, or go on from the last checkpoint in the folder.
 
+        ``policy.zip`` and ``curve.csv`` are there from the first evaluation on.
 
-def train(
-    task: Task,
-    algorithm: str,
-    *,
-    steps: int,
-    out: Path,
-    seed: int = 0,
-    start: Sequence[AmplitudeRow] = (),
-    settings: PolicySettings | None = None,
-    progress: Progress | None = None,
-) -> Trained:
-    """Train; ``policy.zip`` and ``curve.csv`` are in the folder from the start on.
+        Args:
+            out: an existing folder; what is in it was made by the same training.
+            progress: see `Progress`.
+        """
+        at = None
+        points = _read_curve(out / CURVE)
+        if not points or points[-1].steps < self.steps:
+            at = self._learn(out, progress)
+            points = _read_curve(out / CURVE)
+        shutil.rmtree(out / CHECKPOINTS, ignore_errors=True)
+        return Trained(policy=Policy.load(out / POLICY), points=points, resumed_at=at)
 
-    Args:
-        task: the environment.
-        algorithm: one of `algorithms.ALGORITHMS`.
-        steps: steps of all arms together; the last rollout may exceed it.
-        out: an existing folder; an unfinished run of the same training in it is continued.
-        seed: seed of all random numbers.
-        start: amplitudes that the policy starts with, for every observation; their gates are
-            ignored. None: half of the highest amplitudes and frequencies; with an action that has
-            more than dither no dither, and the gains of the environment's treatment.
-        settings: None for the defaults.
-        progress: see `Progress`.
+    def _learn(self, out: Path, progress: Progress | None) -> int | None:
+        """Train the rest; return the steps that were done before."""
+        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        env = make_env(self.task, own.envs, run, own.gamma)
+        place = newest(out / CHECKPOINTS)
+        if place is None:
+            model = make_model(own, env, self.seed)
+            if self.start:
+                begin_with(model, first_action(self.task, self.start), self.settings.start)
+        else:
+            model = load_checkpoint(self.algorithm, place, env)
+            # not the episodes and the noise of the beginning once more
+            model.set_random_seed(far_seed(self.seed, int(place.name)))
+        log_to(model, out / "tensorboard")
 
-    Raises:
-        StictionError: an unknown algorithm, too few steps, a checkpoint of another training, a
-            table that the environment cannot execute.
-    """
-    settings = policy_settings() if settings is None else settings
-    training = Training(
-        task=task, algorithm=algorithm, steps=steps, seed=seed, start=start, settings=settings
-    )
-    training.check(out)
-    return training.run(out, progress)
+        def say(evaluations: Evaluations) -> None:
+            if progress is not None:
+                words = (
+                    f"{self.algorithm}: return {evaluations.last_mean_reward:.3f}, best "
+                    f"{evaluations.best_mean_reward:.3f}"
+                )
+                progress(words, min(1.0, model.num_timesteps / self.steps))
 
+        def evaluated(evaluations: Evaluations) -> None:
+            _write_curve(out / CURVE, evaluations)
+            if evaluations.improved:
+                self._export(model).save(out / POLICY)
 
-class _Process:
-    """The part of a training that one process runs."""
-
-    def __init__(self, training: Training, out: Path, progress: Progress | None) -> None:
-        self._training, self._out, self._progress = training, out, progress
-        self._identity = training.identity()
-        own, run = training.own, training.settings.run
-        task, seed = training.task, training.seed
-        env = make_env(task, own.envs, run, own.gamma)
-        self._model = make_model(own, env, seed)
-        if training.starts:
-            action = first_action(task, training.start)
-            begin_with(self._model, action, training.settings.start)
-        self._evaluations = Evaluations(
-            make_env(task, run.evaluation_episodes, run, own.gamma),
-            seed=far_seed(seed, 1),
-            every=run.evaluation_every,
-            keep_best=self._keep_best,
-            say=self._evaluated,
+        evaluations = Evaluations(
+            make_env(self.task, run.evaluation_episodes, run, own.gamma),
+            out / CHECKPOINTS,
+            seed=far_seed(self.seed, 1),
+            every=max(1, run.evaluation_every // own.envs),
+            evaluated=evaluated,
+            say=say,
         )
-        self._checkpoints = Checkpoints(run.checkpoint_every, self._save, self._say)
-        self._said = ""
-
-    def run(self) -> Trained:
-        """Train the rest."""
-        at, finished = None, False
-        if (place := newest(self._out / CHECKPOINTS)) is not None:
-            state = read_state(place, self._identity)
-            at, finished = int(state["counters"]["num_timesteps"]), bool(state["finished"])
-            if not finished:
-                restore(place, state, self._model)
-            self._evaluations.restore(state["more"])
-            # improvements after the checkpoint are found again
-            write_bytes_atomic(self._out / POLICY, (place / POLICY).read_bytes())
-        rate = None
-        if not finished:
-            self._log_to(at or 0)
-            rate = self._learn()
-            self._save(finished=True)
-        write_curve(self._out / CURVE, self._evaluations.points)
-        return Trained(
-            policy=Policy.load(self._out / POLICY),
-            points=tuple(self._evaluations.points),
-            resumed_at=at,
-            steps_per_second=rate,
-            notes=() if _has_tensorboard() else (NO_TENSORBOARD,),
+        checkpoints = Checkpoints(
+            out / CHECKPOINTS,
+            every=max(1, self.checkpoint_every // own.envs),
+            more=(out / POLICY, evaluations.file),
         )
-
-    def _learn(self) -> float:
-        start, before = time.monotonic(), self._model.num_timesteps
-        self._model.learn(
-            self._training.steps - before,
-            callback=[self._evaluations, self._checkpoints],
-            reset_num_timesteps=before == 0,
+        if place is not None:
+            checkpoints.copy_back(place)
+            evaluations.restore()
+        before = model.num_timesteps
+        model.learn(
+            self.steps - before, callback=[evaluations, checkpoints], reset_num_timesteps=not before
         )
-        seconds = time.monotonic() - start - self._evaluations.seconds
-        return (self._model.num_timesteps - before) / seconds
+        return before or None
 
-    # ---- while it learns ---------------------------------------------------------------------
-
-    def _keep_best(self) -> None:
-        of = self._identity
-        shown = {
-            "algorithm": of["algorithm"],
-            "steps": int(self._model.num_timesteps),
-            **{name: of[name] for name in ("seed", "start", "arguments", "settings")},
+    def _export(self, model: BaseAlgorithm) -> Policy:
+        described = {
+            "algorithm": self.algorithm,
+            "steps": int(model.num_timesteps),
+            "seed": self.seed,
+            "start": [repr(row) for row in self.start],
+            "arguments": {k: repr(v) for k, v in sorted(self.task.arguments.items())},
         }
-        export(self._model, self._training.task, shown).save(self._out / POLICY)
-
-    def _save(self, finished: bool = False) -> None:
-        more, best = self._evaluations.state(), self._out / POLICY
-        save(self._out / CHECKPOINTS, self._model, self._identity, more, best, finished=finished)
-
-    def _evaluated(self, said: str, steps: int) -> None:
-        write_curve(self._out / CURVE, self._evaluations.points)
-        self._said = said
-        self._say(steps)
-
-    def _say(self, steps: int) -> None:
-        if self._progress is not None:
-            algorithm = self._training.algorithm
-            stage = f"{algorithm}: {self._said}" if self._said else algorithm
-            self._progress(stage, min(1.0, steps / self._training.steps))
-
-    def _log_to(self, steps: int) -> None:
-        """Log to TensorBoard if it is installed."""
-        # a folder for each start: logs after the checkpoint of an interrupted one stay separate
-        folder = self._out / "tensorboard" / f"from-{steps:09d}" if _has_tensorboard() else None
-        self._model.set_logger(make_logger(folder))
-
-
-def _has_tensorboard() -> bool:
-    return importlib.util.find_spec("tensorboard") is not None
+        return export(model, self.task, described)
 
 
 def first_action(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
-    """Return an amplitude table as an action in [-1, 1]; what it has besides dither is 0.
-
-    Without rows it is no dither, at frequencies of 0.
+    """Return an amplitude table as an action in [-1, 1].
 
     Raises:
         StictionError: a table that the environment cannot execute.
     """
     env = task.make(1)
-    space = env.core.action_space
-    table = ConstantTable(env, rows)
+    space, table = env.core.action_space, ConstantTable(env, rows)
     env.close()
     dither = np.concatenate([table.amplitude, table.frequency])
-    low, high = space.low[: len(dither)], space.high[: len(dither)]
-    action = 2.0 * (dither - low) / (high - low) - 1.0
-    if not rows:
-        action[table.n :] = 0.0
-    return np.append(action, np.zeros(len(space.low) - len(dither)))
+    return np.asarray(2.0 * (dither - space.low) / (space.high - space.low) - 1.0)
 
 
 def far_seed(seed: int, which: int) -> int:
     """Return a first seed of episodes that is far from the others, and from the training's."""
     return int(np.random.SeedSequence([seed, which]).generate_state(1)[0]) % 2**31
+
+
+def _write_curve(path: Path, evaluations: Evaluations) -> None:
+    points = [
+        CurvePoint(
+            steps=steps,
+            evaluation_return=float(np.mean(returns)),
+            evaluation_std=float(np.std(returns)),
+            evaluation_length=float(np.mean(lengths)),
+        )
+        for steps, returns, lengths in zip(
+            evaluations.evaluations_timesteps,
+            evaluations.evaluations_results,
+            evaluations.evaluations_length,
+            strict=True,
+        )
+    ]
+    rows = [asdict(p) for p in points]
+    write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
+
+
+def _read_curve(path: Path) -> tuple[CurvePoint, ...]:
+    """Return the points of a file that `_write_curve` wrote; none if there is no file."""
+    if not path.is_file():
+        return ()
+    with open(path, encoding="utf-8", newline="") as file:
+        rows = [{k: float(x) for k, x in row.items()} for row in csv.DictReader(file)]
+    return tuple(CurvePoint(steps=int(row.pop("steps")), **row) for row in rows)

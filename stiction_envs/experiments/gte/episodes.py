@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.actions import ACTIONS, DITHERED, MOST_GAIN, PUSHED
+from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import (
     Arguments,
     Array,
@@ -60,7 +59,6 @@ class GTEArguments(Arguments):
     start: ArrayLike | None = None
     tool: ArrayLike | None = None
     compensation: str | Path | Compensation | None = None
-    action: str = DITHERED
     controller_model: Arm | None = None
     random_paths: int | None = None
     settling_weight: float | None = None
@@ -125,30 +123,9 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             round(1.0 / (e.protocol.sample_rate * CONTROL_DT)),
         )
 
-    def _action_bounds(self, a: GTEArguments) -> tuple[Array, Array]:
-        """Return the lowest and highest action; push gains go up to twice the treatment's."""
-        low, high = super()._action_bounds(a)
-        if a.action not in ACTIONS:
-            raise unknown("action", a.action, ACTIONS)
-        self.action_name, given = a.action, a.compensation
-        if given is None and a.action == PUSHED:
-            given = "push"
-        found = self.experiment.compensation(given) if isinstance(given, str | Path) else given
-        self.compensation = found
-        if a.action == DITHERED or found is None:
-            return low, high
-        if found.kind != "push":
-            raise StictionError(f"action {PUSHED}: compensation {found.kind}: expected push")
-        gain = np.array(found.gain)
-        if not gain.all():
-            raise StictionError(
-                f"action {PUSHED}: compensation gain of joint {1 + int(gain.argmin())} is 0: "
-                "expected > 0 N·m"
-            )
-        return np.append(low, np.zeros(self.n)), np.append(high, MOST_GAIN * gain)
-
     def _make(self, a: GTEArguments) -> None:
-        e, count = self.experiment, self.num_envs
+        e, count, given = self.experiment, self.num_envs, a.compensation
+        self.compensation = e.compensation(given) if isinstance(given, str | Path) else given
         self._random: dict[int, Key] = {}
         self._units: dict[Key, Undithered] = {}
         self._shaking_unit = self.reward_settings().shaking_unit
@@ -166,7 +143,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self._base_left, self._base_resting = np.zeros((2, count, 2))
         self._left = np.zeros(count)
         self._base_duration = np.ones(count)
-        self._observer = GTEObserver(e, self._low, self._high, self.quantities)
+        self._observer = GTEObserver(e, self._low, self._high)
         self.stiction = self._observer.stiction
         self.tolerance = self._observer.tolerance
         """Unit of the observed error [m], [rad]."""
@@ -237,11 +214,6 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             self._base_left[i], self._base_resting[i] = b.left.mean(axis=0), b.left[-1]
             self._base_duration[i], self._base_shaking[i] = b.duration, b.shaking
         self.recorder.start(ids, self.goals[ids])
-
-    def _act(self) -> None:
-        super()._act()
-        if self.action_name == PUSHED:
-            self.rig.compensator.set_gain(self.action[:, 2 * self.n :])
 
     def _advance(self, ids: Index) -> None:
         self.rig.plant.step_only(self.alive)

@@ -1,12 +1,12 @@
 """Observations of arms that follow paths, and the options of a reset.
 
-The environment and a policy that runs outside it observe the same. A controller has all of it: the
-joints' angles and speeds, the commanded torque, the pose of the tool point and the reference.
+A controller has all of it: the joints' angles and speeds, the commanded torque, the pose of the
+tool point and the reference.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.trajectory import POSITION, MotionLimits
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.actions import ACTIONS, DITHERED, Quantity
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import (
     AXES,
@@ -33,7 +32,6 @@ from stiction_envs.experiments.observation import (
     Group,
     named_options,
     observation_bounds,
-    observation_names,
     observed_action,
     pack,
 )
@@ -70,26 +68,16 @@ GROUPS = (
 class GTEObserver:
     """Observations of a rig's arms, in the units of the nominal arm."""
 
-    def __init__(
-        self,
-        experiment: GeneratedTrajectoryExperiment,
-        low: Array,
-        high: Array,
-        quantities: Sequence[Quantity] = ACTIONS[DITHERED],
-    ) -> None:
+    def __init__(self, experiment: GeneratedTrajectoryExperiment, low: Array, high: Array) -> None:
         """Prepare.
 
         Args:
             experiment: whose arms are observed.
-            low: (k n,) lowest action: amplitudes [N·m], frequencies [Hz], what it has besides.
-            high: (k n,) highest action.
-            quantities: k of the action; the observation ends with what it has besides dither.
+            low: (2n,) lowest action: amplitudes [N·m], frequencies [Hz].
+            high: (2n,) highest action.
         """
         self._limits, self._low, self._high = experiment.motion, low, high
-        self._quantities = quantities
-        self._groups = (*GROUPS, *(q.observed for q in quantities[len(DITHER) :]))
-        self.names = observation_names(experiment.n, self._groups)
-        self.bounds = observation_bounds(experiment.n, self._groups)
+        self._bounds = observation_bounds(experiment.n, GROUPS)
         level = experiment.sticking.parameters.stiction_at(experiment.start_load())
         self.stiction: Array = level.max(axis=-1)
         """(n,) unit of the observed torque: the nominal stiction at the load of the start, the
@@ -107,7 +95,7 @@ class GTEObserver:
         Args:
             rig: its end effector was read, as the controllers have it.
             ids: (M,) arms.
-            action: (N, k n) last action of every arm [N·m, Hz …].
+            action: (N, 2n) last action of every arm [N·m, Hz].
             stiffness: (N, 3) translational [N/m], rotational, nullspace [N·m/rad].
             goals: (N,) goals of each arm's path.
         """
@@ -119,8 +107,7 @@ class GTEObserver:
         error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
         at = np.minimum(sequencer.index, goals - 1)
         since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
-        used = self._quantities
-        acted = observed_action(action[ids], self._low, self._high, len(used))
+        amplitude, frequency = observed_action(action[ids], self._low, self._high)
         share = stiffness[ids, :2] / self._stiffness_unit
         values = {
             "displacement": rig.seen_position[ids] - rig.start,
@@ -135,9 +122,10 @@ class GTEObserver:
             "goals_left": sequencer.goals_left[ids],
             "translational": share[:, 0],
             "rotational": share[:, 1],
-            **{q.observed.name: x for q, x in zip(used, acted, strict=True)},
+            "amplitude": amplitude,
+            "frequency": frequency,
         }
-        return pack(self._groups, values, len(ids), *self.bounds)
+        return pack(GROUPS, values, len(ids), *self._bounds)
 
 
 def check_gte_options(options: Mapping[str, object] | None) -> Checked:

@@ -35,7 +35,7 @@ def small_settings(**changes: Any) -> PolicySettings:
             few |= {f"{name}.learning_starts": 16, f"{name}.gradient_steps": 1}
             few |= {f"{name}.buffer_size": 80}  # full before the second checkpoint
     few |= {"run.evaluation_every": 64, "run.evaluation_episodes": 2}
-    few |= {"run.checkpoint_every": 48, "run.final_episodes": 2}
+    few |= {"run.final_episodes": 2}
     return override(policy_settings(), {**few, **changes})
 
 
@@ -49,7 +49,6 @@ def made_up(
     interval: float = 0.1,
     hidden: int = 4,
     output: str = "tanh",
-    action: str = "dither",
     seed: int = 0,
 ) -> Policy:
     """Return a policy with one hidden layer and weights drawn from a seed."""
@@ -65,7 +64,6 @@ def made_up(
             output=output,
             clip=10.0,
             epsilon=1e-8,
-            action=action,
             training={"algorithm": "made up"},
         ),
         low=np.array(low, float),

@@ -96,7 +96,6 @@ MINE = {
         ({"observation_names": ("a", "b", "c", "d")}, "without d"),
         ({"observation_names": ("a", "c", "b")}, "in another order"),
         ({"interval": 0.2}, "control interval of 0.1 s: expected 0.2 s"),
-        ({"action": "dither+push"}, "policy for action dither: expected one for dither+push"),
     ],
 )
 def test_a_policy_for_something_else(change, words):
@@ -104,23 +103,6 @@ def test_a_policy_for_something_else(change, words):
     with pytest.raises(StictionError) as error:
         made_up().check(**{**MINE, **change})
     assert words in str(error.value)
-
-
-def test_a_policy_that_pushes_is_for_an_environment_that_pushes(tmp_path):
-    made_up(low=(0, 5, 0), high=(2, 100, 1), action="dither+push").save(tmp_path / "policy.zip")
-    pushing = Policy.load(tmp_path / "policy.zip")
-    pushing.check(**MINE, action="dither+push")
-    with pytest.raises(StictionError, match=r"^policy for action dither\+push: expected one for d"):
-        pushing.check(**MINE)
-
-
-def test_a_file_that_names_no_action_is_of_dither(tmp_path):
-    def older(entries: dict[str, bytes]) -> None:
-        found = json.loads(entries["policy.json"])
-        del found["action"]
-        entries["policy.json"] = json.dumps(found).encode()
-
-    assert Policy.load(repacked(tmp_path, older)).card == made_up().card
 
 
 # ---- files of strangers --------------------------------------------------------------------------
@@ -180,8 +162,6 @@ STRANGE = {
     "short": (lambda e: e.update({"mean.npy": array(np.zeros(2))}), "mean has shape (2,)"),
     "layer": (lambda e: e.update({"weight_1.npy": array(np.zeros((2, 5)))}), "layer 1 has shapes"),
     "layer_vector": (lambda e: e.update({"weight_1.npy": array(np.zeros(2))}), "layer 1"),
-    "action": (lambda e: card(e, action="shove"), "'shove': expected one of dither, dither+push"),
-    "halves": (lambda e: card(e, action="dither+push"), "action bounds that are none"),
     "missing": (lambda e: e.pop("bias_1.npy"), "bias_1 is missing or too many"),
     "more": (lambda e: e.update({"bias_2.npy": array(np.zeros(2))}), "bias_2 is missing or too"),
     "bounds": (lambda e: e.update({"high.npy": array(np.array([0.0, 5.0]))}), "low < high"),
