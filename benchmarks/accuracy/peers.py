@@ -10,10 +10,10 @@ Reads ../shared/measured, and needs ``pip install .[peers]``; what is missing is
 from __future__ import annotations
 
 import importlib.util
-import inspect
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -22,10 +22,10 @@ import numpy as np
 from benchmarks.accuracy import peers_figaroh, peers_sysid
 from benchmarks.accuracy.real_logs import PANDA, iiwa_logs
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row, machine
-from benchmarks.reference_loop import seconds as reference_loop
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.markdown import joints, table_text
@@ -103,30 +103,19 @@ def iiwa14() -> Parts:
 CASES: dict[str, Callable[[], Parts]] = {"panda": panda, "iiwa14": iiwa14}
 
 
-def rms(parts: Parts, model: Any) -> dict[str, list[float]]:
+def rms(parts: Parts, torque: Callable[[Array, Array, Array], Array]) -> dict[str, list[float]]:
     """Return (n,) what a model leaves of the torques of each part [N·m]."""
     out = {}
     for name in ("fit", "held_out", "check"):
-        left = [
-            model.torque(s.q, s.dq, s.ddq) - s.tau
-            for s in parts.signals(getattr(parts, name)).segments
-        ]
-        out[name] = np.sqrt(np.mean(np.square(np.concatenate(left)), axis=0)).tolist()
+        segments = parts.signals(getattr(parts, name)).segments
+        left = np.concatenate([torque(s.q, s.dq, s.ddq) - s.tau for s in segments])
+        out[name] = np.sqrt(np.mean(np.square(left), axis=0)).tolist()
     return out
 
 
-class Rigid:
-    """The published model as it is."""
-
-    def __init__(self, arm: Arm) -> None:
-        """Take its masses for true."""
-        self.arm = arm
-
-    def torque(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (T, n) torque of the rigid body [N·m]."""
-        from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-
-        return inverse_dynamics(self.arm.pinocchio(), q, dq, ddq)
+def published(parts: Parts) -> dict[str, Any]:
+    """Return what the published model leaves, as it is."""
+    return {"rms": rms(parts, partial(inverse_dynamics, parts.arm.pinocchio()))}
 
 
 def ours(parts: Parts) -> dict[str, Any]:
@@ -157,13 +146,13 @@ def peer(kind: Any) -> Callable[[Parts], dict[str, Any]]:
         rows = max(ROWS, int(OVERSAMPLED * whole.cutoff_hz * seconds))
         given = parts.signals(parts.fit, rows)
         model = kind(parts.arm, list(given.segments), given.dt)
-        return {"rms": rms(parts, model), **model.says()}
+        return {"rms": rms(parts, model.torque), **model.says()}
 
     return run
 
 
 TOOLS: dict[str, tuple[str, Callable[[Parts], dict[str, Any]]]] = {
-    "published masses": ("", lambda parts: {"rms": rms(parts, Rigid(parts.arm))}),
+    "published masses": ("", published),
     "stiction diagnose": ("", ours),
     "mujoco.sysid": ("absl", peer(peers_sysid.Sysid)),
     "FIGAROH": ("figaroh", peer(peers_figaroh.Figaroh)),
@@ -171,57 +160,38 @@ TOOLS: dict[str, tuple[str, Callable[[Parts], dict[str, Any]]]] = {
 """By name: the package that must be there, and what runs it."""
 
 
-def lines_typed() -> dict[str, int]:
-    """Return the lines of code that a user types: those of the fit here, with configurations."""
-
-    def count(*things: Any) -> int:
-        text = "".join(inspect.getsource(x) for x in things)
-        return sum(bool(x.strip()) and not x.strip().startswith("#") for x in text.splitlines())
-
-    return {
-        "stiction diagnose": 1,
-        "mujoco.sysid": count(
-            peers_sysid.Sysid.__init__, peers_sysid._setter, peers_sysid._windows
-        ),
-        "FIGAROH": count(peers_figaroh.Figaroh.__init__, peers_figaroh._config),
-    }
-
-
 def measured(job: tuple[str, str]) -> Row:
-    """Return what a tool leaves and says of a case, with the reference loop's seconds."""
+    """Return what a tool leaves and says of a case."""
     name, tool = job
-    parts, unit = CASES[name](), reference_loop()
+    parts = CASES[name]()
     start = time.perf_counter()
     row = TOOLS[tool][1](parts)
-    return {**row, "seconds": time.perf_counter() - start, "unit": unit, "what": parts.what}
+    return {**row, "seconds": time.perf_counter() - start, "what": parts.what}
 
 
 def section(tools: dict[str, Row]) -> dict[str, Any]:
     """Return what the page's template asks for, of one robot's rows by tool."""
-    one, lines = next(iter(tools.values())), lines_typed()
     held = {}
     for key in ("held_out", "check"):
-        best = np.min([t["rms"][key] for t in tools.values()], axis=0)
+        left = {tool: np.array(row["rms"][key]) for tool, row in tools.items()}
+        best = np.min(list(left.values()), axis=0)
         table = []
-        for tool, row in tools.items():
-            pairs = zip(row["rms"][key], best, strict=True)
+        for tool, error in left.items():
+            pairs = zip(error, best, strict=True)
             shown = [f"**{x:.3f}**" if x <= y else f"{x:.3f}" for x, y in pairs]
-            table.append([tool, *shown, f"{np.mean(row['rms'][key]):.3f}"])
+            table.append([tool, *shown, f"{error.mean():.3f}"])
         header = ["Held out" if key == "held_out" else "Check"]
-        header += [f"joint {j}" for j in range(1, 1 + len(one["rms"]["fit"]))]
+        header += [f"joint {j}" for j in range(1, 1 + len(best))]
         held[key] = table_text([*header, "mean"], table)
     says = [
-        [
-            *(tool, row["causes"], row["trust"]),
-            f"{row['seconds']:.0f} s ({row['seconds'] / row['unit']:.0f})",
-            str(lines.get(tool, 0)),
-        ]
+        [tool, row["causes"], row["trust"], f"{row['seconds']:.0f} s"]
         for tool, row in tools.items()
         if "causes" in row
     ]
-    header = ["", "what it says of causes", "of trust", "time (over a reference loop)", "lines"]
+    header = ["", "what it says of causes", "of trust", "time"]
     means = {tool: float(np.mean(row["rms"]["held_out"])) for tool, row in tools.items()}
-    return {**held, "what": one["what"], "says": table_text(header, says), "means": means}
+    what = next(iter(tools.values()))["what"]
+    return {**held, "what": what, "says": table_text(header, says), "means": means}
 
 
 def main() -> None:

@@ -17,6 +17,7 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.regressor import torque_regressor
 
 WRIST = (4, 5)
 """Joints of the TX40 (from 0) that one motor drives together: each sees the other's friction."""
@@ -73,20 +74,9 @@ def masses(d: Diagnosis) -> dict[str, np.ndarray]:
             data.residual,
         ),
     }
-    static = regressor(data.pinocchio, data.q, 0 * data.q, 0 * data.q)
+    static = torque_regressor(data.pinocchio, data.q, 0 * data.q, 0 * data.q)
     out["any_masses"] = held_out_together(data, static, data.residual)
     return out
-
-
-def regressor(model: pin.Model, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    """Torque per inertial parameter of every link, (T, n, 10 n)."""
-    work = model.createData()
-    return np.array(
-        [
-            pin.computeJointTorqueRegressor(model, work, *x).copy()
-            for x in zip(q, dq, ddq, strict=True)
-        ]
-    )
 
 
 def together(
@@ -186,7 +176,7 @@ def without_body(log: JointLog, arm: Arm) -> tuple[JointLog, dict[str, np.ndarra
     No masses of this robot are published; those fitted here need not be any body's.
     """
     data = assemble(arm, prepare([log]))
-    shared = regressor(data.pinocchio, data.q, data.dq, data.ddq)
+    shared = torque_regressor(data.pinocchio, data.q, data.dq, data.ddq)
     out = {
         "rigid": held_out_together(data, shared, data.tau),
         "coulomb_viscous": held_out_together(data, shared, data.tau, friction=True),
