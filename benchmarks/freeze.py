@@ -21,7 +21,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,13 +50,21 @@ ROLLOUTS = {"PandaSJE-v0": 60, "IiwaSJE-v0": 40, "PandaGTE-v0": 60, "IiwaGTE-v0"
 """Steps per environment."""
 
 
-def stiction(*arguments: object) -> None:
-    """Run a command of this checkout."""
+def stiction(out: Path, *arguments: object) -> Path:
+    """Run a command of this checkout; return its output folder."""
     code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
-    words = [sys.executable, "-c", code, *map(str, arguments), "--force"]
+    words = [sys.executable, "-c", code, *map(str, arguments), "--out", str(out), "--force"]
     done = subprocess.run(words, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise SystemExit(f"{' '.join(words[3:])}\n{done.stderr}")
+    return out
+
+
+def dither_table(work: Path) -> Path:
+    """Return an amplitude table."""
+    path = work / "dither.csv"
+    path.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.6\n4,30,1.2\n", "utf-8")
+    return path
 
 
 def file_hash(*paths: Path) -> str:
@@ -97,8 +105,8 @@ def without_words(value: Any) -> Any:
 def diagnoses(work: Path) -> Iterable[tuple[str, str]]:
     """Yield numbers and words of every hidden log's ``diagnosis.json``, and of its models."""
     for name, (log, options) in hidden_logs(work).items():
-        out = work / f"diagnose-{name}"
-        stiction("diagnose", log, "--robot", "panda", *options, "--out", out)
+        words = ["diagnose", log, "--robot", "panda", *options]
+        out = stiction(work / f"diagnose-{name}", *words)
         text = (out / "diagnosis.json").read_text("utf-8")
         numbers = json.dumps(without_words(json.loads(text)), sort_keys=True)
         yield f"diagnose.{name}", hashlib.sha256(numbers.encode()).hexdigest()[:16]
@@ -108,75 +116,73 @@ def diagnoses(work: Path) -> Iterable[tuple[str, str]]:
 
 def experiments(work: Path) -> Iterable[tuple[str, str]]:
     """Yield the tables of both experiments, and an exported arm."""
-    dither = work / "dither.csv"
-    dither.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.6\n4,30,1.2\n", "utf-8")
+    options = ["--joint", 7, 4, "--iterations", 2, "--dither", dither_table(work)]
     for robot in ("panda", "iiwa7"):
-        out = work / f"sje-{robot}"
-        stiction("sje", robot, "--joint", 7, 4, "--iterations", 2, "--dither", dither, "--out", out)
+        out = stiction(work / f"sje-{robot}", "sje", robot, *options)
         yield f"sje.{robot}", file_hash(out / "sje.csv")
-        out = work / f"export-{robot}"
-        stiction("export", robot, "--out", out)
-        yield f"export.{robot}", file_hash(out / "model.xml")
+        yield (
+            f"export.{robot}",
+            file_hash(stiction(work / f"export-{robot}", "export", robot) / "model.xml"),
+        )
 
 
 def gte(work: Path) -> Iterable[tuple[str, str]]:
     """Yield the errors of the Generated Trajectory Experiment."""
-    dither = work / "dither.csv"
-    dither.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.6\n4,30,1.2\n", "utf-8")
     for robot, path, stiffness in (
         ("panda", "triangle", (200, 20, 0)),
         ("panda", "pentagon", (800, 80, 10)),
         ("iiwa14", "triangle", (200, 20, 0)),
     ):
-        out = work / f"gte-{robot}-{path}"
-        words = ["--trajectory", path, "--stiffness", *stiffness, "--dither", dither]
-        stiction("gte", robot, *words, "--iterations", 2, "--out", out)
+        words = ["--trajectory", path, "--stiffness", *stiffness, "--iterations", 2]
+        words += ["--dither", dither_table(work)]
+        out = stiction(work / f"gte-{robot}-{path}", "gte", robot, *words)
         yield f"gte.{robot}.{path}", file_hash(out / "errors.csv")
 
 
 def calibrate(work: Path) -> Iterable[tuple[str, str]]:
     """Yield an arm's friction from Table 4.3."""
-    out = work / "friction.toml"
-    stiction("calibrate", "panda", TABLE_4_3, "--out", out)
+    out = stiction(work / "friction.toml", "calibrate", "panda", TABLE_4_3)
     lines = [x for x in out.read_text("utf-8").splitlines() if "commit" not in x]
     yield "calibrate", hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
 
 
 def excitation(work: Path) -> Iterable[tuple[str, str]]:
     """Yield an exciting motion."""
-    out = work / "excite"
-    stiction("excite", "panda", "--out", out)
-    for path in sorted(out.glob("*.csv")):
+    for path in sorted(stiction(work / "excite", "excite", "panda").glob("*.csv")):
         yield f"excite.{path.stem}", file_hash(path)
 
 
-def rollouts(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield what every environment says of the same actions, alone and as a batch."""
+def steps_of(name: str, count: int, steps: int) -> Iterator[tuple[Any, ...]]:
+    """Yield what an environment says of the same actions: observations alone after a reset."""
     import gymnasium as gym
 
     import stiction_envs  # noqa: F401
 
+    env = gym.make_vec(name, num_envs=count) if count > 1 else gym.make(name)
+    env.action_space.seed(5)
+    yield (env.reset(seed=11)[0],)
+    for _ in range(steps):
+        said = env.step(env.action_space.sample())[:4]
+        yield said
+        if count == 1 and (said[2] or said[3]):
+            yield (env.reset()[0],)
+    env.close()
+
+
+def rollouts(work: Path) -> Iterable[tuple[str, str]]:
+    """Yield what every environment says of the same actions, alone and as a batch."""
     for name, steps in ROLLOUTS.items():
         for count in (1, 3):
             digest = hashlib.sha256()
-            env = gym.make_vec(name, num_envs=count) if count > 1 else gym.make(name)
-            env.action_space.seed(5)
-            found = env.reset(seed=11)
-            digest.update(np.ascontiguousarray(found[0]).tobytes())
-            for _ in range(steps):
-                obs, reward, terminated, truncated, _ = env.step(env.action_space.sample())
-                for x in (obs, reward, terminated, truncated):
+            for said in steps_of(name, count, steps):
+                for x in said:
                     digest.update(np.ascontiguousarray(x).tobytes())
-                if count == 1 and (terminated or truncated):
-                    digest.update(np.ascontiguousarray(env.reset()[0]).tobytes())
-            env.close()
             yield f"rollout.{name}.{count}", digest.hexdigest()[:16]
 
 
 def final(work: Path) -> Iterable[tuple[str, str]]:
     """Yield every table of the tuner."""
-    out = work / "tune"
-    stiction("tune", "panda", "--table", TABLE_4_3, "--out", out)
+    out = stiction(work / "tune", "tune", "panda", "--table", TABLE_4_3)
     for path in sorted(out.glob("*.csv")):
         yield f"tune.{path.stem}", file_hash(path)
 
@@ -240,7 +246,12 @@ def quick() -> dict[str, Any]:
         "calibrate": np.ravel(friction.stiction).tolist(),
     }
     for name in ROLLOUTS:
-        out[f"rollout {name}"] = _rollout(name, 5)
+        out[f"rollout {name}"] = [
+            value
+            for x in steps_of(name, 1, 5)
+            if len(x) > 1
+            for value in (float(np.mean(x[0], dtype=np.float64)), float(x[1]))
+        ]
     for seed, cause, motion in ((2, "coulomb_friction", "reversals"), (8, "payload", "fourier")):
         hidden = make_case(seed, (cause,), motion=motion, seconds=10.0, size=0.7)
         found = diagnose_logs(hidden.logs, hidden.robot, nominal=hidden.nominal)
@@ -249,23 +260,6 @@ def quick() -> dict[str, Any]:
             "causes": [[c.name, *c.joints, c.gain_percent] for c in found.causes],
             "held_out_nm": found.extended_rms.tolist(),
         }
-    return out
-
-
-def _rollout(name: str, steps: int) -> list[float]:
-    """Return the mean observation and the reward of every step."""
-    import gymnasium as gym
-
-    import stiction_envs  # noqa: F401
-
-    env = gym.make(name)
-    env.action_space.seed(5)
-    env.reset(seed=11)
-    out = []
-    for _ in range(steps):
-        observation, reward, *_ = env.step(env.action_space.sample())
-        out += [float(np.mean(observation, dtype=np.float64)), float(reward)]
-    env.close()
     return out
 
 

@@ -49,7 +49,7 @@ def _ramps(number: str, robot: str, joint: int, dither: str = "none") -> Item:
     words = {"none": "without dither", "base": "dithered at 100 Hz", "final": "with final dither"}
     ramps = Ramps(robot, joint, dither)
     title = f"Ramps of the {name}'s joint {joint} {words[dither]}, load and no load"
-    return _figure(number, title, ramps.needs, ramps.picture)
+    return _figure(number, title, ramps.needs(), ramps.picture)
 
 
 def _errors(number: str, trajectory: str, *, orientation: bool = False) -> Item:
@@ -66,14 +66,14 @@ ALL_LINES, LINES = "Lines of friction over speed", "Friction over speed and its 
 SUMS = "Sums of the error around the last point"
 PLANE, SPACE = (f"Triangle and pentagon {x}, both stiffnesses" for x in ("from above", "in space"))
 ITEMS: tuple[Item, ...] = (
-    _figure("2.3", CURVE, lines.curve_needs, lines.figure_2_3),
-    _table("4.1", LINKS, lines.link_needs, lines.table_4_1),
-    _table("4.2", f"{ALL_LINES}, Panda joints 1 and 7", lines.line_needs, lines.table_4_2),
-    _figure("4.1", f"{LINES}, joints 7 and 1", lines.line_needs, lines.figure_4_1),
+    _figure("2.3", CURVE, lines.CURVE_NEEDS, lines.figure_2_3),
+    _table("4.1", LINKS, lines.LINK_NEEDS, lines.table_4_1),
+    _table("4.2", f"{ALL_LINES}, Panda joints 1 and 7", lines.LINE_NEEDS, lines.table_4_2),
+    _figure("4.1", f"{LINES}, joints 7 and 1", lines.LINE_NEEDS, lines.figure_4_1),
     _table("4.3", "Base torques, both robots", torque_needs("4.3"), torques.table_4_3),
     _ramps("4.2", OTHER, 1),
     _ramps("4.3", TUNED, 6),
-    _table("4.4", INTERCEPTS, lines.comparison_needs, lines.table_4_4),
+    _table("4.4", INTERCEPTS, lines.COMPARISON_NEEDS, lines.table_4_4),
     _dithered("4.5", "First trials, iiwa"),
     _ramps("4.4", OTHER, 1, "base"),
     _dithered("4.6", "Frequencies at scale 1.0, Panda"),
@@ -86,8 +86,8 @@ ITEMS: tuple[Item, ...] = (
     _errors("4.7", "triangle"),
     _errors("4.8", "pentagon"),
     _table("4.11", SUMS, paths.path_needs(), paths.table_4_11),
-    _table("A.1", f"{ALL_LINES}, all joints, Panda", lines.line_needs, lines.table_a_1),
-    _figure("A.1", f"{LINES}, all joints", lines.line_needs, lines.figure_a_1),
+    _table("A.1", f"{ALL_LINES}, all joints, Panda", lines.LINE_NEEDS, lines.table_a_1),
+    _figure("A.1", f"{LINES}, all joints", lines.LINE_NEEDS, lines.figure_a_1),
     *(_ramps(f"B.{joint}", OTHER, joint) for joint in range(1, 8)),
     *(_ramps(f"C.{joint}", TUNED, joint) for joint in range(1, 8)),
     *(_ramps(f"D.{joint}", TUNED, joint, "final") for joint in range(1, 8)),

@@ -135,7 +135,4 @@ def show(result: JsonRecord) -> str:
     lines += [
         f"{r['name']:<38}{r['mean']:>6.1f}{r['median']:>8.1f}" for r in (*found["models"], floor)
     ]
-    for name, t in found["targets"].items():
-        mark = "met" if t["met"] else "not met"
-        lines.append(f"target {name}: {t['reached']:.1f} % of at most {t['target']:g} %: {mark}")
     return "\n".join([*lines, "", f"written to {result['out']}"])

@@ -60,7 +60,7 @@ class Item:
     """As printed: ``4.6``, ``F.1``."""
     title: str
     """What it shows in the thesis, in our words."""
-    needs: Callable[[], Needs]
+    needs: Needs
     make: Callable[[Found], Table | Picture]
 
     @property
@@ -98,6 +98,6 @@ def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:
     """Return what items need together, each part once."""
     out: dict[str, dict[Hashable, None]] = {}
     for item in items:
-        for study, parts in item.needs().items():
+        for study, parts in item.needs.items():
             out.setdefault(study, {}).update(dict.fromkeys(parts))
     return {study: list(parts) for study, parts in out.items()}

@@ -49,26 +49,10 @@ TRUTH, LINE = "0.1", "#c2590c"
 LAW, PARTS, POINTS = "#1f5fa8", "0.35", "#c2410c"
 
 WORDS = {ALL_WRONG: "with all defects", NOTHING: "nothing wrong"}
-
-
-def line_needs() -> Needs:
-    """Return what tables and figures of lines need: one thing wrong at a time."""
-    return {"lsm": [(PANDA, wrong) for wrong in WRONG]}
-
-
-def comparison_needs() -> Needs:
-    """Return what Table 4.4 needs: lines, and base torques."""
-    return {**line_needs(), "sje": [(PANDA, job) for job in base_jobs()]}
-
-
-def link_needs() -> Needs:
-    """Return what Table 4.1 needs."""
-    return {"lsm": [(IIWA, NOTHING), (IIWA, ALL_WRONG)]}
-
-
-def curve_needs() -> Needs:
-    """Return what Figure 2.3 needs."""
-    return {"curve": [PANDA]}
+CURVE_NEEDS: Needs = {"curve": [PANDA]}
+LINE_NEEDS: Needs = {"lsm": [(PANDA, wrong) for wrong in WRONG]}
+LINK_NEEDS: Needs = {"lsm": [(IIWA, wrong) for wrong in (NOTHING, ALL_WRONG)]}
+COMPARISON_NEEDS: Needs = {**LINE_NEEDS, "sje": [(PANDA, job) for job in base_jobs()]}
 
 
 def _head(title: str, columns: tuple[str, ...] = THREE) -> list[str]:

@@ -8,7 +8,7 @@ speeds.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,10 +32,9 @@ KINDS = ("no_dither", "dither")
 """Ends of the names of the printed columns."""
 
 
-def path_needs(*trajectories: str) -> Callable[[], Needs]:
+def path_needs(*trajectories: str) -> Needs:
     """Return what an item of these paths needs; none for all."""
-    chosen = trajectories or TRAJECTORIES
-    return lambda: {"gte": [(t, k) for t in chosen for k in thesis_stiffness()]}
+    return {"gte": [(t, k) for t in trajectories or TRAJECTORIES for k in thesis_stiffness()]}
 
 
 def pairs_of(found: Found, trajectories: Sequence[str] = TRAJECTORIES) -> list[Pair]:

@@ -20,7 +20,7 @@ def main() -> None:
     (item,) = chosen(["table-4.11"])
     options.work.mkdir(parents=True, exist_ok=True)
     with Progress("paths") as progress:
-        found = run_studies(item.needs(), Options(), progress.set)
+        found = run_studies(item.needs, Options(), progress.set)
     (_, sentence), table = item.write(found, options.work)
     STUDY.write_page(options, sentence=sentence, table=table)
 

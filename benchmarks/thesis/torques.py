@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,21 +68,16 @@ def grid() -> dict[tuple[Configuration, float, float], Job]:
     }
 
 
-def jobs_of_table(table: str) -> list[tuple[str, Job]]:
-    """Return robot and job of all that a table needs, base torques too."""
+def torque_needs(table: str) -> Needs:
+    """Return what a table needs: robot and job of its cells, base torques too."""
     if table == "4.3":
-        return [(robot, job) for robot in ROBOTS for job in base_jobs()]
-    if table == "4.9":
-        return [(TUNED, j) for j in dict.fromkeys([*base_jobs(), *grid().values()])]
+        return {"sje": [(robot, job) for robot in ROBOTS for job in base_jobs()]}
     (robot,) = thesis_robots(table)
     jobs = [job_of(r) for r in thesis_dithered(robot) if r.table == table]
     base = [Job(j.configuration) for j in jobs]
-    return [(robot, j) for j in dict.fromkeys([*base, *jobs])]
-
-
-def torque_needs(table: str) -> Callable[[], Needs]:
-    """Return what a table needs."""
-    return lambda: {"sje": jobs_of_table(table)}
+    if table == "4.9":
+        base, jobs = base_jobs(), list(grid().values())
+    return {"sje": [(robot, j) for j in dict.fromkeys([*base, *jobs])]}
 
 
 def configuration_name(c: Configuration, robot: str = "") -> str:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, TARGETS, ModelScores
+from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, ModelScores
 from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import Configuration, configurations
@@ -54,7 +54,6 @@ def models(scores: ModelScores, path: Path) -> None:
     axes.errorbar(mean, y, xerr=spread, fmt="o", color="#1f5fa8", capsize=3, label="mean, 95 %")
     axes.plot([s.median for s in drawn], y, "|", ms=13, mew=2, color="#d1701a", label="median")
     axes.axvline(scores.floor[0], color="0.4", ls="--", lw=1, label="the thesis's repeats, mean")
-    axes.axvline(TARGETS["mean"], color="0.4", ls=":", lw=1, label="target, mean")
     axes.set_yticks(y, [s.name for s in drawn])
     axes.set_xscale("log")
     ticks = [2, 3, 5, 10, 20, 50, 100]

@@ -109,32 +109,24 @@ WITHOUT_PHYSICS = (
 # ---- models with physics ------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Task:
-    """One joint's search, in a process of its own."""
-
-    joint: int
-    bench: Bench
-    effects: frozenset[str]
-    seeds: tuple[int, ...]
-    around: dict[str, float] | None
-    fixed: dict[str, float]
-    correction: Array | None
-    """(fitted cells,) whole arm minus lone joint [-]."""
-
-    def run(self) -> tuple[list[Found], Array]:
-        every = [c for c in cells() if c.row.joint == self.joint]
-        fitted = [c for c in every if not c.held_out]
-        same: dict[str, Any] = {"fixed": self.fixed}
-        fit = JointFit(
-            self.joint, fitted, self.bench, self.effects, correction=self.correction, **same
-        )
-        around = self.around
-        if around is not None:
-            around = {n: around.get(n, fit.nominal(n)) for n in fit.names}
-        found = search(fit, self.seeds, generations=GENERATIONS, around=around)
-        full = JointFit(self.joint, every, self.bench, self.effects, **same)
-        return found, full.predict([found[0].parameters])[0]
+def _search(
+    joint: int,
+    bench: Bench,
+    effects: frozenset[str],
+    seeds: tuple[int, ...],
+    around: dict[str, float] | None,
+    fixed: dict[str, float],
+    correction: Array | None,
+) -> tuple[list[Found], Array]:
+    """Return where a joint's searches ended, and what the best predicts of all its cells."""
+    every = [c for c in cells() if c.row.joint == joint]
+    fitted = [c for c in every if not c.held_out]
+    fit = JointFit(joint, fitted, bench, effects, fixed=fixed, correction=correction)
+    if around is not None:
+        around = {n: around.get(n, fit.nominal(n)) for n in fit.names}
+    found = search(fit, seeds, generations=GENERATIONS, around=around)
+    full = JointFit(joint, every, bench, effects, fixed=fixed)
+    return found, full.predict([found[0].parameters])[0]
 
 
 class NestedModels:
@@ -228,7 +220,7 @@ class NestedModels:
         fitted = np.array([not c.held_out for c in self.cells])
         of = {j: np.array([c.row.joint == j for c in self.cells]) for j in ORDER}
         tasks = [
-            _Task(
+            (
                 joint,
                 bench,
                 effects,
@@ -242,10 +234,11 @@ class NestedModels:
         change = np.zeros(len(self.cells))
         found: dict[str, list[dict[str, Any]]] = {}
         with ProcessPoolExecutor(min(self.processes, len(tasks))) as pool:
-            for task, (best, predicted) in zip(tasks, pool.map(_Task.run, tasks), strict=True):
+            ends = pool.map(_search, *zip(*tasks, strict=True))
+            for joint, (best, predicted) in zip(ORDER, ends, strict=True):
                 tell(name, len(found) + 1, len(tasks))
-                change[of[task.joint]] = predicted
-                found[str(task.joint)] = [{**asdict(f), "on_bound": f.on_bound} for f in best]
+                change[of[joint]] = predicted
+                found[str(joint)] = [{**asdict(f), "on_bound": f.on_bound} for f in best]
         if "drift" in effects:
             change = with_drift(self.cells, change)
         return NestedModel(

@@ -84,10 +84,6 @@ def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any
             }
             for key, x in scores.scores.items()
         ],
-        "targets": {
-            name: {"reached": reached, "target": aim, "met": reached <= aim}
-            for name, (reached, aim) in scores.targets().items()
-        },
     }
 
 
@@ -104,7 +100,6 @@ def page(s: ModelScores) -> str:
         cells=len(s.cells),
         floor=s.floor,
         models=_models(s),
-        targets=_targets(s),
         outlier=f"Table {c.column}, joint {c.row.joint} {_place(c.configuration)}, "
         f"{c.row.frequency_hz:g} Hz, {number(c.row.amplitude_nm, 2)} N·m: "
         f"{percent(100 * c.change)} measured, {percent(100 * s.predicted[ARM][i])} predicted",
@@ -148,14 +143,6 @@ def _models(s: ModelScores) -> str:
     return table_text(header, rows)
 
 
-def _targets(s: ModelScores) -> str:
-    rows = [
-        [name, f"{number(x)} %", f"{aim:g} %", "met" if x <= aim else "**not met**"]
-        for name, (x, aim) in s.targets().items()
-    ]
-    return table_text(["held-out error", "reached", "target", ""], rows)
-
-
 def _overview(s: ModelScores) -> str:
     rows = []
     for j in JOINTS:
@@ -173,7 +160,7 @@ def _causes(s: ModelScores) -> str:
     gains = [s.gains(j) for j in JOINTS]
 
     def cell(g: Gain) -> str:
-        free = " ‡" if g.shown is not g.changes[0] else ""
+        free = " ‡" if g.free else ""
         x, mark = g.shown, "**" if g.named else "*" if g.worse else ""
         return f"{mark}{signed(x.points)} [{signed(x.low)}, {signed(x.high)}]{free}{mark}"
 

@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
 """Of thesis Table 4.6 [Hz]."""
 ARM = "arm + drift"
-TARGETS = {"mean": 3.5, "median": 2.3, "4.10 final": 4.5, "worst joint": 8.0}
-"""Held-out errors aimed at [% of base torque], without the broken cell; assumed."""
 LEAST_GAIN = 0.3
 """Least change of a joint's mean error that counts [points of the base torque]: a tenth of the
 thesis's own repeats; assumed."""
@@ -51,27 +49,20 @@ class Change(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """One statement, for one joint."""
+    """One statement, for one joint: as predicted, or with the bases free to move before and after.
+
+    With free bases only counts how the torque depends on frequency, amplitude and direction.
+    """
 
     key: str
-    changes: tuple[Change, ...]
-    """As predicted; and with the bases free to move before and after, so that only how the torque
-    depends on frequency, amplitude and direction counts, where a base can move."""
-
-    @property
-    def named(self) -> bool:
-        """Whether it is a cause: better in one of the two ways, and worse in none."""
-        return any(c.better for c in self.changes) and not any(c.worse for c in self.changes)
-
-    @property
-    def worse(self) -> bool:
-        """Whether it made the prediction worse in one way, and better in none."""
-        return any(c.worse for c in self.changes) and not any(c.better for c in self.changes)
-
-    @property
-    def shown(self) -> Change:
-        """The change that is significant, else that as predicted."""
-        return next((c for c in self.changes if c.better or c.worse), self.changes[0])
+    shown: Change
+    """The change that is significant, else that as predicted."""
+    free: bool
+    """Whether it is that with free bases."""
+    named: bool
+    """Whether it is a cause: better in one of the two ways, and worse in none."""
+    worse: bool
+    """Whether it made the prediction worse in one way, and better in none."""
 
 
 class Identified(NamedTuple):
@@ -151,7 +142,13 @@ class ModelScores:
         for before, after in zip(self.CHAIN, self.CHAIN[1:], strict=False):
             movable = after != "drift" and {before, after} <= set(self._free_base)
             ways = [errors, self._free_base] if movable else [errors]
-            out.append(Gain(after, tuple(compare(way, before, after) for way in ways)))
+            changes = [compare(way, before, after) for way in ways]
+            better, worse = (
+                any(x) for x in zip(*((c.better, c.worse) for c in changes), strict=True)
+            )
+            shown = next((c for c in changes if c.better or c.worse), changes[0])
+            mine = shown is not changes[0], better and not worse, worse and not better
+            out.append(Gain(after, shown, *mine))
         return out
 
     def constant(self, joint: int) -> float:
@@ -199,12 +196,6 @@ class ModelScores:
         return drift_factors(self.cells, self.predicted["arm"], fitted)
 
     # ---- what is left ----------------------------------------------------------------------------
-
-    def targets(self) -> dict[str, tuple[float, float]]:
-        """Return (reached, aimed at) of every target, of the last statement [% of base]."""
-        s = self.scores[ARM]
-        reached = (s.mean, s.median, s.by_column["4.10 final"], max(s.by_joint.values()))
-        return {k: (r, aim) for (k, aim), r in zip(TARGETS.items(), reached, strict=True)}
 
     def squares(self, joint: int) -> Array:
         """Split the sum of squares of the held-out residual of a joint's last statement.

@@ -28,8 +28,8 @@ from benchmarks.thesis.torques import (
     compare_choices,
     grid,
     job_of,
-    jobs_of_table,
     rows_of_table,
+    torque_needs,
 )
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
@@ -48,7 +48,7 @@ def torques(number: str, effect: float = 1.0) -> Found:
                 base = thesis_base(robot).get(c.joint, c.load, c.direction)
                 printed[robot, job_of(r)] = base * (1 + effect * change)
     out = {}
-    for robot, job in jobs_of_table(number):
+    for robot, job in torque_needs(number)["sje"]:
         c = job.configuration
         tau = printed.get((robot, job), thesis_base(robot).get(c.joint, c.load, c.direction))
         out[robot, job] = measurement(job, tau)
@@ -288,7 +288,7 @@ def found(monkeypatch) -> Found:
     """Paths as printed."""
     monkeypatch.setattr(GeneratedTrajectoryExperiment, "run", run_paths)
     (item,) = chosen(["figure-4.6"])
-    return run_studies(item.needs(), Options(iterations=3), lambda *_: None)
+    return run_studies(item.needs, Options(iterations=3), lambda *_: None)
 
 
 def test_sums_as_printed_have_all_signs_right(found, tmp_path):
