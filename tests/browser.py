@@ -10,13 +10,8 @@ from typing import Any
 import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-ARGUMENTS = (
-    # a container's root has none, and what is shown is ours
-    "--no-sandbox",
-    # WebGL without a graphics card
-    "--enable-unsafe-swiftshader",
-    "--use-angle=swiftshader",
-)
+ARGUMENTS = ("--no-sandbox",)
+"""A container's root has none, and what is shown is ours."""
 WIDTHS = (1280, 390)
 """Of a desk's screen and of a phone [px]."""
 HEIGHT = 844

@@ -123,16 +123,6 @@ def test_a_diagnosis_saves_what_the_command_writes(place, diagnosed, capsys):
     assert ours == theirs
 
 
-def test_nothing_of_another_run_is_replaced(place, diagnosed, base):
-    before = files(place / "base")
-    for result in (base, diagnosed):
-        with pytest.raises(st.StictionError, match="force"):
-            result.save(place / "base")
-    assert files(place / "base") == before
-    base.save(place / "base", force=True)
-    assert files(place / "base") == before
-
-
 def test_an_experiment_takes_a_diagnosed_arm_with_its_friction(arm, base, place):
     """It breaks away where the log says: 0.5 N·m dry, and what the ramp gains on the way."""
     assert arm.n == 2
@@ -197,31 +187,6 @@ def test_a_table_has_the_same_face(place, table, capsys):
     np.testing.assert_array_equal(again.parameters.stiction, shipped.parameters.stiction)
 
 
-@pytest.mark.parametrize(
-    ("names", "options", "says"),
-    [
-        ((), {}, "expected one or more logs"),
-        (("notes.csv",), {}, "neither a torque table nor a joint log"),
-        (("log.csv", "sje.csv"), {}, "expected one kind"),
-        (("sje.csv",), {"torque": "link"}, "torque: .*expected joint logs"),
-        (("sje.csv",), {"nominal": "rigid"}, "without friction do not break away"),
-        (("sje.csv",), {"robot": "panda"}, "expected robot panda"),
-        (("base_only.csv",), {}, "expected rows with dither too"),
-        (("no_base.csv",), {}, "expected its base torque too"),
-        (("log.csv",), {"torque": "both"}, "unknown torque side 'both'"),
-        (("log.csv",), {"method": "magic"}, "unknown method 'magic'"),
-    ],
-)
-def test_bad_input_is_one_line(place, table, names, options, says):
-    (place / "notes.csv").write_text("a,b\n1,2\n")
-    rows = read_sje(table)
-    write_sje(place / "base_only.csv", [r for r in rows if r.is_base])
-    write_sje(place / "no_base.csv", [r for r in rows if not r.is_base])
-    with pytest.raises(st.StictionError, match=says) as caught:
-        st.diagnose([place / x for x in names], **{"robot": place / "two.xml", **options})
-    assert "\n" not in str(caught.value)
-
-
 # ---- results -------------------------------------------------------------------------------------
 
 
@@ -263,16 +228,3 @@ def test_identify_and_excite_take_one_log_or_a_model(place, results, arm):
         st.identify(place / "log.csv", place / "two.xml", torque="both")
     with pytest.raises(st.StictionError, match="expected a number above 0"):
         st.excite(place / "two.xml", rate_hz=0.0)
-
-
-@pytest.mark.slow
-def test_as_the_page_prints_it(tmp_path, monkeypatch):
-    """A log of the Panda, measured behind the gear: its rotors are not seen, and it runs."""
-    monkeypatch.chdir(tmp_path)
-    write_csv(tmp_path / "log.csv", hidden(st.load_arm("panda"), sticky, seconds=6.0))
-    d = st.diagnose("log.csv", robot="panda", torque="link")
-    d.save("runs/why")
-    arm = st.load_model("runs/why/model.toml")
-    tau = st.SingleJointExperiment(arm).base_torques(iterations=1).tau
-    assert np.all(np.sign(tau) == [1.0, -1.0])
-    assert np.all((np.abs(tau) > 0.5) & (np.abs(tau) < 1.0))

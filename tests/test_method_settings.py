@@ -90,21 +90,13 @@ def test_what_stands_in_the_file_is_read(tmp_path):
     [
         ("rows =", "row =", "settings.toml: row: no such setting: expected one of rows, "),
         ('speed = { value = 2, unit = "rad/s", source = "a book" }\n', "", "speed is missing"),
-        ("share = {", "part = {", "inner.part: no such setting: expected one of times, share"),
         ("value = 20", "value = 20.5", "rows is 20.5: expected `int`, got `float`"),
-        ("value = 20", "value = true", "rows is True: expected `int`, got `bool`"),
-        ("value = 2,", 'value = "2",', "speed is '2': expected `float`, got `str`"),
         ("[-1, 0.5]", "0.5", "inner.times is 0.5: expected `array`, got `float`"),
-        ("[-1, 0.5]", '["x"]', "inner.times is ['x']: expected `float`, got `str`"),
         (', source = "a book"', "", "speed: expected a unit, and a source or assumed = true"),
         ('unit = "rad/s", ', "", "expected { value, unit, source or assumed = true }"),
-        ("value = 20", "worth = 20", "expected { value, unit, source or assumed = true }"),
         ("value = 20", "value = 0", "rows is 0: expected `int` >= 1"),
-        ("value = 0.5", "value = 1.5", "share is 1.5: expected `float` <= 1.0"),
         ("value = 2,", "value = nan,", "speed is nan: expected finite"),
         ("value = 2,", f"value = {9 * '9' * 50},", "speed: a number of hundreds of digits"),
-        ("value = 20", f"value = {9 * '9' * 50}", "rows: a number of hundreds of digits"),
-        ("value = 20", f"value = {'9' * 5000}", "not a TOML file"),
         ("[inner]", "[inner", "not a TOML file"),
     ],
 )
@@ -148,11 +140,9 @@ def test_numpys_numbers_are_numbers(tmp_path):
     ("changes", "said"),
     [
         ({"row": 3}, "settings: row: no such setting: expected one of rows, speed, inner"),
-        ({"inner.part": 3}, "inner.part: no such setting: expected one of times, share"),
         ({"inner": 3}, "inner is 3: expected a table of times, share"),
         ({"rows": 2.5}, "rows is 2.5: expected `int`, got `float`"),
         ({"rows.x": 2}, "rows.x: no such setting: rows is 20, no table"),
-        ({"inner.share": 2}, "share is 2: expected `float` <= 1.0"),
         ("none.toml", "none.toml: no such file"),
     ],
 )

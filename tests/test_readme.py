@@ -66,11 +66,6 @@ def run(command: str, place: Path) -> str:
     return done.stdout
 
 
-def test_readme_starts_with_running_code():
-    lines = README.splitlines()
-    assert next(i for i, line in enumerate(lines, 1) if line.startswith("```")) < 30
-
-
 def test_what_it_shows_exists():
     for path in re.findall(r"\]\(([\w./-]+\.png)\)", README):
         assert (ROOT / path).is_file()

@@ -56,22 +56,6 @@ def test_with_dither(cli, work, dither):
     assert result["failed"] is None
 
 
-def test_provenance(cli, work, dither):
-    cli("sje", "panda", *QUICK, *ONE, "--seed", 3, "--dither", dither, "--out", "a")
-    found = json.loads((work / "a" / "provenance.json").read_text())
-    assert found["command"] == "sje"
-    assert found["seed"] == 3
-    assert found["arguments"]["joint"] == [7]
-    assert found["arguments"]["dither"] == str(dither)
-    assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither"}
-    assert all(len(v["sha256"]) == 64 for v in found["inputs"].values())
-    packages = {"python", "stiction-envs", "mujoco", "numpy", "gymnasium", "optuna", "pin"}
-    assert packages <= set(found["versions"])
-    assert "git_commit" in found
-    pictures = ["joint7_load.png", "joint7_load_dither.png"]
-    assert found["files"] == sorted([*pictures, *REPORT, "sje.csv"])
-
-
 def test_same_run_gives_the_same_bytes(cli, work, dither):
     for name, options in (("a", []), ("b", ["--slots", 2, "--threads", 1])):
         assert cli("sje", "panda", *QUICK, "--dither", dither, "--out", name, *options).code == 0
@@ -117,19 +101,6 @@ def test_other_run_is_replaced_only_by_force(cli, work):
     written = {p.name for p in (work / "a").iterdir()}
     assert written == {"joint7_load.png", "notes.txt", "provenance.json", "sje.csv", *REPORT}
     assert (work / "a" / "notes.txt").read_text() == "mine"
-
-
-def test_all_configurations_stuck(cli, work, monkeypatch):
-    base = protocol.load_protocol("panda")
-    monkeypatch.setattr(
-        experiment, "load_protocol", lambda robot, **_: base.replace(give_up_factor=0.5)
-    )
-    ran = cli("sje", "panda", *QUICK, "--out", "a")
-    assert ran.code == 1
-    assert len(ran.lines) == 1
-    assert "joint 7 load (+) with no dither, 1 of 1 iterations" in ran.lines[0]
-    assert "nothing was written" in ran.lines[0]
-    assert list(work.iterdir()) == []
 
 
 def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypatch):

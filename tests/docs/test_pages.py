@@ -34,25 +34,6 @@ def run(page, folder):
     )
 
 
-@pytest.mark.parametrize("page", PAGES)
-def test_a_page_begins_with_a_picture_and_three_lines_to_type(page):
-    lines = (DOCS / f"{page}.md").read_text(encoding="utf-8").splitlines()
-    assert lines[0].startswith("# ")
-    assert lines[2].startswith("![")
-    first = next(k for k, line in enumerate(lines) if line.startswith("```"))
-    assert first == 4
-    (_, block), *_ = run_page.blocks(DOCS / f"{page}.md")
-    assert len([line for line in run_page.joined(block) if line]) == 3
-
-
-@pytest.mark.parametrize("page", PAGES)
-def test_a_page_ends_with_what_can_go_wrong_and_when_not_to_use_it(page):
-    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
-    heads = [line[3:] for line in text.splitlines() if line.startswith("## ")]
-    assert "How far to trust it" in heads
-    assert heads[-2:] == ["What can go wrong", "When not to use it"]
-
-
 def test_the_theory_of_creeping_runs(tmp_path):
     done = run(DOCS / "theory.md", tmp_path)
     assert done.returncode == 0, done.stderr
@@ -90,11 +71,3 @@ def test_a_page_that_shows_what_is_not_printed_fails(tmp_path):
     done = run(page, tmp_path)
     assert done.returncode == 1
     assert "a c" in done.stderr
-
-
-def test_a_command_that_fails_fails_the_page(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("```console\n$ stiction check none.csv\n```\n", encoding="utf-8")
-    done = run(page, tmp_path)
-    assert done.returncode
-    assert "none.csv" in done.stderr

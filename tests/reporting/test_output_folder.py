@@ -8,7 +8,6 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting import output_folder
 from stiction_envs.reporting import provenance as provenance_module
-from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.output_folder import OutputFolder, check_file
 from stiction_envs.reporting.provenance import git_commit, provenance
 
@@ -86,13 +85,6 @@ def test_commit_is_that_of_this_checkout_or_none(monkeypatch, tmp_path):
     monkeypatch.setattr(provenance_module, "package_folder", lambda: tmp_path / "p")
     assert git_commit() is None
     git_commit.cache_clear()
-
-
-def test_plain_json():
-    import numpy as np
-
-    value = {"a": np.array([1.0, np.nan]), 2: (np.float64(3), float("inf")), "b": True}
-    assert plain(value) == {"a": [1.0, None], "2": [3.0, None], "b": True}
 
 
 def test_a_file_is_not_replaced_unless_forced(tmp_path):
