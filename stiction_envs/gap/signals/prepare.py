@@ -23,14 +23,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfilt_zi
+from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.reversal_path import reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
-from stiction_envs.gap.signals.zero_phase import zero_phase
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
@@ -113,14 +112,13 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
     if 2 * cutoff_hz >= rate_hz or len(x) < 2:
         return x.copy()
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    return zero_phase(x, *_sections(rate_hz, cutoff_hz), pad)
+    return np.asarray(sosfiltfilt(_sections(rate_hz, cutoff_hz), x, axis=0, padlen=pad))
 
 
 @lru_cache
-def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Return the second-order sections of `lowpass`, and their states under a constant one."""
-    sections = np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
-    return sections, np.asarray(sosfilt_zi(sections))
+def _sections(rate_hz: float, cutoff_hz: float) -> Array:
+    """Return the second-order sections of `lowpass`."""
+    return np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
 
 
 def prepare(
