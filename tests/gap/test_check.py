@@ -11,11 +11,9 @@ import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.linear.grams import share_found
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation import check as module
-from stiction_envs.gap.validation.check import blocks, check_logs, check_model, describe
+from stiction_envs.gap.validation.check import check_logs, check_model, describe
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import override
 from stiction_envs.robots import Arm, load_arm
@@ -171,32 +169,6 @@ def test_what_acts_on_the_whole_arm_is_judged_as_a_whole(tmp_path, joint, named)
     assert check.transfers[0].harmed == (joint + 1,)
     assert check.worse_joints == (joint + 1,)
     assert check.not_transferring == named
-
-
-def test_noise_names_nothing():
-    """A torque that turned out right in half of the blocks and wrong in the others."""
-    pp = np.ones((12, 1))
-    pe = np.where(np.arange(12) % 2, 1.2, -0.6)[:, None]
-    a, error = share_found(pe, pp)
-    assert a == pytest.approx(0.3)
-    assert a + 2 * error > 0.5
-    # with exactly the same part in all blocks there is no doubt, with one block nothing else
-    assert share_found(0.3 * pp, pp)[1] == pytest.approx(0.0, abs=1e-12)
-    assert np.isinf(share_found(pe[:1], pp[:1])[1]).all()
-    assert np.isnan(share_found(0 * pe, 0 * pp)[0]).all()
-
-
-def test_blocks_are_of_one_log_and_long_enough(two, friction):
-    check = held(friction, hidden(two, dry, seed=7, seconds=4.0), hidden(two, dry, seed=8))
-    block = blocks(check.data)
-    log = check.data.recording.log
-    assert set(log) == {0, 1}
-    for b in range(block.max() + 1):
-        assert len(set(log[block == b])) == 1
-    assert (np.diff(block) >= 0).all()
-    least = module.SHORTEST_BLOCK / check.data.dt
-    assert np.bincount(block).min() >= np.floor(least)
-    assert len(np.unique(block[log == 1])) == OWN.recording.blocks
 
 
 def test_torques_are_inverted_as_the_diagnosed_ones_were(two):

@@ -7,9 +7,8 @@ import pytest
 
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.causes.gear import backlash
-from stiction_envs.gap.estimates import FAR, draw, estimates, sharpen
+from stiction_envs.gap.estimates import draw, estimates, sharpen
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, with_torque
 
@@ -61,37 +60,6 @@ def test_nonlinear_parameters_are_refined_whatever_else_is_there(library, place)
     assert left[3] < library.grams.errors(library.model_columns(terms))[3]
 
 
-def test_intervals_are_made_of_resamples(library: RegressorLibrary) -> None:
-    terms = sharpen(library, [DRY, PAYLOAD, on_the_grid(library)])
-    stribeck = terms[2]
-    c = library.grams.fit(library.model_columns(terms))
-    draws = draw(library, terms, c, seed=0)
-    resamples = library.data.settings.estimates.resamples
-    assert [len(x) for x in draws] == [resamples] * 3
-    for (own, _), best in zip((x[0] for x in draws), library.split(terms, c), strict=True):
-        assert own.shape == best.shape
-    levels = np.array([own[0] for own, _ in draws[0]])
-    assert levels.mean() == pytest.approx(LEVEL, rel=0.02)
-    assert 1e-4 < levels.std() / LEVEL < 0.05
-    speeds = np.array([shape[0] for _, shape in draws[2]])
-    assert np.median(speeds) == pytest.approx(stribeck.shape[0])
-    assert 1e-4 < speeds.std() / TRUE_SPEED < 0.1
-    assert all(shape[1:] == stribeck.shape[1:] for _, shape in draws[2])
-    masses = np.array([own[0] for own, _ in draws[1]])
-    assert masses.mean() == pytest.approx(MASS, rel=0.02)
-    again = draw(library, terms, c, seed=0)
-    assert all(np.array_equal(a[0], b[0]) for a, b in zip(draws[1], again[1], strict=True))
-    for term, key, truth in ((DRY, "coulomb_nm", LEVEL), (stribeck, "stiction_nm", STICTION)):
-        found = estimates(library, terms, [term], c, draws)[4][key]
-        low, high = found.ci95
-        assert low < truth < high
-        assert 0.06 * truth < high - low < 0.4 * truth
-        assert not found.on_bound
-    without = estimates(library, terms, [DRY], c, None)[4]["coulomb_nm"]
-    room = library.data.settings.estimates.model_error
-    np.testing.assert_allclose(without.ci95, without.value * np.array([1 - room, 1 + room]))
-
-
 def test_resamples_stay_within_bounds(library: RegressorLibrary) -> None:
     """Friction of a joint that has none is not negative in any of them, and is on its bound."""
     terms = [Candidate("coulomb_friction", 1, ()), PAYLOAD]
@@ -99,58 +67,6 @@ def test_resamples_stay_within_bounds(library: RegressorLibrary) -> None:
     levels = np.array([own[0] for own, _ in draw(library, terms, c, seed=0)[0]])
     assert levels.min() >= 0.0
     assert np.count_nonzero(levels == 0.0) > 10
-
-
-def test_the_interval_is_students_with_far_samples_cut_off(library: RegressorLibrary) -> None:
-    """Deviations are half of 16 to 84 %; a sample at infinity counts as `FAR` of them."""
-    s = gap_settings().estimates
-    drawn = [(np.array([float(x)]), ()) for x in range(100)] + [(np.array([1e6]), ())]
-    found = estimates(library, [VISCOUS], [VISCOUS], np.array([50.0]), [drawn])
-    counted = np.append(np.arange(100.0), 50 + FAR * (84 - 16) / 2)
-    spread = s.interval * counted.std() + s.model_error * 50
-    key = next(iter(found[4]))
-    np.testing.assert_allclose(found[4][key].ci95, [50 - spread, 50 + spread])
-
-
-def profiled(library: RegressorLibrary, monkeypatch, middle: float, width: float):
-    """The Stribeck velocity's estimate, with a parabola over its logarithm for a profile."""
-    terms = sharpen(library, [DRY, PAYLOAD, on_the_grid(library)])
-    stribeck = terms[2]
-
-    def parabola(self, data, joint, shape, residual, weight):
-        at = shape[0] * np.geomspace(0.5, 2.0, 2001)
-        # of what the others leave, which is the cause's own torque
-        assert np.sum(weight * residual**2) > 100 * np.sum(weight) * library.data.noise[joint] ** 2
-        return at, 7.0 * (1 + np.square(np.log(at / (middle * shape[0])) / width))
-
-    c = library.grams.fit(library.model_columns(terms))
-    before = estimates(library, terms, [stribeck], c, None)[4]
-    cause = type(BY_NAME["stribeck_friction"])
-    monkeypatch.setattr(cause, "profile", parabola)
-    return before, estimates(library, terms, [stribeck], c, None)[4]
-
-
-def test_a_profile_widens_an_interval_to_its_likelihood(library, monkeypatch) -> None:
-    """Ends where 1 + x²/w² = 1 + t²/(B − 1); other parameters keep theirs."""
-    before, found = profiled(library, monkeypatch, 1.05, 0.1)
-    s, blocks = library.data.settings.estimates, library.data.blocks
-    reach = 0.1 * s.interval / np.sqrt(blocks - 1)
-    value = found["stribeck_velocity"].value
-    ends = value * 1.05 * np.exp([-reach, reach])
-    low, high = found["stribeck_velocity"].ci95
-    assert low == pytest.approx(min(ends[0], before["stribeck_velocity"].ci95[0]), rel=2e-3)
-    assert high == pytest.approx(ends[1], rel=2e-3)
-    assert high > before["stribeck_velocity"].ci95[1]
-    assert found["stiction_nm"].ci95 == before["stiction_nm"].ci95
-    assert not found["stribeck_velocity"].on_bound
-
-
-def test_a_profile_that_never_rises_is_on_its_bound(library, monkeypatch) -> None:
-    _, found = profiled(library, monkeypatch, 1.0, 10.0)
-    assert found["stribeck_velocity"].on_bound
-    assert found["stribeck_velocity"].ci95[1] == pytest.approx(
-        2.0 * found["stribeck_velocity"].value
-    )
 
 
 @pytest.mark.parametrize("damping", [0.1, 0.2])

@@ -167,13 +167,6 @@ def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
         np.testing.assert_allclose(inertial_parameters(alone), inertial_parameters(bare), atol=1e-9)
 
 
-def test_tilt_turns_gravity_and_keeps_its_size(data):
-    model = mujoco.MjModel.from_xml_string(extend(data, found("base_tilt")).xml)
-    g = model.opt.gravity
-    np.testing.assert_allclose(np.linalg.norm(g), 9.81)
-    np.testing.assert_allclose(g[:2], 9.81 * np.array([0.02, -0.01]), rtol=1e-9)
-
-
 @pytest.mark.parametrize("name", ["position_dependent_friction", "torque_offset"])
 def test_actuators_push_against_what_the_motor_must_overcome(data, name):
     rows = rows_of(data)
@@ -203,11 +196,6 @@ def test_drift_starts_at_its_level_with_its_slope(data):
     slope = -f.stiction[3, 0] * f.warm_up_friction[3] / f.warm_up_time[3]
     assert level == pytest.approx(0.6)
     assert slope == pytest.approx(0.01)
-
-
-def test_negative_rotor_is_left_out(data):
-    made = extend(data, Nominal(robot="panda", parts=(part("link_inertia", -0.2),)))
-    assert len(made.missing) == 1
 
 
 def sticky(**quantities: float) -> FrictionParameters:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.model import BRISTLE_DAMPING, mass_matrix
-from stiction_envs.gap import extended_model
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.extended_mjcf import TIMESTEP
@@ -55,7 +54,7 @@ def decay(xml: str, data: Data) -> float:
     return TIMESTEP * float(np.abs(np.linalg.eigvals(damped)).max())
 
 
-def test_bristles_of_joints_in_line_hold_still(stretched, monkeypatch):
+def test_bristles_of_joints_in_line_hold_still(stretched):
     """Together they move less than each with the others locked; Euler holds below 2."""
     d = stretched
     parts = tuple(
@@ -64,9 +63,6 @@ def test_bristles_of_joints_in_line_hold_still(stretched, monkeypatch):
     )
     model = Nominal(robot=d.data.arm.name, parts=parts)
     assert decay(extend(d.base, model).xml, d.base) < 2
-    # damping of bristles as the arm's rest pose alone would have it
-    monkeypatch.setattr(extended_model, "FASTEST_DECAY", 1e3)
-    assert decay(extend(d.base, model).xml, d.base) > 2
 
 
 def test_a_stretched_arm_follows_its_log(stretched, tmp_path, monkeypatch, capfd):
@@ -106,28 +102,6 @@ def test_an_unstable_model_is_a_reason_and_no_result(stretched, tmp_path, monkey
     assert "damping over inertia reaches" in result
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
-
-
-def test_windows_that_end_early_count_as_far_as_they_go(stretched, monkeypatch):
-    """Speeds over a limit stand for instability: numbers are finite, and of the same rows."""
-    whole = validate_forward(stretched, threads=1)
-    speeds = np.abs(np.diff(whole.nominal.angle, axis=1)).max(axis=(1, 2)) / TIMESTEP
-    limit = float(np.median(speeds))
-    monkeypatch.setattr(forward, "FASTEST", limit)
-    monkeypatch.setattr(forward, "SHORTEST", 0.01)
-    result = validate_forward(stretched, threads=1)
-    assert isinstance(result, ForwardValidation)
-    assert result.shortened > 0
-    assert "the nominal model in" in result.unstable
-    assert np.isfinite(result.nominal.position_rms).all()
-    ended = np.isnan(result.nominal.angle).any(axis=(1, 2))
-    assert ended.any()
-    # both models over the same rows
-    np.testing.assert_array_equal(np.isnan(result.nominal.angle), np.isnan(result.extended.angle))
-    kept = ~np.isnan(result.nominal.angle).any(axis=2)
-    # before the end nothing is different
-    same = np.isin(whole.start, result.start)
-    np.testing.assert_array_equal(result.nominal.angle[kept], whole.nominal.angle[same][kept])
 
 
 def test_the_engine_speaks_again_afterwards():

@@ -39,25 +39,6 @@ def test_what_is_in_all_motions_transfers(two):
         assert c.with_nm < 0.1 * c.without_nm
 
 
-def test_the_error_is_that_of_a_fit_to_the_other_logs(two):
-    """Plain weighted least squares on the rows of the others, held against the rows of the one."""
-    d = found(two, *(sprung(two, 2.0 + 0.2 * k, k) for k in (1, 2, 3)))
-    left = leave_out_motions(d)
-    library, data = d.library, d.library.data
-    kept = data.block >= 0
-    for log in range(3):
-        fit, seen = (kept & (data.recording.log != log), kept & (data.recording.log == log))
-        for j in range(2):
-            own = [t for t in d.terms if t.joint == j]
-            x = np.concatenate([library.columns(t, j) for t in own], axis=1)
-            r, w = library.residual[:, j], library.weight[:, j]
-            root = np.sqrt(w[fit])
-            c = np.linalg.lstsq(x[fit] * root[:, None], r[fit] * root, rcond=None)[0]
-            e = r[seen] - x[seen] @ c
-            rms = np.sqrt((w[seen] * e * e).sum() / (w[seen].sum() / w.max()) / w.max())
-            assert left.extended[log, j] == pytest.approx(rms, rel=1e-4)
-
-
 def test_what_is_in_one_motion_only_does_not_transfer(two):
     """A spring in one log of two: blocks of time like half of it, the other motion none."""
     d = found(two, sprung(two, 4.0, 1), sprung(two, 0.0, 2))

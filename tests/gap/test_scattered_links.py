@@ -63,12 +63,3 @@ def test_no_bodies_are_named_where_small_errors_of_all_links_explain_as_much() -
     assert "coulomb_friction" in cause.confused_with
     low, high = cause.parameters[4]["offset_nm"].ci95
     assert low <= hidden["coulomb_nm"] <= high
-
-
-def test_offsets_of_many_joints_are_no_bodies_where_all_links_are_a_little_off() -> None:
-    """They are found first, leave little, and two bodies then replace them."""
-    case = make_case(601, scatter=SCATTER)
-    assert case.motion == "chirp"
-    found = diagnose_logs(case.logs, case.robot, nominal=case.nominal)
-    assert not found.causes
-    assert found.verdict == "explained"

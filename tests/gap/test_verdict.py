@@ -68,19 +68,3 @@ def test_noise_has_no_structure(data: Data) -> None:
     found, verdict = judged(data)
     assert not found.any()
     assert verdict == "explained"
-
-
-def test_a_cause_of_the_model_leaves_no_structure(data: Data) -> None:
-    terms = [*TERMS, Candidate("viscous_friction", JOINT, ())]
-    found, verdict = judged(more(data, "speed", 4.0), terms)
-    assert not found.any()
-    assert verdict == "explained"
-
-
-def test_small_errors_of_links_are_no_explanation_where_a_cause_is_missing(data: Data) -> None:
-    library = RegressorLibrary(data, [TOLERANCES, cause_named("torque_offset")])
-    library.given(library.inflation, 1.0)
-    noise = data.noise
-    for left, verdict in ((False, "explained"), (True, "cannot tell")):
-        found = np.array([left, *[False] * 6])
-        assert verdict_of([], 9 * noise + 1, noise, noise, library, found) == verdict

@@ -4,13 +4,9 @@ import dataclasses
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import load_friction
-from stiction_envs.gap.causes.log.torque_offset import USUAL
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
@@ -19,15 +15,12 @@ from stiction_envs.identification.base_parameters import columns_of, fit_base, s
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.identification.mixed_fit import all_columns, fit_library, kinds_of
-from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
-from stiction_envs.robots.consistent import LEAST_EIGENVALUE, frames, least_consistent
+from stiction_envs.robots.consistent import LEAST_EIGENVALUE, least_consistent
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     consistent,
-    from_pseudo_inertia,
     inertial_parameters,
-    pseudo_inertia,
 )
 from tests.gap import small_logs
 from tests.robots.arms import MJCF, TETRA, write_arms
@@ -86,36 +79,6 @@ def small(tmp_path_factory):
     signals = prepare([log], cutoff_hz=50.0)
     base, _ = structural_base(arm, kinds_of("link"))
     return signals, assemble(arm, signals, torque="link"), base, base.values(excited.truth(arm))
-
-
-@pytest.mark.slow
-def test_errors_are_those_of_repeated_recordings(small):
-    """Standard errors against the scatter of 300 fits, with noise that neighbours share."""
-    signals, data, base, _ = small
-
-    rng = np.random.default_rng(0)
-
-    def noise(width):
-        white = rng.normal(size=(len(data.t) + width - 1, data.n))
-        window = np.ones(width) / width
-        return np.array([np.convolve(w, window, "valid") for w in white.T]).T
-
-    values, said = [], []
-    for _ in range(300):
-        library = fit_library(small_logs.with_torque(data, noise(10)), signals)
-        one = fit_base(library, all_columns(library)[:, :, base.kept])
-        values.append(one.values[0])
-        said.append(one.errors)
-    ratio = np.mean(said, axis=0) / np.std(values, axis=0)
-    assert (ratio > 0.75).all()
-    assert (ratio < 1.35).all()
-
-    def correlated_rows(e):
-        library = fit_library(small_logs.with_torque(data, e - data.residual), signals)
-        return (library.noise_under([]) * library.data.noise**2 / e.var(axis=0)).max()
-
-    assert correlated_rows(noise(1)) <= 3
-    assert correlated_rows(noise(10)) >= 8
 
 
 def test_held_out_residual_falls_to_the_noise(found):
@@ -189,34 +152,7 @@ def test_says_what_is_hardly_excited(panda):
     assert found.viscous.max() < 5
 
 
-def test_an_offset_of_a_joint_at_rest_is_not_gravity():
-    """Links are a fifth off, and joint 2 holds them in one pose: its offset stays small."""
-    arm = load_arm("iiwa7")
-    reach = np.array([0, 0, 0.5, 0.5, 0.5, 0.5, 0.5])
-    state = excited.from_pose_to_pose(arm, reach, 30.0, RATE, 0)
-    log = excited.log(excited.perturbed(arm, 0.2, 0), state, RATE, noise=0.1, seed=0)
-    found = identify([log], arm, torque="link")
-    assert "offset2" in {found.names[i] for i in found.unsure}
-    usual = USUAL * arm.limits.torque[1]  # standard deviation; without it the error is 12 N·m
-    assert np.abs(found.offset - excited.OFFSET).max() < 3 * usual
-
-
 # ---- the method ----------------------------------------------------------------------------------
-
-
-def test_deviations_have_no_frame(panda):
-    """Turning and shifting a link's axes leaves its deviation from the nominal as it is."""
-    phi = inertial_parameters(panda.pinocchio())
-    other = inertial_parameters(excited.perturbed(panda, 0.1, 3).pinocchio())
-    turn = np.eye(4)
-    turn[:3, :3] = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-
-    def size(a, b):
-        c = np.linalg.inv(frames(a).c)
-        return np.linalg.norm(c @ (pseudo_inertia(b) - pseudo_inertia(a)) @ c.transpose(0, 2, 1))
-
-    moved = [from_pseudo_inertia(turn @ pseudo_inertia(p) @ turn.T) for p in (phi, other)]
-    assert size(phi, other) == pytest.approx(size(*moved), rel=1e-9)
 
 
 def test_the_consistent_minimum_is_one():
@@ -278,21 +214,6 @@ def test_arm_with_the_links_moves_by_them(found, panda):
     np.testing.assert_allclose(tau, inverse_dynamics(arm.pinocchio(), q, dq, ddq), atol=1e-9)
 
 
-def test_plant_accelerates_by_the_links(found, panda):
-    """A push far above friction moves joint 1 by ½ t² (M + rotors)⁻¹ τ, gravity compensated."""
-    friction = load_friction("generic", 7)
-    friction = friction.replace(stiction=0.01 * friction.stiction)
-    push, steps = np.array([60.0, 0, 0, 0, 0, 0, 0]), 30
-    for arm in (found.arm(), panda):
-        plant = Plant(build(arm, friction), 1, threads=1)
-        way = plant.run(np.tile(push, (1, steps, 1)))[0, -1] - panda.rest
-        model = arm.pinocchio()
-        mass = pin.crba(model, model.createData(), panda.rest)
-        mass = np.triu(mass) + np.triu(mass, 1).T + np.diag(friction.rotor_inertia)
-        expected = np.linalg.solve(mass, push) * (steps * 1e-3) ** 2 / 2
-        assert way[0] == pytest.approx(expected[0], rel=0.1)
-
-
 def test_what_is_fixed_to_a_link_becomes_part_of_it(tmp_path):
     """Payloads, hands, joints that sit beside their body's origin."""
     loaded = load_arm("panda", payload=(1.5, 0.0, 0.02, 0.1))
@@ -314,26 +235,6 @@ def test_written_mjcf_is_read_again(tmp_path, found):
     np.testing.assert_allclose(inertial_parameters(again.pinocchio()), found.phi, atol=1e-7)
 
 
-def test_page_and_json_hold_everything(found):
-    page, said = found.page(), found.to_json()
-    for name in found.names:
-        assert name in page
-    assert len(said["base"]) == found.base.size == 64
-    assert min(link["least_eigenvalue"] for link in said["links"]) > 0
-    assert set(said["held_out_rms_nm"]) == set(MODELS)
-
-
-@pytest.mark.parametrize(
-    ("ratio", "says"), [(0.25, "leave 75 % less of"), (1.5, "leave 50 % more of")]
-)
-def test_the_report_says_less_or_more_without_a_minus(found, ratio, says, tmp_path):
-    rms = {**found.rms, "consistent": ratio * found.rms["nominal + friction"]}
-    dataclasses.replace(found, rms=rms).write(tmp_path)
-    assert f"**Physically consistent links {says} the torque unexplained**" in (
-        tmp_path / "report.md"
-    ).read_text("utf-8")
-
-
 def test_bad_input(panda, recorded):
     with pytest.raises(StictionError, match="one or more"):
         identify([], panda)
@@ -342,10 +243,3 @@ def test_bad_input(panda, recorded):
     first = {k: getattr(recorded, k)[:60] for k in ("t", "q", "tau")}
     with pytest.raises(StictionError, match="expected"):
         identify([dataclasses.replace(recorded, **first)], panda, cutoff_hz=15.0)
-
-
-def test_torques_counted_the_other_way_round(panda, recorded, found):
-    turned = dataclasses.replace(recorded, tau=-recorded.tau)
-    again = identify([turned], panda, torque="link")
-    np.testing.assert_allclose(again.phi, found.phi, atol=1e-9)
-    assert "opposite sign" in again.page()

@@ -26,7 +26,7 @@ from stiction_envs.gap.causes.gear.backlash import (
     dragged,
     lost,
 )
-from stiction_envs.gap.causes.gear.deflection import masses, own_torque_of, seen_by
+from stiction_envs.gap.causes.gear.deflection import masses
 from stiction_envs.gap.causes.gear.joint_elasticity import deflection
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
@@ -102,17 +102,6 @@ def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
     stick = payload_of(np.array([mass, *(mass * com), long, *[0.0] * 5]), LEAST)
     spread = pseudo_inertia(stick)[:3, :3] - pseudo_inertia(payload_of(coefficients, LEAST))[:3, :3]
     assert np.allclose(spread, np.diag([long, 0.0, 0.0]))
-
-
-def test_an_inertia_that_no_motion_shows_stays_possible(data: Data) -> None:
-    """Bounds of its size hold it; to be on them says nothing against the payload itself."""
-    cause = BY_NAME["payload"]
-    low, high = cause.bounds(data, -1)
-    most = payload.MOST_INERTIA
-    assert np.all(high[4:] == most)
-    assert np.all(low[4:] == -most)
-    assert not cause.on_bound(np.array([1.0, 0.0, 0.0, 0.1, *[most] * 6]), data, -1)
-    assert cause.on_bound(np.array([low[0], 0.0, 0.0, 0.1, *[0.0] * 6]), data, -1)
 
 
 def test_poses_have_no_torque_of_motion(data: Data) -> None:
@@ -221,32 +210,6 @@ def test_a_gap_opens_by_its_width_on_both_flanks(data: Data) -> None:
     assert -0.01 >= delta.min() > -0.01 - yields
 
 
-def test_gaps_and_springs_begin_anew_in_each_segment(data: Data) -> None:
-    """A log that is cut in two, and a pose: what came before changes no bit of what follows."""
-    cut, rows = len(data.t) // 3, len(data.t)
-    segment = np.where(np.arange(rows) < cut, 0, np.where(np.arange(rows) < rows - 1, 1, 2))
-    gaps = np.array([0.01, 0.05])
-
-    def each(data: Data) -> list[np.ndarray]:
-        return [
-            crossings(data, 2, gaps, 0.3, 1e4),
-            dragged(data, 2, gaps),
-            lost(data, 2, gaps),
-            deflection(data, 2, 5e3)[:, None],
-        ]
-
-    def part(some: slice) -> Data:
-        r = data.recording
-        names = ("t", "q", "dq", "ddq", "tau", "reversal_path", "segment", "block", "log")
-        own = {k: getattr(r, k)[some].copy() for k in names}
-        return replace(data, recording=replace(r, **own), rigid=data.rigid[some].copy())
-
-    together = each(replace(data, recording=replace(data.recording, segment=segment)))
-    for some in (slice(0, cut), slice(cut, rows - 1), slice(rows - 1, rows)):
-        for whole, alone in zip(together, each(part(some)), strict=True):
-            assert np.array_equal(whole[some], alone)
-
-
 @pytest.mark.parametrize("step", [1e-3, 2e-3, 5e-3])
 def test_a_link_flies_through_a_gap_as_its_load_turns(step: float) -> None:
     """Limit case: a load L = s t, hard flanks: δ = gap/2 − s t³/6M at any step, to 1 %."""
@@ -291,30 +254,6 @@ def test_a_stiff_spring_yields_load_over_stiffness(data: Data) -> None:
     """Far below resonance δ = −load/K."""
     delta = deflection(data, 1, 1e6)
     assert np.allclose(delta[200:], -data.rigid[200:, 1] / 1e6, rtol=0.05, atol=2e-6)
-
-
-def test_the_mass_matrix_is_symmetric_and_positive(data: Data) -> None:
-    mass = data.recording.derived(masses)[::500]
-    assert np.allclose(mass, np.swapaxes(mass, 1, 2))
-    assert np.all(np.linalg.eigvalsh(mass) > 0)
-
-
-def test_blocks_hold_time_together_and_keep_apart(data: Data) -> None:
-    """Each block is one stretch of time; between two lies a guard."""
-    for b in range(data.blocks):
-        rows = np.flatnonzero(data.block == b)
-        assert np.all(np.diff(rows) == 1)
-    assert np.all(np.diff(data.block[data.block >= 0]) >= 0)
-    assert (data.block == -1).any()
-
-
-def test_no_rotor_is_negative(data: Data) -> None:
-    """A rotor may lack what the nominal model has of it: nothing, where that is a rigid body."""
-    rotor = np.linspace(0.1, 0.7, 7)
-    known = replace(data, friction=replace(data.friction, rotor=rotor))
-    for j in range(7):
-        assert BY_NAME["link_inertia"].bounds(data, j)[0][0] == 0
-        assert BY_NAME["link_inertia"].bounds(known, j)[0][0] == -rotor[j]
 
 
 def test_a_joint_that_only_holds_shows_less(data: Data) -> None:
@@ -364,10 +303,3 @@ def test_a_delays_low_pass_is_first_order(data: Data) -> None:
     run = data.runs()[0]
     left = lowpass * np.gradient(y[run], data.dt) + y[run] - n[run]
     assert np.abs(left[5:-5]).max() < 0.1 * np.abs(y - n)[run].max()
-
-
-def test_the_transposed_operator_has_the_same_product(data: Data) -> None:
-    rng = np.random.default_rng(5)
-    delta, target = rng.normal(size=(2, len(data.t)))
-    direct = target @ own_torque_of(data, 3, delta[:, None])[:, 0]
-    assert seen_by(data, 3, target) @ delta == pytest.approx(direct, rel=1e-9)

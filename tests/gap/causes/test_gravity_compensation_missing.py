@@ -29,7 +29,7 @@ def lacking(share: float, **options) -> JointLog:
     return hidden(panda(), add, noise=0.02, **options)
 
 
-@pytest.mark.parametrize("share", [0.03, 0.4, 1.0])
+@pytest.mark.parametrize("share", [0.03, 1.0])
 def test_a_missing_share_is_found_with_friction(share: float) -> None:
     found = diagnose_logs([lacking(share)], "panda")
     named = {c.name: c for c in found.causes}
@@ -60,14 +60,6 @@ def test_a_wrong_gain_of_all_sensors_is_not_missing_gravity() -> None:
     found = diagnose_logs([replace(log, tau=0.8 * log.tau)], "panda")
     assert "gravity_compensation_missing" not in {c.name for c in found.causes}
     assert "torque_scale" in {c.name for c in found.causes}
-
-
-def test_a_body_that_only_the_model_has_is_not_missing_gravity() -> None:
-    log = hidden(panda(), dry, noise=0.02)
-    found = diagnose_logs([log], panda(payload=(0.7, 0.0, 0.0, 0.05)))
-    named = {c.name for c in found.causes} - {"coulomb_friction"}
-    assert named
-    assert named <= {"payload", "link_parameters"}
 
 
 @pytest.mark.parametrize("share", [0.0, 0.2])

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.causes.friction.load_dependent_friction import MOST_RATIO
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda
 
@@ -54,32 +51,3 @@ def test_presliding_distances_without_load_grow_with_it(data: Data) -> None:
     left = missing(modelled(data, bent), true)
     assert left < 0.2 * missing(modelled(data, (0.0, 0.0)), true)
     assert left < 0.02 * GROWTH * np.abs(data.rigid[:, JOINT]).mean()
-
-
-def test_measured_presliding_distances_are_of_the_mean_load(data: Data) -> None:
-    ((_, mean),) = CAUSE.shapes(data, JOINT, data.residual[:, JOINT])
-    assert mean == pytest.approx(np.abs(data.rigid[:, JOINT]).mean())
-    true = bristle(data, (LEVEL + GROWTH * mean) / DISTANCE)
-    bent = CAUSE.resized((0.0, mean), np.array([GROWTH]), LEVEL)
-    assert bent == (GROWTH / (LEVEL + GROWTH * mean), mean)
-    left = missing(modelled(data, bent), true)
-    assert left < 0.2 * missing(
-        modelled(data, CAUSE.resized((0.0, 0.0), np.array([GROWTH]), LEVEL)), true
-    )
-    assert left < 0.02 * GROWTH * mean
-
-
-def test_a_model_file_without_the_bend_is_the_first_order(data: Data) -> None:
-    first = data.smooth(data.growth(JOINT, np.abs(data.rigid[:, JOINT])))
-    assert (CAUSE.columns(data, JOINT, ())[:, 0] == first).all()
-    assert (CAUSE.columns(data, JOINT, (0.0, 0.0))[:, 0] == first).all()
-
-
-def test_known_friction_has_no_mean_load(data: Data) -> None:
-    known = dataclasses.replace(data, friction=dataclasses.replace(data.friction, in_nominal=True))
-    assert CAUSE.shapes(known, JOINT, known.residual[:, JOINT]) == [(0.0, 0.0)]
-
-
-def test_no_level_without_load_bends_no_further_than_the_limit() -> None:
-    assert CAUSE.resized((0.0, 0.0), np.array([0.1]), 1e-6) == (MOST_RATIO, 0.0)
-    assert CAUSE.resized((0.0, 0.0), np.array([0.1]), 0.0) == (0.0, 0.0)

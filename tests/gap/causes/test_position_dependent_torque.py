@@ -11,7 +11,6 @@ import pytest
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda
 
@@ -28,17 +27,6 @@ def data() -> Data:
 def curve(q: np.ndarray) -> np.ndarray:
     c, a1, b1, a2, b2 = COEFFICIENTS
     return c + a1 * np.cos(q) + b1 * np.sin(q) + a2 * np.cos(2 * q) + b2 * np.sin(2 * q)
-
-
-def test_its_torque_is_the_fourier_series_of_the_angle(data: Data) -> None:
-    torque = CAUSE.torque(data, PART)
-    rows = slice(100, -100)  # the filter needs both sides
-    np.testing.assert_allclose(torque[rows, 3], curve(data.q[rows, 3]), atol=1e-3)
-    assert not np.delete(torque, 3, axis=1).any()
-    assert CAUSE.values(np.array(COEFFICIENTS), (2.0,)) == {
-        "coefficients_nm": list(COEFFICIENTS),
-        "order": 2.0,
-    }
 
 
 def test_beyond_the_angles_of_the_logs_it_is_constant(data: Data) -> None:
@@ -70,34 +58,6 @@ def test_mujoco_holds_it_exactly(data: Data) -> None:
         own = [i for i in range(model.nu) if model.actuator(i).name.count("wave")]
         own.append(model.actuator("joint4_offset").id)
         assert work.actuator_force[own].sum() == pytest.approx(-2 * curve(work.qpos[3]), abs=1e-9)
-
-
-def test_a_narrow_range_has_room_for_few_harmonics(data: Data) -> None:
-    def orders(size: float) -> list[float]:
-        middle = data.q.mean(axis=0)
-        q = middle + size * (data.q - middle)
-        some = replace(data, recording=replace(data.recording, q=q))
-        return [x[0] for x in CAUSE.shapes(some, 3, data.rigid[:, 3])]
-
-    assert orders(1.0) == [2.0, 1.0]
-    assert orders(0.3) == [1.0]
-    assert orders(3.0) == [3.0, 2.0, 1.0]
-    assert "turns by" in CAUSE.why_not_identifiable(
-        replace(data, recording=replace(data.recording, q=0.01 * data.q)), 3
-    )
-
-
-def test_an_order_has_its_own_bounds_and_columns(data: Data) -> None:
-    wide = replace(data, recording=replace(data.recording, q=3.0 * data.q))
-    library = RegressorLibrary(wide, [CAUSE])
-    orders = [t for t in library.candidates if t.joint == 3]
-    ends = float(wide.q[:, 3].min()), float(wide.q[:, 3].max())
-    assert [t.shape for t in orders] == [(k, *ends) for k in (3.0, 2.0, 1.0)]
-    model = library.model_columns([orders[1]])
-    assert len(model.columns[3]) == len(model.low) == 5
-    assert library.complexity([orders[1]]) == 6
-    widest = library.columns(orders[0], 3)
-    np.testing.assert_array_equal(library.columns(orders[1], 3), widest[:, :5])
 
 
 def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_are_implausible(data: Data) -> None:

@@ -7,10 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import RATE, hidden, panda, sliding
 
@@ -52,7 +50,7 @@ def found(some: list[JointLog]) -> tuple[Diagnosis, list[float], list[float], st
     return d, drift.ci95, level.ci95, named["warm_up_drift"].evidence
 
 
-@pytest.mark.parametrize(("begin", "dates"), [(0.0, False), (5000.0, False), (DATE, True)])
+@pytest.mark.parametrize(("begin", "dates"), [(5000.0, False), (DATE, True)])
 def test_logs_of_one_session_drift_as_one(begin: float, dates: bool) -> None:
     """Times that rise from log to log, wherever they begin, and dates."""
     starts = [begin + PAUSE * k for k in range(LOGS)]
@@ -78,27 +76,3 @@ def test_logs_that_start_cold_drift_each_by_itself(starts, dates, why) -> None:
     assert high - low < 0.2 * abs(QUICK)
     assert level[0] < 1.0 < level[1]
     assert why in evidence
-
-
-def test_a_clock_that_starts_late_does_not_matter() -> None:
-    """One log, from 0 and from 5000 s: the same."""
-    early, late = (found(logs([x], 0.0, QUICK)) for x in (0.0, 5000.0))
-    assert late[1] == pytest.approx(early[1], rel=1e-6)
-    assert late[2] == pytest.approx(early[2], rel=1e-6)
-    assert "began" not in early[3]
-
-
-def test_the_model_keeps_the_clock() -> None:
-    """A part of a session's time, and one of each log's, as they are added again."""
-    some = logs([0.0, PAUSE], PAUSE, SLOW)
-    data = assemble(ARM, prepare(some))
-    cause = cause_named("warm_up_drift")
-    each, session = (
-        cause.torque(
-            data, Part(cause=cause.name, joint=JOINT + 1, shape=shape, coefficients=(0.01,))
-        )[:, JOINT]
-        for shape in ((0.0,), (1.0,))
-    )
-    later = data.recording.log == 1
-    assert np.median(np.abs(session - each)[later]) == pytest.approx(0.01 * PAUSE, rel=0.01)
-    assert (session - each)[~later] == pytest.approx(0.0, abs=1e-12)

@@ -66,20 +66,6 @@ def test_rows_between_blocks_count_for_nothing() -> None:
     assert np.allclose(c, [1.0, -2.0, 0.5], atol=0.05)
 
 
-def test_bounds_hold_and_the_others_adapt() -> None:
-    xx, xr = X.T @ X, X.T @ R
-    c = solve(xx, xr, np.array([-np.inf, 0.0, -np.inf]), np.full(3, np.inf))
-    assert np.isclose(c[1], 0.0, atol=1e-9)
-    expected = np.linalg.lstsq(X[:, [0, 2]], R, rcond=None)[0]
-    assert np.allclose(c[[0, 2]], expected, atol=1e-6)
-
-
-def test_a_coefficient_that_two_joints_share_fits_both() -> None:
-    grams = [Gram.of(X[:, :1], k * X[:, 0], BLOCK, np.ones(600), 6) for k in (1.0, 3.0)]
-    c = JointGrams(grams).fit(ModelColumns(((0,), (0,)), ((0,), (0,)), (-np.inf,), (np.inf,)))
-    assert np.isclose(c[0], 2.0)
-
-
 def test_bounded_fits_are_those_of_a_general_solver() -> None:
     """The active set against scipy's bounded least squares, on many random problems."""
     rng = np.random.default_rng(3)
@@ -99,38 +85,6 @@ def test_a_system_that_is_not_positive_definite_has_a_fit_within_bounds() -> Non
     assert np.isclose(c.sum(), 1.0, atol=1e-3)
 
 
-def test_a_cross_predicted_torque_matches_the_error_only_if_it_is_real() -> None:
-    """Σpᵀe/Σpᵀp is one for the columns that are in the data, and pᵀe sums up to the gain."""
-    own = np.array([False, True, False])
-    rest = ModelColumns(((0, 2),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
-    pe, pp = joint_grams().cross_predicted(FREE, rest, own)
-    assert np.isclose(pe.sum() / pp.sum(), 1.0, atol=0.03)
-    gained = joint_grams().held_out(rest) - joint_grams().held_out(FREE)
-    assert np.allclose(gained, 2 * pe - pp)
-    assert np.isclose(joint_grams().gained(FREE, rest)[0], 2.0, rtol=0.1)
-
-
-def test_no_columns_leave_the_residual() -> None:
-    nothing = ModelColumns(((),), ((),), (), ())
-    assert np.allclose(joint_grams().held_out(nothing).sum(), (W * R * R).sum())
-
-
-def test_errors_and_sizes_are_those_of_the_torques() -> None:
-    """Of two joints that share a coefficient, the second with one of its own."""
-    rng = np.random.default_rng(5)
-    y, r = rng.normal(size=(600, 2)), rng.normal(size=600)
-    grams = JointGrams([Gram.of(X, R, BLOCK, W, 6), Gram.of(y, r, BLOCK, W / 2, 6)])
-    model = ModelColumns(((0, 2), (1, 0)), ((0, 1), (1, 2)), (-np.inf,) * 3, (np.inf,) * 3)
-    c = grams.fit(model)
-    torques = X[:, [0, 2]] @ c[:2], y[:, [1, 0]] @ c[1:]
-    left = [(w * (z - t) ** 2).sum() for w, z, t in zip((W, W / 2), (R, r), torques, strict=True)]
-    assert np.allclose(grams.errors(model), left, rtol=1e-6)
-    own = np.array([True, False, False])
-    # over the noise: weights are 1/noise² times the largest, which counts as one row
-    root_mean_square = np.sqrt((W * (X[:, 0] * c[0]) ** 2).sum() / (W.sum() / W.max()))
-    assert np.allclose(grams.sizes(model, own), [root_mean_square, 0.0], rtol=1e-6)
-
-
 def test_resamples_scatter_as_estimates_do() -> None:
     """Law checked: σ² (XᵀX)⁻¹, to what 400 resamples of 30 blocks can say."""
     rng = np.random.default_rng(7)
@@ -148,27 +102,6 @@ def test_resamples_scatter_as_estimates_do() -> None:
     held = grams.resample(bounded, 50, np.random.default_rng(0))
     assert held[:, 0].max() <= 1.0 + 1e-9
     assert held[:, 1].min() >= -1.0 - 1e-9
-
-
-def test_leaving_a_block_out_keeps_bounds() -> None:
-    bounded = ModelColumns(((0, 1, 2),), ((0, 1, 2),), (-np.inf, -1.5, -np.inf), (np.inf,) * 3)
-    c = joint_grams().leave_one_block_out(bounded)
-    assert np.allclose(c[:, 1], -1.5)
-    for b in range(6):
-        keep = b != BLOCK
-        expected = least_squares(X[keep][:, [0, 2]], (R + 1.5 * X[:, 1])[keep], W[keep])
-        assert np.allclose(c[b, [0, 2]], expected, atol=1e-6)
-
-
-def test_a_coefficient_on_a_bound_equals_it_exactly() -> None:
-    """However the columns are scaled, and in every system of many."""
-    rng = np.random.default_rng(8)
-    low, high = np.full(4, -0.3), np.full(4, 1.5)
-    x = rng.normal(size=(300, 50, 4)) * 10 ** rng.uniform(-3, 3, (300, 1, 4))
-    c = solve_all(np.swapaxes(x, 1, 2) @ x, rng.normal(size=(300, 4)) * 100, low, high)
-    near = (np.abs(c - low) < 1e-9) | (np.abs(c - high) < 1e-9)
-    assert near.sum() > 300
-    assert ((c == low) | (c == high))[near].all()
 
 
 def with_random_effects() -> tuple[list[Gram], np.ndarray, ModelColumns]:
@@ -206,34 +139,6 @@ def test_random_effects_are_coefficients_with_a_prior() -> None:
     assert np.isclose(fast.fit(model)[5], 0.1)  # the bound is reached
 
 
-def test_a_joint_without_columns_shows_random_effects() -> None:
-    grams, inflation, model = with_random_effects()
-    lone = replace(model, columns=(model.columns[0], (), ()), coefficients=((4, 5), (), ()))
-    lone = replace(lone, low=model.low[:6], high=model.high[:6], firm=model.firm[:6])
-    sums = JointGrams(grams, inflation)
-    c, left = sums.fit(lone), sums.errors(lone)
-    assert np.isclose(left[2], grams[2].rr.sum() - _taken(grams[2], c[:4]))
-
-
-def _taken(gram: Gram, c: np.ndarray) -> float:
-    """Return by how much coefficients of the first columns reduce a squared error."""
-    xx, xr = gram.xx.sum(axis=0)[: len(c), : len(c)], gram.xr.sum(axis=0)[: len(c)]
-    return float(2 * xr @ c - c @ xx @ c)
-
-
-def test_random_effects_of_no_size_are_none() -> None:
-    grams, inflation, model = with_random_effects()
-    tiny = replace(model, firm=(1e12,) * 4 + model.firm[4:])
-    none = ModelColumns(
-        model.columns,
-        tuple(tuple(i - 4 for i in x) for x in model.coefficients),
-        *(x[4:] for x in (model.low, model.high, model.firm)),
-    )
-    ours, theirs = (JointGrams(grams, inflation).fit(m) for m in (tiny, none))
-    assert np.allclose(ours[:4], 0.0, atol=1e-9)
-    assert np.allclose(ours[4:], theirs, atol=1e-7)
-
-
 def test_the_evidence_is_the_likelihood_without_the_coefficients() -> None:
     """Of two sizes of the prior, against the Gaussian density of the data itself."""
     rng = np.random.default_rng(4)
@@ -249,61 +154,6 @@ def test_the_evidence_is_the_likelihood_without_the_coefficients() -> None:
     assert np.isclose(ours[1] - ours[0], theirs[1] - theirs[0], atol=1e-6)
 
 
-def test_a_column_of_noise_has_less_evidence_than_none() -> None:
-    rest = ModelColumns(((0, 1),), ((0, 1),), (-np.inf,) * 2, (np.inf,) * 2)
-    noise = np.concatenate([X[:, :2], RNG.normal(size=(600, 1))], axis=1)
-    r = X[:, :2] @ [1.0, -2.0] + RNG.normal(size=600)
-    grams = JointGrams([Gram.of(noise, r, BLOCK, np.ones(600), 6)])
-    assert grams.log_evidence(FREE) < grams.log_evidence(rest)
-
-
-def test_a_reduction_is_that_of_the_larger_fit() -> None:
-    grams, inflation, model = with_random_effects()
-    more = ModelColumns(
-        ((8,), (), (9,)), ((0,), (), (1,)), (-np.inf,) * 2, (np.inf,) * 2, (0.0, 2.0)
-    )
-    whole = ModelColumns(
-        (model.columns[0] + (8,), model.columns[1], model.columns[2] + (9,)),
-        (model.coefficients[0] + (7,), model.coefficients[1], model.coefficients[2] + (8,)),
-        model.low + more.low,
-        model.high + more.high,
-        model.firm + more.firm,
-        random=4,
-    )
-    sums = JointGrams(grams, inflation)
-
-    def gained(m: ModelColumns) -> float:
-        (xx, xr), c = sums.system(m), sums.fit(m)
-        return float(2 * xr @ c - c @ xx @ c)
-
-    found = sums.around(model).reductions([more, replace(more, firm=(0.0, 1e12)), more])
-    assert np.isclose(found[0], gained(whole) - gained(model), atol=1e-6)
-    assert found[0] == found[2] > found[1]
-
-
 def test_standard_errors_are_those_of_least_squares() -> None:
     found = np.sqrt(np.diag(JointGrams([Gram.of(X, R, BLOCK, W, 6)]).covariance(FREE)))
     assert np.allclose(found, np.sqrt(np.diag(np.linalg.inv((X.T * W) @ X))), rtol=1e-6)
-
-
-def test_columns_in_parts_have_the_sums_of_columns_side_by_side() -> None:
-    parts = [X.T[:0], X.T[:1], X.T[1:]]
-    whole = Gram.of(X, R, BLOCK, W, 6)
-    for found in (
-        Gram.of_parts(parts, R, BLOCK, W, 6),
-        Gram.of_parts(parts[:2], R, BLOCK, W, 6).with_columns(parts[:2], parts[2:], R, BLOCK, W),
-    ):
-        for name in ("xx", "xr", "rr", "count"):
-            np.testing.assert_allclose(getattr(found, name), getattr(whole, name), rtol=1e-12)
-
-
-def test_the_fit_to_all_blocks_is_the_same_alone_and_among_the_others() -> None:
-    """To the bit, with bounds and without; a hash is that of an equal model."""
-    grams, _, model = with_random_effects()
-    for low in (model.low, (-np.inf,) * model.random + (0.0,) * (len(model.low) - model.random)):
-        one, same = replace(model, low=low), replace(model, low=low)
-        assert one == same
-        assert hash(one) == hash(same)
-        alone, among = JointGrams(grams), JointGrams(grams)
-        among.held_out(one)
-        np.testing.assert_array_equal(alone.fit(one), among.fit(same))

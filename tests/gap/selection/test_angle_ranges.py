@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import CAUSES
-from stiction_envs.gap.selection.angle_ranges import AngleRanges, equal_travel, holds_over_angle
-from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
+from stiction_envs.gap.selection.angle_ranges import AngleRanges, holds_over_angle
+from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.selection.chooser import Chooser
 from stiction_envs.gap.selection.gain import gain
 from stiction_envs.gap.signals.dataset import Data
@@ -50,23 +49,6 @@ def smooth(order: int) -> Candidate:
     return Candidate(SMOOTH, JOINT, (float(order), float(q.min()), float(q.max())))
 
 
-def test_a_joint_travels_equally_far_in_each_range(data: Data) -> None:
-    ranges = equal_travel(data, JOINT, 7)
-    assert np.array_equal(ranges < 0, data.block < 0)
-    rows = ranges >= 0
-    gone = np.bincount(ranges[rows], np.abs(data.dq[rows, JOINT]))
-    np.testing.assert_allclose(gone, gone.mean(), rtol=0.02)
-    q = data.q[:, JOINT]
-    assert all(q[ranges == k].max() <= q[ranges == k + 1].min() for k in range(6))
-
-
-def test_poses_are_divided_equally_among_ranges(data: Data) -> None:
-    still = replace(data, recording=replace(data.recording, dq=0 * data.dq))
-    ranges = equal_travel(still, JOINT, 7)
-    many = np.bincount(ranges[ranges >= 0])
-    assert np.ptp(many) <= 2
-
-
 def test_a_hump_holds_at_angles_that_were_left_out(data: Data) -> None:
     library = library_of(data, hump(data))
     before, after, slope = AngleRanges(library, [smooth(2)], smooth(2)).with_and_without(smooth(2))
@@ -104,23 +86,3 @@ def test_a_straight_pull_is_a_spring(data: Data) -> None:
     # which must be among the hypotheses to be preferred
     without = library_of(data, 2.0 * (data.q[:, JOINT] + 1.0), SMOOTH)
     assert holds_over_angle(without, [smooth(1)], smooth(1))
-
-
-def test_what_pushes_away_is_no_spring(data: Data) -> None:
-    library = library_of(data, -2.0 * (data.q[:, JOINT] + 1.0))
-    assert {t.cause for t in Chooser(library).choose()} == {SMOOTH}
-
-
-def test_what_acts_on_the_whole_arm_stays_as_it_was_fitted(data: Data) -> None:
-    tilt = Candidate("base_tilt", ARM, (0.0, 0.0))
-    columns = np.stack(
-        [BY_NAME["base_tilt"].columns(data, j, tilt.shape) for j in range(7)], axis=1
-    )
-    more = columns @ [0.05, -0.03]
-    more[:, JOINT] += hump(data)
-    library = RegressorLibrary(with_torque(data, more), [BY_NAME[x] for x in FEW])
-    both = [tilt, smooth(2)]
-    _, with_tilt, _ = AngleRanges(library, both, smooth(2)).with_and_without(smooth(2))
-    _, without, _ = AngleRanges(library, both[1:], smooth(2)).with_and_without(smooth(2))
-    assert holds_over_angle(library, both, smooth(2))
-    assert with_tilt.sum() < 0.5 * without.sum()

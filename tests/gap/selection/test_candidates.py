@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import CAUSES, Cause, Parameter
-from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
@@ -18,22 +17,6 @@ LINEAR = ("coulomb_friction", "viscous_friction", "torque_offset")
 
 def causes(*names: str) -> list[Cause]:
     return [c for c in CAUSES if c.name in names]
-
-
-class Asked(Cause):
-    """Remembers the residuals that its nonlinear parameters are chosen by."""
-
-    name, what, what_to_record, parameters = "asked", "", "", ()
-
-    def __init__(self) -> None:
-        self.residuals: dict[int, np.ndarray] = {}
-
-    def shapes(self, data, joint, residual):
-        self.residuals[joint] = residual
-        return []
-
-    def columns(self, data, joint, shape):
-        raise NotImplementedError
 
 
 class Twist(Cause):
@@ -64,35 +47,6 @@ def library(data: Data) -> RegressorLibrary:
     return RegressorLibrary(data, causes(*LINEAR, "payload"))
 
 
-def test_nonlinear_causes_see_what_linear_ones_leave(data: Data) -> None:
-    asked = Asked()
-    RegressorLibrary(data, [*causes(*LINEAR), asked])
-    for joint in (3, 5):
-        seen, all_of_it = (np.std(x) for x in (asked.residuals[joint], data.residual[:, joint]))
-        assert seen < (0.2 * all_of_it if joint == 3 else 1.1 * all_of_it)
-        assert abs(asked.residuals[joint].mean()) < 0.02
-
-
-def test_what_no_cause_explains_weighs_less(data: Data) -> None:
-    """Bumps of 20 N·m count little, though friction is larger; ordinary rows count in full."""
-    torque = np.zeros_like(data.q)
-    hit = np.arange(len(data.t)) % 1000 < 10
-    (dry,) = causes("coulomb_friction")
-    torque[:, 3] = 20.0 * hit + 30.0 * dry.columns(data, 3, ())[:, 0]
-    weight = RegressorLibrary(with_torque(data, torque), causes(*LINEAR)).weight[:, 3]
-    assert weight.max() == 1.0
-    assert weight[hit].max() < 0.1
-    assert weight[~hit].mean() > 0.9
-
-
-def test_errors_are_in_units_of_the_noise(library: RegressorLibrary) -> None:
-    """With everything that is hidden in the model, one per row and joint; a payload is none."""
-    left = library.grams.errors(library.model_columns([DRY, OFFSET]))
-    rows = np.array([g.count.sum() for g in library.grams.joints])
-    assert np.all((left / rows > 0.3) & (left / rows < 2.0))
-    assert library.grams.errors(library.model_columns([OFFSET]))[3] > 100 * left[3]
-
-
 @pytest.mark.parametrize("terms", [[DRY, OFFSET], [OFFSET, PAYLOAD, DRY, VISCOUS]])
 def test_models_are_fits_to_their_columns(library: RegressorLibrary, terms) -> None:
     """Law checked: what the fit leaves of the residual, row by row, is what the sums say."""
@@ -108,11 +62,6 @@ def test_models_are_fits_to_their_columns(library: RegressorLibrary, terms) -> N
     )
 
 
-def test_affected_joints(library: RegressorLibrary) -> None:
-    assert library.affected_joints(DRY) == [3]
-    assert library.affected_joints(PAYLOAD) == list(range(7))
-
-
 def test_a_coupled_cause_has_one_coefficient_in_all_torques(data: Data) -> None:
     twist, terms = Twist(), [Candidate("twist", j, ()) for j in (1, 2)]
     torque = np.einsum("tnk->tn", 0.3 * twist.spread(data, 1, ()) - twist.spread(data, 2, ()))
@@ -124,23 +73,6 @@ def test_a_coupled_cause_has_one_coefficient_in_all_torques(data: Data) -> None:
     for j in range(7):
         found = library.torque(terms, np.array([0.3, -1.0]), j)
         np.testing.assert_allclose(found, torque[:, j], rtol=0, atol=single)
-
-
-def test_columns_that_come_later_sum_up_as_if_they_had_been_there(data: Data) -> None:
-    names = ("coulomb_friction", "actuator_delay", "stribeck_friction")
-    names = (*names, "position_dependent_torque", "link_parameters", "payload")
-    later = [Candidate("stribeck_friction", 3, (x,)) for x in (0.07, 0.11)]
-    later.append(Candidate("actuator_delay", ARM, (0.003,)))
-    library = RegressorLibrary(data, causes(*names))
-    for term in later:
-        library.refine([term])
-    for j, gram in enumerate(library.grams.joints):
-        terms = [t for t in library.candidates if j in library.affected_joints(t)]
-        x = np.concatenate([library.columns(t, j) for t in terms], axis=1)
-        weight = library.weight[:, j] / data.noise[j] ** 2
-        whole = Gram.of(x, data.residual[:, j], data.block, weight, data.blocks)
-        assert np.allclose(gram.xx, whole.xx, rtol=1e-9, atol=1e-9 * np.abs(whole.xx).max())
-        assert np.allclose(gram.xr, whole.xr, rtol=1e-9, atol=1e-9 * np.abs(whole.xr).max())
 
 
 # ---- a refit given a payload or a tilt -----------------------------------------------------------
@@ -180,12 +112,3 @@ def test_a_library_that_takes_columns_of_another_is_that_made_anew(data: Data, c
     for term in anew.candidates:
         joint = anew.affected_joints(term)[0]
         np.testing.assert_array_equal(taken.columns(term, joint), anew.columns(term, joint))
-
-
-def test_columns_are_taken_and_not_computed_again(data: Data) -> None:
-    asked = Asked()
-    asked.depends_on_load = False
-    before = RegressorLibrary(data, [*causes(*LINEAR), asked])
-    asked.residuals.clear()
-    RegressorLibrary(carrying(data), [*causes(*LINEAR), asked], instead_of=before)
-    assert asked.residuals == {}

@@ -9,9 +9,7 @@ import pytest
 
 from stiction_envs.gap.selection.row_weights import (
     certain,
-    dependent_rows,
     explained,
-    filtered_rows,
 )
 from stiction_envs.gap.settings import gap_settings
 
@@ -51,32 +49,6 @@ def recording(**changes: float) -> SimpleNamespace:
 def noise(size: float, repeats: int = 1) -> np.ndarray:
     rng = np.random.default_rng(0)
     return size * np.repeat(rng.normal(size=ROWS // repeats), repeats)
-
-
-@pytest.mark.parametrize(("size", "repeats", "rows"), [(1, 1, 1), (1, 20, 20), (3, 1, 9)])
-def test_rows_that_say_the_same_or_are_far_off_are_one_observation(
-    size: float, repeats: int, rows: float
-) -> None:
-    """As many as repeat each other, and more where noise is larger than the floor."""
-    left = noise(0.1 * size, repeats)
-    found = dependent_rows(recording(), 0, left, np.ones(ROWS))
-    assert found == pytest.approx(rows, rel=0.25)  # 200 batches: 10 % is one standard deviation
-
-
-def test_rows_without_a_block_or_weight_do_not_count() -> None:
-    left, weight = noise(0.1), np.ones(ROWS)
-    data = recording()
-    data.block[:1000], weight[1000:2000], left[:2000] = -1, 0.0, 50.0
-    assert dependent_rows(data, 0, left, weight) < 1.5
-
-
-def test_neighbours_within_half_a_period_of_the_filter_are_one_observation() -> None:
-    assert filtered_rows(recording(cutoff=5.0)) == pytest.approx(10.0)
-    assert filtered_rows(recording(cutoff=500.0)) == 1.0
-    assert filtered_rows(recording()) == 1.0
-    assert filtered_rows(recording(dt=np.nan, cutoff=5.0)) == 1.0
-    data = recording(cutoff=5.0)
-    assert dependent_rows(data, 0, noise(0.1), np.ones(ROWS)) == pytest.approx(10.0, rel=0.05)
 
 
 def test_rows_far_from_the_others_weigh_less() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import TOLERANCES, cause_named
-from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.gap.selection.whole_models import with_set_up
 from tests.gap.small_logs import data_of, hidden, panda, sliding
 
@@ -46,34 +46,10 @@ def test_small_offsets_are_fitted_and_not_named(library) -> None:
     assert after < before
 
 
-def test_what_is_named_has_no_small_error_beside_it(library) -> None:
-    named = Candidate("torque_offset", 0, ())
-    terms = library.add_set_up(library.beside([named]))
-    assert named in terms
-    assert named._replace(small=True) not in terms
-    assert Candidate("torque_offset", 1, (), small=True) in terms
-
-
 def test_logs_without_small_errors_do_not_get_them() -> None:
     library = library_of(np.zeros(7))
     terms = library.beside([])
     assert with_set_up(library, terms) == terms
-
-
-def test_an_exact_arm_has_none(library) -> None:
-    named = [Candidate("torque_offset", 0, ())]
-    scale, library.scale = library.scale, 0.0
-    assert with_set_up(library, named) == named
-    library.scale = scale
-
-
-def test_their_prior_is_the_tolerance(library) -> None:
-    """Half of a tolerance has four times its precision."""
-    small = Candidate("torque_offset", 2, (), small=True)
-    library.add_set_up([])
-    usual = cause_named("torque_offset").tolerance(library.data, 2)
-    assert library.prior(small) == pytest.approx(usual * library.scale)
-    assert library.prior(small._replace(small=False)) == pytest.approx(np.inf)
 
 
 def test_small_dry_friction_is_fitted_and_not_named() -> None:

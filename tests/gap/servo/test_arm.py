@@ -123,13 +123,3 @@ def test_a_bad_table_of_servos_is_one_line(tmp_path: Path, text: str, said: str)
     assert said in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
-
-
-def test_gravity_of_a_motion_does_not_depend_on_its_speed(tmp_path: Path) -> None:
-    arm, log = two_links(tmp_path), _log()
-    moving = joint_motions(arm, [log])
-    k = 120
-    still = joint_motions(arm, [replace(log, q=np.tile(log.q[k], (len(log.t), 1)))])
-    for a, b in zip(moving, still, strict=True):
-        assert a.gravity[k] == pytest.approx(b.gravity[k], abs=1e-12)
-        assert b.coupling[k] == pytest.approx(0.0, abs=1e-9)

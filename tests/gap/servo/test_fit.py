@@ -35,16 +35,3 @@ def test_parameters_stay_within_their_bounds_and_others_as_they_are() -> None:
     assert found.parameters[INDEX["stiction"]] < 0.02
     changed = found.parameters != start
     assert set(np.flatnonzero(changed)) <= {INDEX["stiction"], INDEX["damping"]}
-
-
-def test_rows_that_do_not_count_change_nothing() -> None:
-    truth = parameters(damping=0.9, stiction=0.25)
-    command = _commands()
-    q = motion(command).simulate(truth[None])[0]
-    spoilt, counts = q.copy(), np.ones(len(q), dtype=bool)
-    spoilt[800:900] += 0.5
-    counts[800:900] = False
-    # the joint alone: what acts on it does not depend on its measured angle
-    clean = fit(motion(command, q=q), truth * 0.9, ("damping", "stiction"), counts=counts)
-    dirty = fit(motion(command, q=spoilt), truth * 0.9, ("damping", "stiction"), counts=counts)
-    assert np.array_equal(clean.parameters, dirty.parameters)

@@ -102,25 +102,3 @@ def test_backlash_of_a_slow_servo_is_dry_friction() -> None:
     lag = 0.1 / 20.0 * 0.3 * 2 * np.pi / 30.0
     assert np.median(np.abs(rubbed - played)) < 2 * lag
     assert np.abs(rubbed - played).max() < 0.1 * gap
-
-
-def test_parts_of_a_motion_answer_as_they_do_in_the_whole() -> None:
-    command = 0.3 * np.sin(0.05 * np.arange(300))
-    one, p = motion(command), parameters(damping=0.5, stiction=0.1)[None]
-    both = type(one)(
-        bounds=np.array([0, 300, 600]),
-        **{
-            name: np.concatenate([getattr(one, name)] * 2)
-            for name in (
-                *("t", "q", "command", "command_integral", "command_times"),
-                *("gravity", "slope", "inertia", "coupling"),
-            )
-        },
-    )
-    alone = one.simulate(p)[0]
-    assert np.array_equal(both.simulate(p)[0], np.concatenate([alone, alone]))
-    second = both.heads(np.array([0, 300]))
-    assert np.array_equal(second.simulate(p)[0], alone)
-    heads = both.heads(np.array([120, 300]))
-    assert np.array_equal(heads.simulate(p)[0], np.concatenate([alone[:120], alone]))
-    assert np.array_equal(heads.t, both.t[both.rows_of_heads(np.array([120, 300]))])

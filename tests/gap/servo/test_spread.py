@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.servo.fit import Fit, fit
-from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.spread import LAG, Spread, estimates_of, lag_of, spread_of
-from tests.gap.servo.small_arm import motion, parameters
+from stiction_envs.gap.servo.fit import Fit
+from stiction_envs.gap.servo.spread import Spread, lag_of
+from tests.gap.servo.small_arm import parameters
 
 FREE = ("damping", "delay")
 
@@ -49,33 +48,3 @@ def test_no_lag_where_a_part_is_known_or_the_sum_is_not(covariance, needed) -> N
 def test_no_lag_where_the_simulation_has_it() -> None:
     spread = _spread([[1e-4, 0.0], [0.0, 1e-8]])
     assert lag_of(_fit(damping=0.4), spread, parameters(damping=0.4), needed=()) is None
-
-
-def _seen(command: np.ndarray, truth: np.ndarray):
-    q = motion(command).simulate(truth[None])[0]
-    return motion(command, q=q + 1e-3 * np.random.default_rng(0).normal(size=len(q)))
-
-
-def test_slow_motion_knows_the_sum_and_fast_motion_the_parts() -> None:
-    """A steady motion follows late by delay + damping/stiffness, whichever it is."""
-    t, truth = 0.01 * np.arange(3000), parameters(damping=0.8, delay=0.02)
-    spreads = {}
-    for f in (0.05, 1.5):
-        log = _seen(0.3 * np.sin(2 * np.pi * f * t), truth)
-        found = fit(log, truth, FREE)
-        block = (t // 2.0).astype(np.int64)
-        spreads[f] = spread_of(log, found, FREE, np.ones(len(t), dtype=bool), block)
-        for name, e in estimates_of(found, spreads[f]).items():
-            half = spreads[f].half_of(name)
-            assert e.ci95 == pytest.approx((found[name] - half, found[name] + half))
-            assert abs(found[name] - truth[INDEX[name]]) < 2.0 * half
-        weights = np.array([1 / 20.0, 1.0])
-        lag = found["delay"] + found["damping"] / 20.0
-        assert lag == pytest.approx(0.06, abs=2.0 * spreads[f].half(weights))
-    assert abs(spreads[0.05].correlation[0, 1]) > 0.999
-    assert spreads[0.05].half(weights) < 0.05 * spreads[0.05].half_of("delay")
-    assert spreads[1.5].half_of("delay") < 0.01 * spreads[0.05].half_of("delay")
-
-
-def test_parts_are_those_of_one_parameter_each() -> None:
-    assert set(LAG) <= set(INDEX)

@@ -50,35 +50,6 @@ def test_directions_follow_the_presliding_distance(data: Data) -> None:
     np.testing.assert_array_equal(soft.growth(1, weight), own)
 
 
-def test_the_residual_follows_the_nominal_model(data: Data) -> None:
-    more = np.full_like(data.q, 0.3)
-    heavy = data.carrying(more).corrected(more, friction=True, rotor=np.full(7, 0.2))
-    np.testing.assert_allclose(heavy.residual, data.residual - 0.3)
-    np.testing.assert_allclose(heavy.rigid, data.rigid + 0.3)
-    assert heavy.carried is None
-    assert heavy.has_friction
-    np.testing.assert_allclose(heavy.friction.rotor, data.friction.rotor + 0.2)
-    assert not data.has_friction
-
-
-def test_what_depends_on_the_recording_alone_is_worked_out_once(data: Data) -> None:
-    made = []
-
-    def count(recording) -> np.ndarray:
-        made.append(recording)
-        return np.zeros(1)
-
-    for x in (data, data.carrying(data.q), data.with_presliding(np.full(7, 0.01))):
-        x.recording.derived(count)
-    assert made == [data.recording]
-
-
-def test_nobody_can_write_into_it(data: Data) -> None:
-    for array in (data.q, data.tau, data.nominal, data.rigid, data.block):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 0
-
-
 @pytest.mark.parametrize("shape", [(90,), (90, 4)])
 def test_rates_are_those_of_numpy_within_each_segment_to_the_bit(shape: tuple[int, ...]) -> None:
     x = np.random.default_rng(0).normal(size=shape)

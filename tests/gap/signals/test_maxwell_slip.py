@@ -54,11 +54,3 @@ def test_a_first_pull_is_half_a_reversal() -> None:
     assert np.isclose(many[-1], soft)
     assert not many[:100].any()
     assert len(YIELDS) == ELEMENTS
-
-
-def test_segments_do_not_know_each_other() -> None:
-    path = np.concatenate([along(0.0, 0.2, 0.19), along(0.0, 0.2)])
-    cut = len(along(0.0, 0.2, 0.19))
-    runs = [slice(0, cut), slice(cut, len(path))]
-    each = [maxwell_slip(path[r], [slice(0, r.stop - r.start)], np.array([D])) for r in runs]
-    np.testing.assert_array_equal(maxwell_slip(path, runs, np.array([D])), np.concatenate(each))

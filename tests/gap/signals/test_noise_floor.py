@@ -48,23 +48,6 @@ def test_in_the_band_of_the_motion_nobody_can_tell_noise() -> None:
     assert np.isnan(start).all()
 
 
-def test_what_falls_all_the_way_is_no_noise() -> None:
-    """A torque whose spectrum falls by 12 dB an octave, with no noise under it."""
-    data = data_of(ARM, noisy(np.zeros((1, 7))))
-    rng = np.random.default_rng(2)
-    slow = np.cumsum(rng.normal(size=data.q.shape), axis=0)
-    slow = np.cumsum(slow - slow.mean(axis=0), axis=0)
-    found, start = slow_noise(data.recording, slow, 0.5)
-    assert np.isnan(found).all()
-    assert np.isnan(start).all()
-
-
-@pytest.mark.parametrize(("corner", "low_passed"), [(0, False), (5, True), (10, True)])
-def test_a_low_pass_before_the_log_is_seen(corner: float, low_passed: bool) -> None:
-    signals = prepare([noisy(noise_behind(corner, 2))])
-    assert (signals.low_passed == low_passed).all()
-
-
 def test_a_low_pass_is_seen_where_rounding_hides_it() -> None:
     """Torques of two digits, whose noise is all below what the rounding makes."""
     log = noisy(noise_behind(3, 2))

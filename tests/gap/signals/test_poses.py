@@ -10,9 +10,7 @@ import pytest
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.noise_floor import scatter
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.recording import segment_numbers
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import hidden, panda
@@ -39,27 +37,6 @@ def poses(true=None, *, offset: float = 0.0, count: int = 200, seed: int = 0) ->
     )
 
 
-def test_each_pose_is_a_segment_and_a_log_is_one() -> None:
-    log = hidden(panda(), seconds=5.0)
-    signals = prepare([poses(count=30), log])
-    number = segment_numbers(signals.segments, signals.dt)
-    still = np.concatenate([np.full(len(s.t), s.static) for s in signals.segments])
-    assert len(np.unique(number[still])) == 50
-    assert len(np.unique(number[~still])) == 1
-    data = assemble(panda(), signals)
-    # nothing is smoothed from one pose into the next
-    np.testing.assert_array_equal(data.smooth(data.q)[still], data.q[still])
-
-
-def test_scatter_is_that_of_poses_taken_twice() -> None:
-    log = poses()
-    residual = log.tau - gravity_torque(panda().pinocchio(), log.q)
-    found = scatter(log.q, residual, 0.03)
-    assert found is not None
-    np.testing.assert_allclose(found.mean(), BAND / np.sqrt(3), rtol=0.25)
-    assert scatter(log.q[:150], residual[:150], 0.03) is None
-
-
 def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:
     """Half a kilogram, 5 cm before the flange, and a sensor that is off by 0.8 N·m."""
     found = diagnose_logs([poses(panda(payload=(0.5, 0.0, 0.0, 0.05)), offset=0.8)], "panda")
@@ -72,32 +49,10 @@ def test_a_payload_and_an_offset_are_found_in_poses_alone() -> None:
     assert found.verdict == "explained"
 
 
-def test_a_heavy_wrist_is_a_payload_though_the_last_joint_does_not_feel_it() -> None:
-    """A kilogram beside the flange's axis, on the link before the last: no gain of each sensor."""
-    log = poses(panda(payload=(1.0, 0.05, 0.0, 0.0)))
-    tau = np.array(log.tau)
-    tau[:, 6] = poses().tau[:, 6]
-    found = diagnose_logs([dataclasses.replace(log, tau=tau)], "panda")
-    assert found.causes[0].name == "payload"
-    assert found.causes[0].parameters[0]["mass_kg"].value == pytest.approx(1.0, abs=0.15)
-    assert "torque_scale" not in [c.name for c in found.causes]
-
-
 def test_nothing_is_found_in_good_poses() -> None:
     found = diagnose_logs([poses()], "panda")
     assert found.causes == ()
     assert found.verdict == "no discrepancy"
-
-
-def test_blocks_hold_rows_of_one_log_only() -> None:
-    """Several logs are held out log by log, a run of one file in one piece with its neighbours."""
-    logs = [hidden(panda(), seconds=6.0, seed=k) for k in range(3)]
-    signals = prepare([*logs, poses(count=60)])
-    data = assemble(panda(), signals)
-    log = np.concatenate([np.full(len(s.t), s.log) for s in signals.segments])
-    for block in range(data.blocks):
-        assert len(np.unique(log[data.block == block])) == 1
-    assert data.blocks >= 12
 
 
 def test_a_joint_that_rests_is_no_evidence() -> None:

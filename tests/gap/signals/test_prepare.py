@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import gap_settings
-from stiction_envs.gap.signals import prepare as module
 from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass, prepare
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import override
@@ -97,17 +94,6 @@ def test_the_filter_has_half_the_amplitude_at_its_cutoff_and_no_phase() -> None:
         assert abs(out_of_phase) < 1e-3
 
 
-def test_differences_are_right_up_to_the_highest_cutoff() -> None:
-    """At a tenth of the sampling rate the slope of a sine is right to 1 %, its bend too."""
-    t = np.arange(4000) / 1000
-    w = 2 * np.pi * 100
-    q = 1e-3 * np.sin(w * t)[:, None] * np.ones(N)
-    segment = only(prepare([log_of(t, q, q)], cutoff_hz=450.0))
-    at = segment.t[100:-100, None]
-    assert np.abs(segment.dq[100:-100] / w - 1e-3 * np.cos(w * at)).max() < 1e-5
-    assert np.abs(segment.ddq[100:-100] / w**2 + 1e-3 * np.sin(w * at)).max() < 1e-5
-
-
 def test_above_half_the_rate_nothing_is_filtered() -> None:
     x = np.random.default_rng(0).normal(size=100)
     assert np.array_equal(lowpass(x, 10.0, 5.0), x)
@@ -147,12 +133,6 @@ def test_the_cutoff_fits_the_noise(q_noise: float, tau_noise: float) -> None:
     assert acceleration_error(log, 4 * signals.cutoff_hz) > 2 * acceleration_error(log, None)
 
 
-def test_noisier_data_get_a_lower_cutoff() -> None:
-    cutoffs = [prepare([noisy(s, 1e4 * s)]).cutoff_hz for s in (1e-6, 1e-5, 1e-4, 1e-3)]
-    assert cutoffs == sorted(cutoffs, reverse=True)
-    assert cutoffs[0] > 3 * cutoffs[-1]
-
-
 @pytest.mark.parametrize("band_hz", [3.0, 8.0, 20.0])
 def test_a_known_band_is_found(band_hz: float) -> None:
     """Torque that is signal up to a frequency and noise above: the cutoff is within an octave."""
@@ -180,45 +160,12 @@ def test_noise_of_the_torque_is_right_to_20_per_cent(cutoff: float | None, size:
     assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.2)
 
 
-def test_noise_that_is_not_white_is_measured_beside_the_band() -> None:
-    """Torque noise low-passed at 60 Hz: what is left behind a filter of 15 Hz, to 30 %."""
-    rng = np.random.default_rng(8)
-    clean = noisy(1e-5, 0.0)
-    colour = lowpass(rng.normal(size=clean.tau.shape), 1000.0, 60.0) * 0.3
-    signals = prepare([log_of(clean.t, clean.q, clean.tau + colour)], cutoff_hz=15.0)
-    left = only(signals).tau - only(prepare([clean], cutoff_hz=15.0)).tau
-    assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.3)
-
-
-def test_torques_without_noise_have_the_noise_of_their_rounding() -> None:
-    clean = noisy(0.0, 0.0)
-    signals = prepare([log_of(clean.t, clean.q, np.round(clean.tau, 2))], cutoff_hz=500.0)
-    assert np.all(signals.noise_tau > 0.5 * 0.01 / np.sqrt(12))
-    assert np.all(signals.noise_tau < 0.05)
-
-
 def test_filtered_torques_are_told() -> None:
     clean = noisy(1e-5, 0.0)
     smooth = np.round(lowpass(clean.tau, 1000.0, 20.0), 4)
     notes = prepare([log_of(clean.t, clean.q, smooth)]).notes
     assert any("filtered before they were logged" in note for note in notes)
     assert not any("filtered before" in note for note in prepare([noisy(1e-5, 0.05)]).notes)
-
-
-def test_speeds_from_angles_beat_logged_ones_that_lag() -> None:
-    """A robot's own estimate, 30 Hz first order: through the same filter still ten times worse."""
-    log = noisy(1e-5, 0.05)
-    _, dq, _, _ = Motion().at(log.t)
-    a = 1 - np.exp(-2 * np.pi * 30 / 1000)
-    own = np.zeros_like(dq)
-    for k in range(1, len(dq)):
-        own[k] = own[k - 1] + a * (dq[k] - own[k - 1])
-    signals = prepare([log])
-    segment = only(signals)
-    rows = np.round(segment.t * 1000).astype(int)
-    logged = lowpass(own, 1000.0, signals.cutoff_hz)[rows]
-    wrong = np.std(segment.dq - dq[rows])
-    assert np.std(logged - dq[rows]) > 10 * wrong
 
 
 # ---- segments, logs, long logs ----
@@ -250,12 +197,6 @@ def test_segments_too_short_for_the_filter_are_left_out() -> None:
         prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=0.1)
 
 
-def test_a_log_of_one_second_works() -> None:
-    signals = prepare([noisy(1e-5, 0.05, seconds=1.0)])
-    assert signals.cutoff_hz >= 6
-    assert len(only(signals).t) > 500
-
-
 def test_logs_of_different_rates_come_out_at_the_slower_one() -> None:
     fast, slow = noisy(1e-6, 0.01, seconds=20), noisy(1e-6, 0.01, seconds=20, rate=400)
     signals = prepare([fast, slow], cutoff_hz=8.0)
@@ -282,19 +223,6 @@ def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     assert any("the cutoff is lowered" in note for note in chosen.notes)
 
 
-def test_samples_far_closer_than_the_filter_lets_change_are_thinned_out(monkeypatch) -> None:
-    """A hundred to a period of the cutoff are left, and they are those of the full rate."""
-    log = noisy(1e-5, 0.05)
-    thin = prepare([log], cutoff_hz=5.0)
-    assert thin.dt == pytest.approx(1 / (100 * 5.0))
-    with monkeypatch.context() as every:
-        every.setattr(module, "MOST_RATE", 1e9)
-        full = prepare([log], cutoff_hz=5.0)
-    assert full.dt == pytest.approx(1e-3)
-    assert np.array_equal(only(thin).tau, only(full).tau[::2])
-    assert prepare([log], cutoff_hz=20.0).dt == pytest.approx(1e-3)
-
-
 def test_poses_are_static_and_not_filtered() -> None:
     rng = np.random.default_rng(0)
     q, tau = rng.normal(size=(30, N)), rng.normal(size=(30, N))
@@ -311,28 +239,6 @@ def test_poses_are_static_and_not_filtered() -> None:
     assert np.isfinite(both.noise_tau).all()
 
 
-def test_a_resting_arm_is_static() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(5000) / 1000
-    q = 1 + 1e-6 * rng.normal(size=(5000, N))
-    assert only(prepare([log_of(t, q, q + 0.05 * rng.normal(size=q.shape))])).static
-
-
-def test_rest_is_told() -> None:
-    log = noisy(0.0, 0.05, seconds=20)
-    q = log.q.copy()
-    q[12_000:] = q[12_000]
-    notes = prepare([log_of(log.t, q, log.tau.copy())], cutoff_hz=5.0).notes
-    assert any("the arm rests in 38%" in note for note in notes)
-
-
-def test_signals_are_the_same_every_time_and_read_only() -> None:
-    one, two = (only(prepare([noisy(1e-5, 0.05)])) for _ in range(2))
-    for name in ("t", "q", "dq", "ddq", "tau"):
-        assert np.array_equal(getattr(one, name), getattr(two, name))
-        assert not getattr(one, name).flags.writeable
-
-
 @pytest.mark.parametrize(
     ("bad", "says"),
     [
@@ -346,26 +252,3 @@ def test_signals_are_the_same_every_time_and_read_only() -> None:
 def test_bad_arguments(bad: dict, says: str) -> None:
     with pytest.raises(StictionError, match=says):
         prepare(**{"logs": [noisy(1e-5, 0.05, seconds=2)], **bad})
-
-
-def test_a_minute_of_seven_joints_takes_a_second() -> None:
-    rng = np.random.default_rng(0)
-    t = np.arange(60_000) / 1000
-    q = np.sin(np.outer(t, np.arange(1, 8) * 0.4)) + 1e-5 * rng.normal(size=(60_000, 7))
-    log = log_of(t, q, 10 * q + 0.05 * rng.normal(size=q.shape))
-    start = time.process_time()
-    prepare([log])
-    assert time.process_time() - start < 5  # 0.4 s here
-
-
-@pytest.mark.parametrize("shape", [(3000, 4), (3000, 7, 1), (60, 5)])
-def test_many_columns_pass_the_filter_as_each_by_itself(shape: tuple[int, ...]) -> None:
-    """To the last digit."""
-    x = np.random.default_rng(3).normal(size=shape)
-    kept = x.copy()
-    out = lowpass(x, 1000.0, 20.0)
-    assert out.shape == shape
-    assert np.array_equal(x, kept)
-    flat = x.reshape(len(x), -1)
-    for k, column in enumerate(out.reshape(len(x), -1).T):
-        assert np.array_equal(column, lowpass(flat[:, k], 1000.0, 20.0))

@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.reversal_path import angle_noise, play, reversal_path
+from stiction_envs.gap.signals.reversal_path import play, reversal_path
 
 RATE = 500.0
 T = np.arange(0, 6, 1 / RATE)
-
-
-def test_the_noise_of_an_angle_is_found_beside_its_motion() -> None:
-    rng = np.random.default_rng(0)
-    q = 0.5 * np.sin(2 * np.pi * 0.7 * T)
-    assert angle_noise(q) < 1e-8
-    noisy = q + 2e-5 * rng.normal(size=q.shape)
-    assert np.isclose(angle_noise(noisy), 2e-5, rtol=0.1)
 
 
 def test_a_pen_follows_beyond_its_slot_only() -> None:

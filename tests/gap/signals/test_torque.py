@@ -92,16 +92,6 @@ def test_torques_of_the_opposite_sign_are_inverted_and_told(good: JointLog) -> N
     np.testing.assert_allclose(signals.segments[0].tau, right.segments[0].tau, atol=1e-12)
 
 
-def test_one_loaded_log_tells_the_sign_of_those_beside_it(good: JointLog) -> None:
-    """Joint 7 creeping alone has neither load nor friction worth a word: the other log speaks."""
-    still = sweeps([0.2], sign=-1.0)
-    still = with_torque(still, np.array(still.tau) * [1, 1, 1, 1, 1, 1, 0.01], "still.csv")
-    wrong = with_torque(good, -good.tau)
-    logs, _ = correct_sign([wrong, still], prepare([wrong, still]), ARM)
-    assert [kinds(x) for x in logs] == [["sign"], ["sign"]]
-    np.testing.assert_array_equal(logs[1].tau, -still.tau)
-
-
 def test_friction_that_would_push_tells_the_sign_too() -> None:
     log = sweeps([0.2, 0.4], sign=-1.0)
     log = with_torque(log, log.tau * np.eye(7)[6])  # no joint seems to hold a load
@@ -142,14 +132,6 @@ def test_only_a_changing_load_contradicts_the_sign_that_is_known(good: JointLog,
     assert kinds(log) == (["sign"] if known < 0 else [])
     (log,), _ = correct_sign([good], prepare([good]), ARM, known=known)
     assert kinds(log) == []
-
-
-def test_torques_are_inverted_only_once() -> None:
-    still = wrist_only(-1)
-    (once,), signals = correct_sign([still], prepare([still]), ARM, known=-1)
-    (twice,), _ = correct_sign([once], signals, ARM, known=-1)
-    assert kinds(once) == kinds(twice) == ["sign"]
-    assert np.array_equal(twice.tau, once.tau)
 
 
 def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
@@ -213,13 +195,6 @@ def test_in_step_or_early_torques_are_left_alone(good: JointLog) -> None:
         (log,), _ = correct_torques([delayed(good, delay, 0.0)], ARM, prepare)
         assert kinds(log) == []
         assert log.warnings == ()
-
-
-def test_late_reversals_at_all_speeds_are_a_delay() -> None:
-    (log,), _ = correct_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], lag=0.1)], ARM, prepare)
-    assert kinds(log) == ["lag"]
-    assert "at all speeds" in log.corrections[0].text
-    assert len(log.segments) == 5
 
 
 def test_soft_bristles_are_no_delay() -> None:

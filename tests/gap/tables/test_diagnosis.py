@@ -14,17 +14,12 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Configuration
-from stiction_envs.gap.tables import lone_joint
-from stiction_envs.gap.tables.causes import cause_named, registered
-from stiction_envs.gap.tables.causes.base_drift import BaseDrift
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.lone_joint import Bench
 from stiction_envs.gap.tables.model import Model
-from stiction_envs.gap.tables.noise import levelled, losses, noise_of
-from stiction_envs.gap.tables.readings import Readings
+from stiction_envs.gap.tables.noise import losses
 from stiction_envs.gap.tables.settings import table_settings
-from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, NOMINAL, WholeArm
-from stiction_envs.measured import thesis_base, thesis_dithered
+from stiction_envs.gap.tables.whole_arm import WholeArm
+from stiction_envs.measured import thesis_base
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, amplitude, nominal, protocol, tables
 
@@ -231,46 +226,12 @@ def test_what_no_cause_explains_is_not_explained(diagnose, monkeypatch):
     assert "joint 7" in found.reason
 
 
-def test_report_is_plain_data_and_repeats(diagnose):
-    hidden = tables(JOINTS, Truth(joint=5, day=1.12), seed=1)
-    first, again = diagnose(hidden).to_json(), diagnose(hidden).to_json()
-    assert json.loads(json.dumps(first, allow_nan=False)) == first == again
-    assert first["verdict"] == "explained"
-    assert set(first["causes"][0]) >= {
-        "name", "joints", "gain_percent", "parameters", "evidence", "confused_with"
-    }  # fmt: skip
-
-
 def test_too_few_blocks_are_no_evidence(diagnose):
     base, dithered = tables([5], seed=1)
     found = diagnose((base, [x for x in dithered if x.frequency_hz == 15.0]))
     assert found.verdict == "cannot tell"
     assert "2 frequencies and scales" in found.reason
     json.dumps(found.to_json(), allow_nan=False)
-
-
-@pytest.mark.slow
-def test_a_larger_least_gain_names_fewer_causes(diagnose):
-    hidden = tables([5], Truth(joint=5, day=1.12), seed=1)
-    assert diagnose(hidden).causes
-    assert diagnose(hidden, settings={"verdict.least_gain": 1e6}).causes == ()
-    with pytest.raises(StictionError, match=r"verdict\.gain: no such setting: expected one of lea"):
-        diagnose(hidden, settings={"verdict.gain": 1.0})
-
-
-@pytest.mark.slow
-def test_a_hypothesis_stays_in_its_range(diagnose):
-    hidden = tables([5], Truth(joint=5, day=1.12), seed=1)
-
-    class Narrow(BaseDrift):
-        def span(self, data, where):
-            return np.log(0.95), np.log(1.05)
-
-    narrow = diagnose(hidden, causes=[Narrow()])
-    (cause,) = narrow.causes
-    own = _parameters(cause).values()
-    assert own
-    assert all(x.value == pytest.approx(1.05) and x.on_bound for x in own)
 
 
 def test_constants_of_noise_are_felt():
@@ -287,59 +248,3 @@ def test_tables_of_another_arm_are_refused():
     base = thesis_base("panda")
     with pytest.raises(StictionError, match="base table of 6 joints"):
         diagnose_tables(type(base)("panda", base.tau[:6]), [], load_arm("panda"))
-
-
-@pytest.mark.parametrize(("levels", "knots"), [((0.5, 1.5), 9), ((0.5, 2.0), 4), ((0.9, 3.0), 6)])
-def test_a_level_of_one_changes_no_reading_on_any_grid(levels, knots, monkeypatch):
-    """The friction level of the state need be neither the middle of the grid nor on it."""
-    arm = load_arm("panda")
-    base = thesis_base("panda")
-    some = [x for x in thesis_dithered("panda") if x.joint == 7 and x.table == "4.6"]
-    whole = WholeArm(arm, nominal(), protocol=protocol())
-    monkeypatch.setattr(lone_joint, "LEVEL_KNOTS", knots)
-    level = dataclasses.replace(FRICTION_LEVEL, low=levels[0], high=levels[1])
-    monkeypatch.setattr(lone_joint, "FRICTION_LEVEL", level)
-    jobs, bench = Readings(base, some).jobs(7), Bench.of(arm, base, nominal())
-    lone = lone_joint.LoneJoint(jobs, bench, whole, NOMINAL, [])
-    nothing, more = lone.shift(level, np.array([[0.0], [np.log(1.2)]]))
-    np.testing.assert_allclose(nothing, 0.0, atol=1e-12)
-    assert (more > 0.0).all()
-
-
-def test_noise_is_told_from_effects():
-    """Whatever moves all configurations or all blocks alike is not noise, nor is one bad cell."""
-    dithered = [x for x in thesis_dithered("panda") if x.table != "4.10"]
-    readings = Readings(thesis_base("panda"), dithered)
-    rng = np.random.default_rng(0)
-    found = []
-    for _ in range(8):
-        residual = 0.01 * rng.normal(size=len(readings.all))
-        residual += rng.normal(size=len(readings.blocks))[readings.block]
-        residual += readings.sign * 0.3 + 0.2 * readings.pose
-        residual[rng.integers(len(residual))] = -1.0
-        found.append(noise_of(readings, residual, SETTINGS)[0])
-    assert np.mean(found) == pytest.approx(0.01, rel=0.2)
-
-
-def test_friction_levels_are_adjusted_and_nothing_else():
-    """A level 2 % off is taken out of its pose; a bad reading does not move it."""
-    rng = np.random.default_rng(0)
-    n, sd = 40, 0.01
-    base, level = np.arange(n) % 20 < 2, np.repeat([0, 1], 20)
-    z = 0.1 * rng.normal(size=(1, n)) + np.where(level == 0, 0.02 / sd, 0.0)
-    z[0, 10] = 90.0
-    sign = np.where(np.arange(n) % 2, 1.0, -1.0)
-    every = np.ones(n, dtype=bool)
-    left, cost = levelled(z, np.full(n, 1 / sd), sign / sd, level, base, every, SETTINGS)
-    good = np.arange(n) != 10
-    assert np.abs(left[0, good]).max() < 0.5
-    assert left[0, 10] == pytest.approx(88.0, abs=0.5)
-    assert cost[0] == pytest.approx((0.02 / 0.03) ** 2 / 2, rel=0.1)
-
-
-def test_what_tells_causes_apart_is_of_two_registered_causes():
-    for cause in registered():
-        assert cause.name not in cause.tell_apart
-        for other, measurement in cause.tell_apart.items():
-            assert cause_named(other) is not cause
-            assert measurement

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import numpy as np
 import pytest
@@ -63,14 +62,6 @@ def test_a_cause_is_put_where_it_was_hidden(truth, found):
     assert set(changed.values()) == {found.name}
 
 
-def test_a_gravity_error_is_a_share_of_gravity():
-    friction, _, _ = extended_friction(
-        ARM, nominal(), (cause("gravity_error", share_of_gravity=0.02),)
-    )
-    more = friction.gravity_error - nominal().gravity_error
-    np.testing.assert_allclose(more, 0.02 * (np.arange(7) == JOINT - 1), atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("values", "factors"),
     [
@@ -104,11 +95,3 @@ def test_what_is_not_of_the_arm_is_left_out_with_a_reason():
         "low_pass of joints 5 and 7: a low-pass of 40 Hz on the commanded torque is the interface's"
     )
     assert [m.split(" of ")[0] for m in missing] == ["low_pass", "base_drift", "corrupted_cell"]
-
-
-def test_friction_stays_friction():
-    friction, _, _ = extended_friction(
-        ARM, nominal(), (cause("direction_asymmetry", asymmetry_nm=9.0),)
-    )
-    assert friction.stiction[JOINT - 1].min() > 0
-    assert not math.isinf(friction.stiction.max())
