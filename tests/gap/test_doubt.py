@@ -18,7 +18,6 @@ from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import dry, hidden, panda, sliding
 
 NAMES = ("coulomb_friction", "viscous_friction", "torque_offset", "actuator_delay")
-COULOMB = Candidate("coulomb_friction", 1, ())
 
 
 def again(log: JointLog, nominal: str | Nominal = "rigid", names=NAMES) -> Diagnosis:

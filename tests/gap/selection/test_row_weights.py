@@ -39,13 +39,6 @@ def test_rows_at_rest_below_the_level_of_friction_have_little_weight() -> None:
     np.testing.assert_array_equal(weights(t < 5, 0.95), 1.0)
 
 
-def recording(**changes: float) -> SimpleNamespace:
-    """One joint with noise of 0.1 N·m, in 50 blocks, not filtered."""
-    values = {"dt": 0.01, "cutoff": np.inf, "blocks": 50, **changes}
-    block = np.repeat(np.arange(50), ROWS // 50)
-    return SimpleNamespace(noise=np.array([0.1]), block=block, **values)
-
-
 def noise(size: float, repeats: int = 1) -> np.ndarray:
     rng = np.random.default_rng(0)
     return size * np.repeat(rng.normal(size=ROWS // repeats), repeats)
