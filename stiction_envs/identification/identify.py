@@ -311,7 +311,7 @@ def identify(
             "torque": side,
             "joints": list(joints),
             "topic": topic,
-            **({} if units is None else {"units": units}),
+            "units": units,
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
             "settings": fingerprint(chosen),

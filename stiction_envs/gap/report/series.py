@@ -31,8 +31,6 @@ class Series:
     """What was compared: ``torque`` or ``angle``."""
     time: Array
     """(T,) rising [s]."""
-    date: float
-    """Date of time 0 [s]; 0 where the logs have none."""
     measured: Array
     """(T, n)."""
     nominal: Array
@@ -81,13 +79,12 @@ def log_series(d: Diagnosis, text: str) -> Series:
     data = d.data
     n = data.n
     extended = data.nominal + np.stack([d.torque(j) for j in range(n)], axis=1)
-    time, date = common_time(data.t, data.recording.log, d.logs)
+    time = common_time(data.t, data.recording.log, d.logs)
     at, every = _rows(len(time))
     return Series(
         arm=data.arm,
         quantity="torque",
         time=time[at],
-        date=date,
         measured=data.tau[at],
         nominal=data.nominal[at],
         simulated=extended[at],
@@ -102,7 +99,7 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
     """Return the series of servo logs: angles at the rows of the logs that were simulated."""
     log = np.repeat(np.arange(len(d.logs)), [len(x.t) for x in d.logs])
     t = np.concatenate([x.t for x in d.logs])
-    time, date = common_time(t, log, d.logs)
+    time = common_time(t, log, d.logs)
     nominal, simulated = np.concatenate(d.nominal_angles), np.concatenate(d.angles)
     q, q_cmd = (np.concatenate([getattr(x, k) for x in d.logs]) for k in ("q", "q_cmd"))
     speeds = [x.dq for x in d.logs if x.dq is not None]
@@ -117,7 +114,6 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
         arm=arm,
         quantity="angle",
         time=time[at],
-        date=date,
         measured=q[at],
         nominal=nominal[at],
         simulated=simulated[at],
@@ -131,8 +127,8 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
     )
 
 
-def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> tuple[Array, float]:
-    """Return (T,) time of all rows on the clock of the first log [s], and the date of its zero.
+def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> Array:
+    """Return (T,) time of all rows on the clock of the first log [s].
 
     A log that does not follow the one before it on that clock begins `PAUSE` after it.
 
@@ -152,7 +148,7 @@ def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> t
         if out[rows][0] <= end:
             out[rows] += end + PAUSE - out[rows][0]
         end = out[rows][-1]
-    return out, zero
+    return out
 
 
 def _rows(count: int) -> tuple[slice, int]:
