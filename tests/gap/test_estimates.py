@@ -60,15 +60,6 @@ def test_nonlinear_parameters_are_refined_whatever_else_is_there(library, place)
     assert left[3] < library.grams.errors(library.model_columns(terms))[3]
 
 
-def test_resamples_stay_within_bounds(library: RegressorLibrary) -> None:
-    """Friction of a joint that has none is not negative in any of them, and is on its bound."""
-    terms = [Candidate("coulomb_friction", 1, ()), PAYLOAD]
-    c = library.grams.fit(library.model_columns(terms))
-    levels = np.array([own[0] for own, _ in draw(library, terms, c, seed=0)[0]])
-    assert levels.min() >= 0.0
-    assert np.count_nonzero(levels == 0.0) > 10
-
-
 @pytest.mark.parametrize("damping", [0.1, 0.2])
 def test_the_interval_of_a_gap_allows_for_flanks_that_nobody_knows(damping, monkeypatch) -> None:
     """A gap whose flanks are a third softer than assumed looks narrower by 7 %."""

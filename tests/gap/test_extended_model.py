@@ -11,16 +11,14 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import STICTION
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
-from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
-from tests.gap.small_logs import data_of, hidden, panda, sliding
+from tests.gap.small_logs import data_of, hidden, panda
 
 BALL = 0.4 * 1.2 * 0.03**2  # inertia of 1.2 kg as `load_arm` makes it
 COM = np.array([0.02, -0.01, 0.06])
@@ -349,19 +347,6 @@ def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
     assert "\n" not in str(error.value)
     assert "m.toml" in str(error.value)
     assert says in str(error.value)
-
-
-def test_extended_model_follows_the_log_forward():
-    """With friction hidden, the model that has it strays less and needs less help."""
-    arm = panda()
-    dry = np.array([0.6, 0.6, 0.5, 0.6, 0.4, 0.3, 0.3])
-    log = hidden(arm, lambda q, dq, ddq: dry * sliding(q))
-    d = diagnose_logs([log], arm)
-    assert {c.name for c in d.causes} >= {"coulomb_friction"}
-    result = validate_forward(d, threads=1)
-    assert isinstance(result, ForwardValidation)
-    assert result.torque_gain.min() > 50
-    assert result.position_gain.mean() > 50
 
 
 def test_damping_of_a_bristle_is_carried_over(data):

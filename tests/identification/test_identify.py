@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden import excited_logs as excited
-from stiction_envs.identification.base_parameters import columns_of, fit_base, structural_base
+from stiction_envs.identification.base_parameters import columns_of
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
-from stiction_envs.identification.mixed_fit import all_columns, fit_library, kinds_of
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.consistent import LEAST_EIGENVALUE, least_consistent
 from stiction_envs.robots.inertias import with_inertias
@@ -22,8 +19,7 @@ from stiction_envs.robots.regressor import (
     consistent,
     inertial_parameters,
 )
-from tests.gap import small_logs
-from tests.robots.arms import MJCF, TETRA, write_arms
+from tests.robots.arms import MJCF, TETRA
 
 RATE = 200.0
 
@@ -69,18 +65,6 @@ def test_true_base_parameters_lie_within_their_intervals(motion, panda, true):
     assert 0.89 <= np.mean(inside) <= 0.99
 
 
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A log of two joints with hardly any noise: signals, data, base set and true values."""
-    arm = load_arm(write_arms(tmp_path_factory.mktemp("arms")) / "two.urdf")
-    _, q, dq, ddq = small_logs.motion(arm.n, seconds=10.0)
-    state = (q + arm.rest, dq, ddq)
-    log = excited.log(arm, state, RATE, noise=1e-4, seed=0, angle_noise=1e-8)
-    signals = prepare([log], cutoff_hz=50.0)
-    base, _ = structural_base(arm, kinds_of("link"))
-    return signals, assemble(arm, signals, torque="link"), base, base.values(excited.truth(arm))
-
-
 def test_held_out_residual_falls_to_the_noise(found):
     assert set(found.rms) == set(MODELS)
     ratio = found.rms["consistent"] / found.rms["nominal + friction"]
@@ -107,24 +91,6 @@ def test_consistent_links_lie_nearer_to_the_truth_than_the_nominal(found, true):
     free = (found.values - right) / found.errors
     assert np.linalg.norm(ours[:43]) < 0.1 * np.linalg.norm(nominal[:43])
     assert np.linalg.norm(ours) < 1.2 * np.linalg.norm(free)
-
-
-def test_outliers_change_little(small):
-    """Three rows in a hundred, fifty times the noise: plain least squares is thrown off."""
-    signals, data, base, right = small
-    rng = np.random.default_rng(0)
-    more = 0.1 * rng.normal(size=data.tau.shape)
-    more[rng.choice(len(more), int(0.03 * len(more)), replace=False)] += 5.0
-    library = fit_library(small_logs.with_torque(data, more), signals)
-    columns = all_columns(library)[:, :, base.kept]
-    flat = columns.reshape(-1, base.size)
-    least_squares = np.linalg.lstsq(flat, library.data.tau.ravel(), rcond=None)[0]
-    robust, plain = (
-        np.sqrt(np.mean((columns @ (x - right)) ** 2))
-        for x in (fit_base(library, columns).values[0], least_squares)
-    )
-    assert robust < 0.02
-    assert plain > 2 * robust
 
 
 def test_rotors_are_seen_in_front_of_the_gear(panda, motion):

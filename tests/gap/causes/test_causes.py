@@ -15,8 +15,6 @@ from stiction_envs.gap.causes.body.bodies import (
     changed_link,
     link_directions,
     payload_of,
-    possible,
-    sphere,
     with_link,
 )
 from stiction_envs.gap.causes.gear.backlash import (
@@ -134,24 +132,6 @@ def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> N
     exact = inverse_dynamics(arm.pinocchio(), data.q, data.dq, data.ddq) - data.rigid
     assert np.allclose(torque, exact, atol=1e-6)
     assert np.abs(exact).max() > 1e-4
-
-
-def test_a_centre_far_from_the_link_is_on_the_bound(data: Data) -> None:
-    cause, mass = BY_NAME["link_parameters"], float(inertial_parameters(data.pinocchio)[3, 0])
-    for moved, far in ((0.14, False), (0.16, True)):
-        change = np.array([-0.5 * mass, 0.5 * mass * moved, 0.0, 0.0])
-        assert cause.on_bound(change, data, 3) == far
-    assert cause.on_bound(np.array([-0.95 * mass, 0.0, 0.0, 0.0]), data, 3)
-
-
-def test_an_impossible_body_becomes_one_of_the_same_mass_and_centre() -> None:
-    was = sphere(2.0, np.array([0.0, 0.0, 0.1]))
-    less = was - sphere(1.0, np.array([0.1, 0.0, 0.0]))
-    assert not consistent(less)
-    body = possible(less, was, LEAST)
-    assert consistent(body)
-    assert np.array_equal(body[:4], less[:4])
-    assert np.array_equal(possible(was, was, LEAST), was)
 
 
 def test_tilt_columns_are_the_gravity_of_a_leaning_arm(data: Data) -> None:

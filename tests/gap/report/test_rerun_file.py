@@ -105,25 +105,6 @@ def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
         assert np.ptp(turn, axis=0).max() > 0.05
 
 
-def test_a_capsule_begins_at_the_joint_that_it_leaves(tmp_path: Path, angles: ServoResult) -> None:
-    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
-    (shape,) = [v for k, v in read.static.items() if k.startswith("/arm/measured/upper/")]
-    assert np.allclose(shape["Capsules3D:translations"], 0.0, atol=1e-7)
-    assert shape["Capsules3D:lengths"] == [pytest.approx(0.3, rel=1e-6)]
-
-
-def test_few_poses_of_a_long_log_are_drawn(
-    tmp_path: Path, angles: ServoResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(rerun_file, "POSES", 100)
-    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
-    time = read.time("/angle/joint_1")
-    every = int(np.ceil(len(time) / 100))
-    np.testing.assert_array_equal(read.time("/arm/simulated/upper"), time[::every])
-    (text,) = read.static["/diagnosis"]["TextDocument:text"]
-    assert f"one row of {every}" in text
-
-
 def test_the_solids_that_mujoco_s_viewer_shows_are_drawn(
     tmp_path: Path, angles: ServoResult
 ) -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import CAUSES, Cause, Parameter
+from stiction_envs.gap.causes import CAUSES, Cause
 from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
 from stiction_envs.gap.signals.dataset import Data
-from tests.gap.small_logs import data_of, hidden, panda, sliding, with_torque
+from tests.gap.small_logs import data_of, hidden, panda, sliding
 
 DRY, VISCOUS = (Candidate(f"{name}_friction", 3, ()) for name in ("coulomb", "viscous"))
 OFFSET, PAYLOAD = Candidate("torque_offset", 5, ()), Candidate("payload", ARM, (0.0, 0.0, 0.0))
@@ -17,21 +17,6 @@ LINEAR = ("coulomb_friction", "viscous_friction", "torque_offset")
 
 def causes(*names: str) -> list[Cause]:
     return [c for c in CAUSES if c.name in names]
-
-
-class Twist(Cause):
-    """A cause of one joint that all joints' torques show, each by another share."""
-
-    name, what, what_to_record = "twist", "", ""
-    parameters = (Parameter("twist_nm", "N·m"),)
-    coupled = True
-
-    def spread(self, data, joint, shape):
-        share = np.roll(np.arange(1.0, data.n + 1), joint)
-        return data.q[:, [joint], None] * share[:, None]
-
-    def columns(self, data, joint, shape):
-        raise NotImplementedError
 
 
 @pytest.fixture(scope="module")
@@ -62,37 +47,12 @@ def test_models_are_fits_to_their_columns(library: RegressorLibrary, terms) -> N
     )
 
 
-def test_a_coupled_cause_has_one_coefficient_in_all_torques(data: Data) -> None:
-    twist, terms = Twist(), [Candidate("twist", j, ()) for j in (1, 2)]
-    torque = np.einsum("tnk->tn", 0.3 * twist.spread(data, 1, ()) - twist.spread(data, 2, ()))
-    library = RegressorLibrary(with_torque(data, torque), [*causes(*LINEAR), twist])
-    assert library.affected_joints(terms[0]) == list(range(7))
-    c = library.grams.fit(library.model_columns([*terms, DRY, OFFSET]))
-    np.testing.assert_allclose(c[:2], [0.3, -1.0], atol=0.01)
-    single = np.finfo(np.float32).eps * np.abs(torque).max()  # as columns are kept
-    for j in range(7):
-        found = library.torque(terms, np.array([0.3, -1.0]), j)
-        np.testing.assert_allclose(found, torque[:, j], rtol=0, atol=single)
-
-
 # ---- a refit given a payload or a tilt -----------------------------------------------------------
 
 
 def carrying(data: Data) -> Data:
     """The same logs, given a load of a tenth of the arm's own and a tilt."""
     return data.carrying(0.1 * data.rigid, (0.3, 0.1, -9.8))
-
-
-@pytest.mark.parametrize("name", [c.name for c in CAUSES if not c.depends_on_load])
-def test_what_does_not_depend_on_the_load_is_the_same_given_one(data: Data, name: str) -> None:
-    (cause,), given = causes(name), carrying(data)
-    reasons = [cause.why_not_identifiable(x, 3) for x in (data, given)]
-    shapes = [cause.shapes(x, 3, x.residual[:, 3]) for x in (data, given)]
-    assert reasons[0] == reasons[1]
-    assert shapes[0] == shapes[1]
-    for shape in shapes[0]:
-        one, two = (cause.columns(x, 3, shape) for x in (data, given))
-        np.testing.assert_array_equal(one, two)
 
 
 @pytest.mark.parametrize("change", [carrying, lambda data: data.with_presliding(np.full(7, 1e-3))])

@@ -28,11 +28,3 @@ def test_holes_between_what_stays_are_given_back():
     heap.trim()
     assert before - resident() > 50_000
     assert len(stay) == 10
-
-
-def test_another_c_library_is_left_alone(monkeypatch):
-    monkeypatch.setattr(ctypes, "CDLL", lambda _: object())
-    heap.trim()
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(ctypes, "CDLL", None)
-    heap.trim()

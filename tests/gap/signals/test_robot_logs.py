@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -69,30 +68,3 @@ def test_torques_of_a_panda_are_in_order(tmp_path: Path, is_real: bool) -> None:
     logs = read_logs([path], arm.n, limits=arm.limits)
     (same,), _ = correct_torques(logs, arm, prepare)
     assert same is logs[0]
-
-
-@pytest.mark.parametrize(
-    ("make", "n", "low", "high"),
-    [
-        (lambda path: excitation(path).path, 7, 10, 40),
-        (lambda path: excitation(path, defects=False).path, 7, 10, 40),
-        (lambda path: sweeps(path, 2), 7, 10, 40),
-        (lambda _: real(PANDA), 7, 2, 10),
-        (lambda _: real("iiwa14_joint_friction/joint2.csv.gz"), 7, 10, 20),
-        (lambda _: real("staubli_tx40/tx40.csv.gz"), 6, 10, 100),
-    ],
-    ids=["panda", "clean", "iiwa", "real panda", "real iiwa", "real staubli"],
-)
-def test_speeds_and_accelerations_come_from_the_angles(
-    tmp_path: Path, make: Callable[[Path], Path], n: int, low: float, high: float
-) -> None:
-    path = make(tmp_path / "log.csv")
-    signals = prepare(read_logs([path], n))
-    assert low <= signals.cutoff_hz <= high
-    assert np.all(signals.noise_tau > 0)
-    for segment in signals.segments:
-        assert np.isfinite(segment.ddq).all()
-        dq, ddq = (np.gradient(x, signals.dt, axis=0) for x in (segment.q, segment.dq))
-        assert np.std(dq - segment.dq) < 0.02 * np.std(segment.dq)
-        if path.parent == tmp_path:
-            assert np.std(ddq - segment.ddq) < 0.1 * np.std(segment.ddq)

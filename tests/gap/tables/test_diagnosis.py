@@ -16,7 +16,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.model import Model
-from stiction_envs.gap.tables.noise import losses
 from stiction_envs.gap.tables.settings import table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import thesis_base
@@ -152,16 +151,6 @@ def test_corrupted_cell_is_one_cell(diagnose):
     assert cause.evidence.startswith(f"joint 7 no_load +, 30 Hz, {size:.4g} N·m: ")
 
 
-@pytest.mark.slow
-def test_a_corrupted_cell_damages_no_other_estimate(diagnose, heavy_rotor):
-    hit = dataclasses.replace(HEAVY_ROTOR, corrupted=BAD)
-    clean, found = heavy_rotor, diagnose(tables(JOINTS, hit, seed=1))
-    check(found, "rotor_inertia", [7], "factor", 2.0, 0.1)
-    assert [c.name for c in found.causes] == ["rotor_inertia", "corrupted_cell"]
-    values = [d.causes[0].parameters[7]["factor"].value for d in (clean, found)]
-    assert values[0] == pytest.approx(values[1], rel=0.02)
-
-
 def test_gravity_error_grows_with_the_load(diagnose):
     truth = Truth(joint=5, gravity_nm=0.08)
     found = diagnose(tables(JOINTS, truth, seed=1))
@@ -232,16 +221,6 @@ def test_too_few_blocks_are_no_evidence(diagnose):
     assert found.verdict == "cannot tell"
     assert "2 frequencies and scales" in found.reason
     json.dumps(found.to_json(), allow_nan=False)
-
-
-def test_constants_of_noise_are_felt():
-    z, base = np.array([0.5, 3.0, 9.0]), np.array([True, True, False])
-    usual = losses(z, base, SETTINGS)
-    strict = losses(z, base, dataclasses.replace(SETTINGS, huber=1.0))
-    assert strict[[0, 2]] == pytest.approx(usual[[0, 2]])
-    assert (usual[1], strict[1]) == pytest.approx((4.5, 2.5))
-    normal = losses(z, base, dataclasses.replace(SETTINGS, freedom=1e9))
-    assert (usual[2], normal[2]) == pytest.approx((2.5 * np.log1p(81 / 4), 40.5), rel=1e-3)
 
 
 def test_tables_of_another_arm_are_refused():
