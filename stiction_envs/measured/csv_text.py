@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import math
 import os
-import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from numbers import Integral
@@ -153,17 +151,10 @@ def parse_lines(
 
 
 def header_of(path: str | os.PathLike[str]) -> list[str]:
-    """Columns of a CSV, gzip-compressed or not; none if it is empty or cannot be read.
-
-    Of a compressed file that ends early or is damaged, those before the damage.
-    """
-    path, start = Path(path), b""
-    with (
-        suppress(OSError, EOFError, zlib.error),
-        gzip.open(path) if path.name.lower().endswith(".gz") else path.open("rb") as file,
-    ):
-        while block := file.read1(FIRST_BYTES - len(start)):
-            start += block
+    """Columns of a CSV; none if it is empty or cannot be read."""
+    start = b""
+    with suppress(OSError), open(path, "rb") as file:
+        start = file.read(FIRST_BYTES)
     text = start.decode("utf-8-sig", errors="replace")
     line = next((x for x in text.splitlines() if x.strip()), "")
     return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []

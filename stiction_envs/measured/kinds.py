@@ -27,7 +27,8 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     Raises:
         StictionError: the columns are neither's.
     """
-    if not isinstance(format_of(Path(path)), CsvFile):
+    packed = os.fspath(path).lower().endswith(".gz")
+    if packed or not isinstance(format_of(Path(path)), CsvFile):
         return LOG
     header = header_of(path)
     # an SJE table has the columns of an amplitude table too

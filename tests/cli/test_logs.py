@@ -219,7 +219,6 @@ def test_units_reach_the_reader(cli, inputs, values, two, work):
     assert "remark: joints 1, 2: degrees" in ran.out
     made = json.loads((work / "found" / "provenance.json").read_text())
     assert made["arguments"]["units"] == "deg"
-    assert "drive" not in made["arguments"]
     for command in (("check", path), ("identify", path, "--robot", two)):
         ran = cli(*command, "--units", "ticks", "--calibration", "gone.json", "--out", "none")
         assert ran.code == 2

@@ -7,8 +7,7 @@ print(found)                   # one finding in a line
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -53,7 +52,7 @@ class Findings(Result):
 
     files: tuple[str, ...]
     findings: tuple[Finding, ...]
-    """In the order of the files, tables first."""
+    """In the order of the files."""
     provenance: Provenance
 
     @property
@@ -133,31 +132,35 @@ def check(
     )
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
-    for path in (p for p in kinds if kinds[p] == TABLE):
-        with _unreadable(path, findings):
-            for d in check_table(path, limits):
-                findings.append(Finding(str(path), d.where, d.kind, d.message))
-    for path in (p for p in kinds if kinds[p] != TABLE):
-        with _unreadable(path, findings):
+    for path, kind in kinds.items():
+        try:
+            if kind == TABLE:
+                for d in check_table(path, limits):
+                    findings.append(Finding(str(path), d.where, d.kind, d.message))
+                continue
             count = n or count_joints(path, naming)
-            log: RobotLog
-            if (drive or drive_of(path, naming)) == POSITION:
-                (log,) = read_servo_logs([path], count, limits=limits, naming=naming)
-            else:
-                (log,) = read_logs([path], count, limits=limits, naming=naming)
-            for c in log.corrections:
-                kind = REMARK if c.kind in NOT_WRONG else "corrected"
-                findings.append(Finding(str(path), "", kind, c.text))
-            for text in log.warnings:
-                kind = REMARK if text.startswith(IGNORED) else "warning"
-                findings.append(Finding(str(path), "", kind, text))
+            position = (drive or drive_of(path, naming)) == POSITION
+            read = read_servo_logs if position else read_logs
+            log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
+        except StictionError as error:
+            # the message begins with the file
+            text = str(error).removeprefix(str(path)).lstrip(":, ")
+            findings.append(Finding(str(path), "", "unreadable", text))
+            continue
+        for c in log.corrections:
+            remark = REMARK if c.kind in NOT_WRONG else "corrected"
+            findings.append(Finding(str(path), "", remark, c.text))
+        for text in log.warnings:
+            remark = REMARK if text.startswith(IGNORED) else "warning"
+            findings.append(Finding(str(path), "", remark, text))
     arguments = {
         "files": [str(p) for p in paths],
         "robot": robot,
-        **({} if chain is None else {"chain": list(chain)}),
+        "chain": chain,
         "joints": list(joints),
         "topic": topic,
-        **{k: v for k, v in (("drive", drive), ("units", units)) if v is not None},
+        "drive": drive,
+        "units": units,
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
     if calibration is not None and Path(calibration).is_file():
@@ -167,14 +170,3 @@ def check(
         findings=tuple(findings),
         provenance=provenance("check", arguments, seed=0, inputs=inputs),
     )
-
-
-@contextmanager
-def _unreadable(path: Path, findings: list[Finding]) -> Iterator[None]:
-    """Turn an error into a finding about its file."""
-    try:
-        yield
-    except StictionError as error:
-        # the message begins with the file
-        text = str(error).removeprefix(str(path)).lstrip(":, ")
-        findings.append(Finding(str(path), "", "unreadable", text))

@@ -40,6 +40,7 @@ OTHER_NAMES = {"current_torque_abs": "current_abs"}
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
 
+_OTHER = re.compile(rf"^({'|'.join(OTHER_NAMES)})(?=\d)")
 _CHANNEL = re.compile(r"([a-z_]*[a-z])(0|[1-9]\d?)")
 
 
@@ -100,23 +101,18 @@ def sort_columns(
     Raises:
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
-    names = [name.strip() for name in header]
+    given = [name.strip() for name in header]
+    names = [_OTHER.sub(lambda m: OTHER_NAMES[m[0]], name) for name in given]
     may, kind = expected(n_joints, time=time, drive=drive), CHANNELS[drive]
     found: dict[str, dict[int, int]] = {}
-    renamed: set[str] = set()
     for i, name in enumerate(names):
         match = _CHANNEL.fullmatch(name)
-        channel = OTHER_NAMES.get(match[1], match[1]) if match else ""
-        known = channel in kind.all or name == RUN or (time and name == "t")
+        is_channel = match is not None and match[1] in kind.all
+        known = is_channel or name == RUN or (time and name == "t")
         if known and names.index(name) != i:
             raise StictionError(f"{where}: column {name!r} is there twice: {may}")
-        if match and channel in kind.all:
-            taken = found.setdefault(channel, {}).setdefault(int(match[2]), i)
-            if taken != i:
-                raise StictionError(
-                    f"{where}: columns {names[taken]!r} and {name!r} are the same channel: {may}"
-                )
-            renamed |= {match[1]} - {channel}
+        if match and is_channel:
+            found.setdefault(match[1], {})[int(match[2])] = i
     if time and "t" not in names:
         raise StictionError(f"{where}: missing column 't' (time in s): {may}")
     _check_joints(where, found, n_joints, kind.required, may)
@@ -136,8 +132,8 @@ def sort_columns(
         t=names.index("t") if time else -1,
         channels=channels,
         run=names.index(RUN) if RUN in names else None,
-        ignored=tuple(name for i, name in enumerate(names) if i not in used and name),
-        renamed=tuple(sorted(x for x in renamed if OTHER_NAMES[x] in channels)),
+        ignored=tuple(name for i, name in enumerate(given) if i not in used and name),
+        renamed=tuple(k for k, x in OTHER_NAMES.items() if names != given and x in channels),
     )
 
 

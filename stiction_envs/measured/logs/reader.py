@@ -48,9 +48,7 @@ def read_logs(
     """Read, check and correct the logs of one robot.
 
     Args:
-        paths: one or more of the files of `formats.registry`: ``.csv`` and ``.csv.gz`` (our
-            columns, or those of libfranka and franka_ros), ``.npz`` (columns, or matrices ``q``,
-            ``tau``, … with ``t``), ``.parquet``, ROS bags.
+        paths: one or more of the files of `formats.registry`.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
         naming: names of its joints, for bags.

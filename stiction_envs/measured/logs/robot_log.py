@@ -51,11 +51,6 @@ class RobotLog:
         return (self.t, self.q, self.dq)
 
     @property
-    def driven_by(self) -> Array:
-        """What drives the joints: torques [N·m], or commanded angles [rad]; (T, n)."""
-        raise NotImplementedError
-
-    @property
     def n(self) -> int:
         """Number of joints."""
         return self.q.shape[1]
@@ -89,11 +84,6 @@ class JointLog(RobotLog):
         """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.tau)
 
-    @property
-    def driven_by(self) -> Array:
-        """See `RobotLog.driven_by`."""
-        return self.tau
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServoLog(RobotLog):
@@ -112,8 +102,3 @@ class ServoLog(RobotLog):
     def arrays(self) -> tuple[Array | None, ...]:
         """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.q_cmd, self.tau, self.current)
-
-    @property
-    def driven_by(self) -> Array:
-        """See `RobotLog.driven_by`."""
-        return self.q_cmd

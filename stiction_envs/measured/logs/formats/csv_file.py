@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import header_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
@@ -53,9 +52,7 @@ class CsvFile(NamedColumns):
 
     def names(self, where: str, naming: Naming) -> list[str]:
         """See `NamedColumns.names`."""
-        names = header_of(where)
-        if not names:
-            raise StictionError(f"{where}: empty file: expected t,q1..qn,tau1..taun")
+        names = _header(where, _lines(where))
         return known_header(names).ours(names, where, naming)
 
 
@@ -66,9 +63,7 @@ def known_header(names: Sequence[str]) -> Header:
 
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
     lines = _lines(where)
-    header = next((h for h in (_header(where, *line) for line in lines) if h), None)
-    if header is None:
-        raise StictionError(f"{where}: empty file: expected a header and one second of rows")
+    header = _header(where, lines)
     kind = known_header(header)
     if not kind.has_names:
         check_unnamed(where, wanted.naming)
@@ -131,26 +126,28 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
         raise StictionError(f"{where}: {reason}: expected a readable log file") from None
 
 
-def _header(where: str, number: int, line: bytes) -> list[str]:
-    """Return the names in the first line; none where it has only a byte order mark.
+def _header(where: str, lines: Iterable[tuple[int, bytes]]) -> list[str]:
+    """Return the names in the first line.
 
     A leading ``#`` (as :func:`numpy.savetxt` writes it) does not count.
     """
-    try:
-        text = line.decode("utf-8-sig").strip()
-    except UnicodeDecodeError as error:
-        raise StictionError(
-            f"{where}, line {number}: byte {error.start} is not UTF-8: expected CSV in UTF-8"
-        ) from None
-    if "\0" in text:
-        raise StictionError(
-            f"{where}, line {number}: not text: expected comma-separated text in UTF-8"
-        )
-    try:
-        names = next(csv.reader([text.removeprefix("#")]), [])
-    except csv.Error:
-        names = text.split(",")
-    return [name.strip() for name in names]
+    for number, line in lines:
+        here = f"{where}, line {number}"
+        try:
+            text = line.decode("utf-8-sig").strip()
+        except UnicodeDecodeError as error:
+            raise StictionError(
+                f"{here}: byte {error.start} is not UTF-8: expected CSV in UTF-8"
+            ) from None
+        if "\0" in text:
+            raise StictionError(f"{here}: not text: expected comma-separated text in UTF-8")
+        try:
+            names = next(csv.reader([text.removeprefix("#")]), [])
+        except csv.Error:
+            names = text.split(",")
+        if names:
+            return [name.strip() for name in names]
+    raise StictionError(f"{where}: empty file: expected a header and one second of rows")
 
 
 def _table(
