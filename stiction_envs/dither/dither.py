@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import EllipsisType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,46 +106,6 @@ class Dither:
         """No dither: zero torque on N simulations × n joints."""
         return cls(amplitude=np.zeros((N, n)), frequency=0.0)
 
-    @classmethod
-    def from_table(
-        cls,
-        rows: Iterable[Any],
-        N: int,
-        n: int,
-        *,
-        phase: ArrayLike = 0.0,
-        gate_velocity: ArrayLike | None = None,
-        seed: ArrayLike = 0,
-        bandwidth: float = BANDWIDTH,
-    ) -> Dither:
-        """The same amplitude table on N simulations: one row per dithered joint.
-
-        A row has ``joint`` (from 1), ``frequency_hz``, ``amplitude_nm``, ``waveform``,
-        ``offset_nm`` and ``gate_velocity``, as :class:`stiction_envs.measured.AmplitudeRow` has.
-        ``gate_velocity``, where it is given, is that of all joints; the rest is as for the class.
-        """
-        a, f, c = np.zeros((3, n))
-        gate = np.full(n, np.inf)
-        names = np.full(n, DEFAULT_WAVEFORM, dtype=object)
-        free = list(range(1, n + 1))
-        for row in rows:
-            if row.joint not in free:
-                raise unknown("or repeated joint of an amplitude table", row.joint, free)
-            free.remove(row.joint)
-            j = row.joint - 1
-            a[j], f[j] = row.amplitude_nm, row.frequency_hz
-            c[j], names[j], gate[j] = row.offset_nm, row.waveform, row.gate_velocity
-        return cls(
-            amplitude=np.tile(a, (N, 1)),
-            frequency=f,
-            phase=phase,
-            offset=c,
-            waveform=names,
-            gate_velocity=gate if gate_velocity is None else gate_velocity,
-            seed=seed,
-            bandwidth=bandwidth,
-        )
-
     @property
     def N(self) -> int:
         """Number of simulations."""
@@ -227,12 +187,6 @@ class Dither:
             jump = _TWO_PI * (self.frequency - f)
             fields["phase"] = self.phase + jump * (now[:, None] if now.ndim else now)
         return self._derive(fields)
-
-    def take(self, ids: ArrayLike) -> Dither:
-        """The dither of simulations ``ids`` (positions or a mask), in that order."""
-        ids = _positions(ids)
-        fields = {name: getattr(self, name)[ids] for name in _ROWS}
-        return self._derive({**fields, "_drawn": {k: v[ids] for k, v in self._drawn.items()}})
 
     def set_rows(self, ids: ArrayLike, other: Dither) -> Dither:
         """This dither with the rows of simulations ``ids`` (positions or a mask) from ``other``."""

@@ -9,7 +9,6 @@ import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.compensation import (
-    KINDS,
     Compensation,
     Compensator,
     compensate,
@@ -88,52 +87,6 @@ def test_push_is_the_law():
     expected = GAIN * np.tanh(error / 0.02) * np.exp(-((dq / 0.04) ** 2))
     np.testing.assert_allclose(torque, expected, atol=1e-12)
     assert np.all(torque * pull > -1e-24)  # rounding, where there is no pull
-
-
-def test_push_at_rest_and_in_motion():
-    """At rest the whole gain far from the goal and none at it; ten times v: nothing."""
-    c = loads(Compensation(kind="push", gain=GAIN, speed=(0.04,), error=(1e-7,)))
-    still, far = np.zeros((N, JOINTS)), np.full((N, 3), 0.05)
-    torque = np.abs(compensated(c, still, shift=far))
-    # joint 7 turns about the flange: a shift does not pull at it
-    np.testing.assert_allclose(np.median(torque, axis=0)[:6], GAIN[:6])
-    # rounding of the orientation's error, times g/w
-    assert np.abs(compensated(c, still, shift=np.zeros((N, 3)))).max() < 1e-7
-    assert np.abs(compensated(c, still + 0.4, shift=far)).max() < 1e-40
-
-
-def test_each_arm_has_its_own():
-    """Mixed kinds in a batch are what each is alone, bit for bit; none is zero."""
-    rng = np.random.default_rng(2)
-    dq, shift = 0.02 * rng.normal(size=(N, JOINTS)), 0.02 * rng.normal(size=(N, 3))
-    twist = 0.1 * rng.normal(size=(N, 6))
-    friction = load_friction("panda", JOINTS)
-    all_ = [None, *(Compensation.from_friction(k, friction) for k in KINDS)]
-    alone = []
-    for one in all_:
-        c = loads(one)
-        c.look_ahead(poses(N).jacobian, twist)
-        alone.append(compensated(c, dq, shift=shift))
-    mixed = loads(None)
-    assert not mixed.active
-    mixed.set_rows(np.arange(N), [all_[i % len(all_)] for i in range(N)])
-    mixed.look_ahead(poses(N).jacobian, twist)
-    together = compensated(mixed, dq, shift=shift)
-    for i in range(N):
-        np.testing.assert_array_equal(together[i], alone[i % len(all_)][i])
-    assert not together[:: len(all_)].any()
-    assert all(together[k].any() for k in range(1, len(all_)))
-    mixed.set_rows(np.arange(N), [None] * N)
-    assert not mixed.active
-
-
-def test_joint_without_stiffness_is_not_pushed():
-    c = loads(Compensation(kind="push", gain=GAIN))
-    look = poses(N)
-    arguments = (look.position + 1.0, rotation.error_matrix(look.quaternion), np.zeros((N, 6, 12)))
-    still = np.zeros((N, JOINTS))
-    compensate(look.position, look.quaternion, look.jacobian, still, *arguments, *c.arguments)
-    assert not c.torque.any()
 
 
 @pytest.mark.parametrize(("factor", "left"), [(0.0, 1.0), (0.7, 0.3), (1.0, 0.0), (1.3, -0.3)])

@@ -52,23 +52,7 @@ def test_stiffness_of_single_arms():
     np.testing.assert_array_equal(control.stiffness, kept)
 
 
-def test_reset_forgets_the_reference_of_the_arms_named():
-    """After a reset an arm at rest commands nothing; the others go on."""
-    control, look = batch(8)
-    control.reset([4], look.position[4], look.quaternion[4], look.q[4])
-    tau = control.torque(*look[:4], np.zeros((8, 7)))
-    np.testing.assert_allclose(tau[4], 0.0, atol=1e-12)
-    assert (np.abs(np.delete(tau, 4, axis=0)) > 1e-3).any(axis=1).all()
-
-
 # ---- bits ------------------------------------------------------------------------------------
-
-EVERYTHING = {
-    "nullspace_stiffness": 10.0,
-    "pose_filter": 0.5,
-    "torque_rate": 1.0,
-    "damping_ratio": [1, 0.9, 0.8, 0.7, 0.6, 0.5],
-}
 
 
 def test_q_and_minus_q_give_the_same_torque():
@@ -108,26 +92,6 @@ def run(ids: np.ndarray, settings: dict[str, object], strided: bool = False) -> 
             args[2] = np.asfortranarray(args[2])
         out.append(own.torque(*args, dither=dither[k]))
     return np.array(out)
-
-
-def test_bits_do_not_depend_on_the_batch():
-    """An arm's torques are the same bits alone, among 7, among 64 and from strided arrays."""
-    whole = run(np.arange(64), EVERYTHING)
-    for ids in (np.array([0]), np.array([41]), np.arange(20, 27), np.arange(64)[::-1]):
-        np.testing.assert_array_equal(run(ids, EVERYTHING), whole[:, ids])
-    np.testing.assert_array_equal(run(np.arange(64), EVERYTHING, strided=True), whole)
-
-
-def test_results_are_fresh_arrays():
-    """No result changes later: torques, flags, errors and references are copies."""
-    control, look = batch()
-    kept = [control.torque(*look[:5]), control.error, *control.reference, control.stiffness]
-    copies = [a.copy() for a in kept]
-    control.set_reference(look.position, look.quaternion)
-    control.set_stiffness(None, translational=1.0)
-    control.torque(*(part + 0.1 for part in look[:5]))
-    for a, b in zip(kept, copies, strict=True):
-        np.testing.assert_array_equal(a, b)
 
 
 # ---- bad input -------------------------------------------------------------------------------

@@ -64,22 +64,6 @@ def test_what_the_servo_follows_is_limited_in_speed(tmp_path):
     np.testing.assert_allclose(np.diff(seen[300:]), -0.002, atol=1e-12)
 
 
-def test_same_bits_in_any_batch(tmp_path):
-    _, command = waves(1.0)
-    whole = np.repeat(command, 20, axis=0)[None]
-    changes = {"delay": 0.0173, "speed_limit": 0.5, "dead_zone": 0.002}
-    found = []
-    for nsim, which in ((1, 0), (3, 2)):
-        drive = drive_of(tmp_path, nsim, **changes)
-        ids = np.arange(nsim)
-        drive.plant.reset(ids, np.tile(command[:1], (nsim, 1)))
-        drive.reset(ids, np.tile(command[:1], (nsim, 1)))
-        several = np.tile(whole, (nsim, 1, 1))
-        several[:which] *= 0.5
-        found.append(drive.run(several, ids)[which])
-    assert np.array_equal(*found)
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -99,12 +83,6 @@ def test_a_bad_table_of_servos_is_one_line(tmp_path, old, new, said):
     with pytest.raises(StictionError, match=said) as error:
         read_servos(path, 2)
     assert "\n" not in str(error.value)
-
-
-def test_a_friction_without_servos_has_none(tmp_path):
-    _, path = servo_arm(tmp_path)
-    path.write_text(path.read_text().split("[servo]")[0])
-    assert read_servos(path, 2) is None
 
 
 def test_a_delay_is_that_of_a_clock_where_it_is_negative():

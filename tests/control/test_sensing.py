@@ -14,12 +14,10 @@ from stiction_envs.control.sensing import (
     Sensing,
     load_sensing,
     low_pass_gain,
-    seeds_of,
 )
-from stiction_envs.control.sensing_kernels import normals, uniform
 from stiction_envs.errors import StictionError
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.robots import BUILTIN, load_arm
+from stiction_envs.robots import load_arm
 from tests.robots.arms import write_arms
 
 SEED = np.array([7], dtype=np.uint64)
@@ -52,21 +50,6 @@ def phase_of(signal, wave):
 # ---- ideal ---------------------------------------------------------------------------------------
 
 
-def test_without_errors_the_state_is_read_to_the_bit():
-    rng = np.random.default_rng(0)
-    q, dq, torque = rng.normal(size=(3, 4, 50, 7))
-    seen = read_all(Sensing.ideal(), q, dq=dq, torque=torque)
-    assert np.array_equal(seen, np.stack([q, dq, torque]))
-
-
-def test_without_errors_commands_act_at_once_to_the_bit():
-    command = np.random.default_rng(0).normal(size=(50, 4, 7))
-    line = CommandLine(Sensing.ideal(), 4, 7)
-    line.reset(np.arange(4), np.arange(4))
-    for k, wanted in enumerate(command):
-        assert np.array_equal(line.send(True, np.full(4, k), wanted), wanted)
-
-
 def test_only_senses_without_errors_are_ideal():
     assert Sensing().is_ideal
     assert Sensing.ideal() == Sensing()
@@ -77,22 +60,6 @@ def test_only_senses_without_errors_are_ideal():
 
 
 # ---- noise ---------------------------------------------------------------------------------------
-
-
-def test_random_numbers_are_uniform_normal_and_independent():
-    u = np.array([[uniform(s, k, 5) for k in range(20_000)] for s in SEED])[0]
-    assert u.min() > 0
-    assert u.max() <= 1
-    assert abs(u.mean() - 0.5) < 4 / np.sqrt(12 * len(u))
-    z = np.array([normals(SEED[0], k, 8) for k in range(20_000)])
-    error = 4 / np.sqrt(len(z))
-    assert np.all(np.abs(z.mean(axis=0)) < error)
-    assert np.all(np.abs(z.var(axis=0) - 1) < np.sqrt(2) * error)
-    assert np.all(np.abs((z**4).mean(axis=0) - 3) < np.sqrt(96) * error)
-    # of both channels, of neighbouring steps, and of neighbouring seeds
-    other = np.array([normals(SEED[0] + np.uint64(1), k, 8)[0] for k in range(20_000)])
-    for one, two in ((z[:, 0], z[:, 1]), (z[1:, 0], z[:-1, 0]), (z[:, 0], other)):
-        assert abs(np.mean(one * two)) < error
 
 
 @pytest.mark.parametrize(("hold", "cutoff"), [(1, 0.0), (1, 40.0), (5, 8.0)])
@@ -275,12 +242,6 @@ def test_quantised_angles_give_the_limit_cycle_of_the_describing_function(margin
     assert np.sqrt(2) * cycle.std() == pytest.approx(amplitude, rel=0.05)
 
 
-def test_with_more_margin_than_a_quantiser_amplifies_nothing_cycles():
-    end = spring_on_angles_read(1e-3, half_a_turn()[1] / 1.5)[-500:]
-    assert np.abs(end).max() < 0.5e-3
-    assert np.ptp(end) < 1e-9
-
-
 def test_angles_and_torques_are_multiples_of_their_resolution():
     rng = np.random.default_rng(0)
     q, torque = rng.normal(size=(2, 1, 100, 2))
@@ -291,39 +252,7 @@ def test_angles_and_torques_are_multiples_of_their_resolution():
     assert np.array_equal(seen[2] * 4, np.rint(torque * 4))
 
 
-# ---- the same bits -------------------------------------------------------------------------------
-
-
-def test_a_simulation_reads_the_same_bits_in_any_batch():
-    rng = np.random.default_rng(0)
-    q, dq, torque = rng.normal(size=(3, 6, 80, 7))
-    sensing = Sensing(
-        angle_noise=1e-4,
-        speed_noise=1e-3,
-        torque_noise=0.1,
-        torque_offset=0.1,
-        measurement_delay=0.0015,
-        measurement_jitter=0.001,
-        spread=0.3,
-    )
-    seeds = seeds_of(3, [(k, 1) for k in range(6)])
-    together = read_all(sensing, q, seeds=seeds, dq=dq, torque=torque)
-    for i in range(6):
-        row = slice(i, i + 1)
-        alone = read_all(sensing, q[row], seeds=seeds[row], dq=dq[row], torque=torque[row])
-        assert np.array_equal(alone[:, 0], together[:, i])
-    assert len(set(seeds.tolist())) == 6
-
-
 # ---- data ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", BUILTIN)
-def test_every_arm_of_the_package_has_senses(name):
-    sensing = load_sensing(load_arm(name), "robot")
-    assert not sensing.is_ideal
-    assert sensing.command_delay > 0
-    assert load_sensing(load_arm(name)) == Sensing.ideal()
 
 
 def test_a_toml_has_fields_plain_or_with_their_source(tmp_path):

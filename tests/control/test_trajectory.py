@@ -82,30 +82,6 @@ def test_speed_and_acceleration_stay_within_the_limits(synchronised):
     np.testing.assert_allclose(turned, 0.5 * (w[1:] + w[:-1]), atol=1e-3)
 
 
-def test_rests_exactly_at_start_and_goal():
-    """Before 0 the pose is the start, from the duration on the goal, bit for bit; speeds are 0."""
-    s, (start, q, goal, goal_q) = segment()
-    for t in (-1.0, 0.0):
-        rests(s.sample(t), start, q)
-    nearer = np.where(np.sum(q * goal_q, axis=1)[:, None] < 0, -goal_q, goal_q)
-    for t in (s.duration, s.duration + 10):
-        rests(s.sample(t), goal, nearer)
-    p, o, _, _ = s.sample(s.duration - 1e-9)
-    np.testing.assert_allclose(p, goal, atol=1e-8)
-    np.testing.assert_allclose(o, nearer, atol=1e-8)
-
-
-def test_line_and_axis():
-    """Translation is straight and rotation has one axis."""
-    s, (start, q, goal, goal_q) = segment()
-    p, o, v, _ = s.sample(0.4 * s.duration)
-    way = goal - start
-    np.testing.assert_allclose(np.cross(p - start, way), 0.0, atol=1e-12)
-    np.testing.assert_allclose(np.cross(v, way), 0.0, atol=1e-12)
-    whole, part = rotation.rotation_error(goal_q, q), rotation.rotation_error(o, q)
-    np.testing.assert_allclose(np.cross(whole, part), 0.0, atol=1e-11)
-
-
 def test_triangle_profile_of_short_distances():
     """t_acc = √(2 d b/(a(a + b))) and the fall a/b times as long (sources.md 6.2)."""
     a, b, d = 0.5, 0.2, 0.3
@@ -152,23 +128,6 @@ def test_a_movement_without_distance_takes_no_time():
     half = one(0.0, np.pi)
     turned = angle_between(half.sample(half.duration)[1], HERE[None])
     np.testing.assert_allclose(turned, np.pi, atol=1e-12)
-
-
-def test_bits_do_not_depend_on_the_batch():
-    """Row k of 64 is the same bits alone or among 7, for segments restarted in part."""
-    whole, between = segment()
-    again = ends(64, 1)
-    some = np.arange(10, 50)
-    whole.start(*(part[some] for part in again), some)
-    t = np.linspace(-0.1, 6, 64)
-    for ids in (np.array([20]), np.array([3]), np.arange(5, 12), np.arange(64)[::-1]):
-        part = Segment(len(ids), MotionLimits())
-        part.start(*(x[ids] for x in between))
-        moved = np.flatnonzero(np.isin(ids, some))
-        part.start(*(x[ids[moved]] for x in again), moved)
-        np.testing.assert_array_equal(part.duration, whole.duration[ids])
-        for a, b in zip(part.sample(t[ids]), whole.sample(t), strict=True):
-            np.testing.assert_array_equal(a, b[ids])
 
 
 # ---- goals -----------------------------------------------------------------------------------
@@ -242,31 +201,6 @@ def test_walks_through_all_goals_and_finishes():
     assert np.isfinite(k.reached_at[:, 2]).all()
     np.testing.assert_array_equal(k.reference(99.0)[0], p)
     np.testing.assert_array_equal(k.goal[0], p)
-
-
-def test_arms_have_lists_of_their_own():
-    """Triangle, pentagon and nothing side by side; bits as when alone."""
-    p, q = np.arange(9.0).reshape(3, 3), np.tile(HERE, (3, 1))
-    k = GoalSequencer(3, MotionLimits(), 5)
-    k.start([0], *triangle().goals(p[:1], q[:1]), p[:1], q[:1])
-    k.start([1], *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
-    alone = GoalSequencer(1, MotionLimits(), 5)
-    alone.start(None, *pentagon().goals(p[1:2], q[1:2]), p[1:2], q[1:2])
-    np.testing.assert_array_equal(k.finished, [False, False, True])
-    for t in np.arange(0, 12, 0.01):
-        for keep, rows in ((k, slice(None)), (alone, slice(1, 2))):
-            keep.accept(keep.reference(t)[0] + 0.01, q[rows], t)
-        np.testing.assert_array_equal(k.reference(t)[0][1], alone.reference(t)[0][0])
-    np.testing.assert_array_equal(k.index, [3, 5, 0])
-    np.testing.assert_array_equal(k.accepted_at[1], alone.accepted_at[0])
-
-
-def test_sizes_are_checked():
-    k, p, q = sequencer()
-    with pytest.raises(StictionError, match=r"\(2, 3\) and \(3, 4\): expected \(3, 3\)"):
-        k.accept(p[:2], q, 11.0)
-    with pytest.raises(ValueError, match="broadcast"):
-        k.segment.start(p, q[:2], p, q)
 
 
 @pytest.mark.parametrize("count", [0, 6])
@@ -346,21 +280,11 @@ def test_bad_files_name_file_line_column_and_what_was_expected(tmp_path, text, w
     assert "expected" in str(error.value)
 
 
-def test_missing_file():
-    with pytest.raises(StictionError, match=r"nowhere\.csv"):
-        read_path("nowhere.csv")
-
-
 @pytest.mark.parametrize("name", ["translational_speed", "rotational_deceleration"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, np.float64(-1), "fast"])
 def test_bad_limits_say_what_and_what_was_expected(name, value):
     with pytest.raises(StictionError, match=f"motion {name} is .*expected"):
         MotionLimits(**{name: value})
-
-
-def test_limits_may_be_numpys_numbers():
-    limits = MotionLimits(translational_speed=np.linspace(0.1, 0.2, 3)[1], synchronised=np.True_)
-    assert limits == MotionLimits(translational_speed=0.1 + 0.1 / 2, synchronised=True)
 
 
 def test_default_limits_are_the_packages():

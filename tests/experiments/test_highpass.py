@@ -3,17 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.signal import butter, sosfilt
 
-from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
-
-
-@pytest.mark.parametrize("rate", [100.0, 200.0, 1000.0])
-def test_coefficients_are_scipys(rate):
-    for cutoff in (5.0, 8.0, 10.0, *np.random.default_rng(0).uniform(0.5, 0.45 * rate, 50)):
-        expected = butter(2, cutoff, "highpass", fs=rate, output="sos")
-        assert butterworth_highpass(cutoff, rate).tobytes() == expected.tobytes()
+from stiction_envs.experiments.highpass import filter_sections
 
 
 def test_blocks_are_filtered_as_scipy_filters_the_whole():

@@ -83,14 +83,6 @@ def test_a_command_past_the_goal_by_friction_and_gravity_reaches_it(tmp_path):
     assert (abs(found.error) < 0.15 * abs(plain.error).max(axis=0)).all()
 
 
-def test_an_arm_does_not_depend_on_the_others(tmp_path):
-    sticking, servos = arm_of(tmp_path, delay=0.012)
-    alone = reach(sticking, servos, moves(BOTH_SIDES[1:], amplitude=0.01), threads=1)
-    both = reach(sticking, servos, moves(BOTH_SIDES, amplitude=0.01), hold_steps=1, threads=2)
-    assert np.array_equal(both.error[1], alone.error[0])
-    assert both.tip_speed[1] == alone.tip_speed[0]
-
-
 def test_held_commands_are_computed_at_their_rate(tmp_path):
     sticking, servos = arm_of(tmp_path)
     # 50 Hz sampled at 50 Hz is a constant
@@ -106,15 +98,6 @@ def test_a_servo_that_cannot_hold_the_goal_is_an_error(tmp_path):
     sticking, servos = arm_of(tmp_path, torque_limit=0.7)
     with pytest.raises(ExperimentError, match="joint 1 cannot be held"):
         reach(sticking, servos, moves(BOTH_SIDES), threads=1)
-
-
-def test_random_poses_are_seeded_and_within_the_limits(tmp_path):
-    sticking, _ = arm_of(tmp_path)
-    one, again, other = (random_poses(sticking.arm, 20, seed) for seed in (0, 0, 1))
-    assert np.array_equal(one, again)
-    assert not np.array_equal(one, other)
-    assert np.abs(one).max() <= 2.5 - 0.2
-    assert np.ptp(one, axis=0).min() > 2.0
 
 
 def test_too_few_free_poses_are_an_error(tmp_path, monkeypatch):

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.servos import TORQUE_MARGIN, Servos
+from stiction_envs.experiments.servos import Servos
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
@@ -131,25 +131,6 @@ def test_friction_near_the_torque_limit_does_not_keep_a_joint_from_its_pose(ligh
     plant.set_servo(np.array([0]), stiffness, damping, 0.0)
     at = plant.run(np.zeros((1, 3000, 2)))[0, -1]
     assert (np.abs(at) < p.start_tolerance).all()
-
-
-def test_offset_counts_in_both_directions(light):
-    sticking = light()
-    load = np.array([[2.0, 3.0]])
-    p = sticking.parameters.replace(
-        offset=np.array([0.3, -0.3]), gravity_error=np.array([0.1, 0.1]), load_high=np.ones(2)
-    )
-    other = build(sticking.arm, p)
-    found = Servos(other, load_protocol("own")).resistance(-load, load)
-    np.testing.assert_allclose(found, [[0.02 + 0.2, 0.02 + 0.4]])
-
-
-def test_the_margin_is_what_tolerance_and_scatter_ask_for():
-    """The margin follows from the protocol: what resists is beaten within the tolerance."""
-    p = load_protocol("own")
-    reach = p.start_tolerance - 3 * p.pose_scatter
-    least = (1 + 3 * p.friction_scatter) / (p.hold_stiffness * reach)
-    assert least < TORQUE_MARGIN < 1.1 * least
 
 
 def test_springs_of_elastic_joints_are_part_of_the_mass_matrix():

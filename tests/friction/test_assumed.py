@@ -18,12 +18,6 @@ def own(tmp_path):
     return load_arm(tmp_path / "own.xml")
 
 
-@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
-def test_of_our_arms_nothing_is_said(robot: str):
-    arm = load_arm(robot)
-    assert friction_note(arm, friction_of(arm)) == friction_note(arm, None) == ""
-
-
 def test_of_an_own_arm_until_its_friction_is_given(own):
     friction = friction_of(own)
     assert friction_note(own, friction) == ASSUMED

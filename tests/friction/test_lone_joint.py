@@ -151,23 +151,9 @@ def test_elasto_plastic_does_not_creep_below_breakaway_and_lugre_does():
     assert lugre < 0.25 * plastic
 
 
-def test_elasto_plastic_is_between_lugre_and_no_drift():
-    c = joints(amplitude=0.6, breakaway_ratio=np.array([0.0, 1e-9, 0.7169]))
-    lugre, limit, plastic = breakaway(c, threshold=0.15, longest=5.0)
-    assert limit == pytest.approx(lugre, rel=0.1)
-    assert plastic >= lugre
-
-
 def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
     """1.5 N·m at 50 Hz changes by 471 N·m/s at most."""
     c = joints(amplitude=1.5, frequency=50.0, torque_rate=np.array([np.inf, 480.0, 200.0]))
     full, reached, limited = breakaway(c, threshold=0.15, longest=5.0)
     assert reached == full
     assert full < limited
-
-
-def test_what_does_not_move_is_nan_and_neighbours_do_not_matter():
-    c = joints(stiction=np.array([0.6, 3.0, 0.6]))
-    found = breakaway(c, threshold=0.15, longest=3.0)
-    assert np.isnan(found[1])
-    assert found[0] == found[2] == breakaway(joints(), threshold=0.15, longest=3.0)[0]

@@ -5,25 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, load_friction
 from stiction_envs.friction.sticking import (
     arm_of,
-    friction_file,
     model_sha256,
     sticking_model,
     with_rotors,
 )
 from stiction_envs.robots import load_arm
 from tests.friction.gyro import friction, gyro, sticking
-
-
-def test_a_robot_has_its_own_friction_and_others_the_generic_one():
-    assert friction_file("iiwa7").name == "iiwa7.toml"
-    assert friction_file("somebodys/arm.xml").name == "generic.toml"
-    assert friction_file("iiwa7", "given.toml").name == "given.toml"
-    with pytest.raises(StictionError, match=r"friction file given\.csv"):
-        friction_file("iiwa7", "given.csv")
 
 
 def test_a_model_keeps_its_friction_and_its_step_unless_told():
@@ -55,8 +45,3 @@ def test_every_number_of_the_friction_is_in_the_hash(name):
     change = np.full_like(value, 7.0) if name == "load_high" else 0.95 * value + 1e-3
     changed = sticking_model(model, model.parameters.replace(**{name: change}))
     assert model_sha256(changed) != model_sha256(model)
-
-
-def test_equal_models_have_equal_hashes_and_another_step_another():
-    assert model_sha256(sticking()) == model_sha256(sticking())
-    assert model_sha256(sticking(timestep=5e-4)) != model_sha256(sticking())

@@ -134,11 +134,6 @@ def test_bad_chains_are_refused(tmp_path: Path, chain, says: str):
     assert "\n" not in str(caught.value)
 
 
-def test_a_registered_arm_has_no_chain():
-    with pytest.raises(StictionError, match="panda is one arm"):
-        load_arm("panda", chain=("link0", "link7"))
-
-
 def test_a_bigger_robot_names_its_arms(tmp_path: Path):
     path = write(tmp_path, home=False)
     with pytest.raises(StictionError) as caught:

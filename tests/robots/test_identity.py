@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
-from typing import cast
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
 from stiction_envs.cli.view import usual_dither
-from stiction_envs.envs.agents import usual_table
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_final_dither
@@ -25,11 +21,6 @@ from stiction_envs.gap.extended_model import load_model
 from stiction_envs.gap.model_file import Nominal, dump, resolve
 from stiction_envs.robots import ARMS, load_arm
 from tests.robots.arms import chain
-from tuning.protocol.report import thesis_rows
-from tuning.protocol.stages import ThesisTuner
-from tuning.search.bounds import Bounds
-from tuning.search.reference_tables import reference_tables
-from tuning.settings import tuning_settings
 
 
 @pytest.fixture(scope="module")
@@ -76,11 +67,6 @@ def test_a_model_of_it_is_none_of_the_panda(stranger: Path, tmp_path: Path):
     assert resolve(path, arm).robot == arm.name
 
 
-def test_its_environment_knows_nothing_of_the_thesis(stranger: Path):
-    env = gym.make("stiction_envs:PandaSJE-v0", robot=str(stranger))
-    assert usual_table(env) != thesis_final_dither()
-
-
 @pytest.mark.parametrize("name", ["panda", "iiwa7"])
 def test_a_copy_of_an_arm_of_the_package_is_that_arm(tmp_path: Path, name: str):
     copy = tmp_path / "mine.xml"
@@ -95,15 +81,3 @@ def test_a_copy_of_an_arm_of_the_package_is_that_arm(tmp_path: Path, name: str):
     other = load_arm(copy)
     assert (other.name, other.registered_name) == ("mine", None)
     np.testing.assert_array_equal(other.limits.torque, 20)
-
-
-def test_tuning_it_shows_nothing_of_the_thesis(stranger: Path):
-    experiment = SingleJointExperiment(stranger)
-    tuner = cast(ThesisTuner, SimpleNamespace(experiment=experiment))
-    assert thesis_rows(tuner) == []
-    found = reference_tables(
-        experiment,
-        cast(Bounds, SimpleNamespace(largest=lambda joint, frequency: np.inf)),
-        tuning_settings(),
-    )
-    assert list(found) == ["base torque"]

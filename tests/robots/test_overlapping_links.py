@@ -74,19 +74,6 @@ def test_only_what_always_touches_is_left_out(bulge: Path):
     assert all(not touching(arm.xml, list(q)) for q in poses.q.reshape(-1, 3))
 
 
-def test_nothing_is_left_out_where_nothing_always_touches(tmp_path: Path):
-    path = tmp_path / "slim.xml"
-    path.write_text(ARM.format(bulge=0.005), "utf-8")
-    arm = load_arm(path)
-    assert excluded_pairs(arm.xml) == []
-    assert arm.notes == []
-
-
-@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
-def test_our_arms_have_no_notes(robot: str):
-    assert load_arm(robot).notes == []
-
-
 def test_an_arm_rests_away_from_its_stops(tmp_path: Path):
     path = tmp_path / "stops.xml"
     text = ARM.format(bulge=0.005).replace(

@@ -119,10 +119,6 @@ def test_the_command_line_knows_it(tmp_path, capsys):
     assert f"unknown robot 'toys': expected one of {', '.join(ARMS)}" in capsys.readouterr().err
 
 
-def test_a_folder_may_be_registered_again(toy):
-    assert register_arm_folder(toy) == ("toy",)
-
-
 BAD = {
     "no arm": ("", TOML, "no arm: expected NAME.xml and NAME.toml"),
     "name taken": ("panda", TOML, "arm 'panda': expected .* other than .*panda"),

@@ -110,19 +110,6 @@ def test_smooth_sign_and_partial():
         assert torque(c, ERROR=1.0, WANTED_SPEED=1.0, GRAVITY=9.0, TORQUE=3.0, PUSHED=1.0) == 0.0
 
 
-def test_partial_leaves_friction():
-    """Less than the sliding friction at any speed: the joint stays passive."""
-    p = load_friction("panda", 7)
-    c = Compensation.from_friction("partial", p)
-    for v in np.r_[0.001, 0.01, 0.1, 1.0]:
-        sliding = (p.stiction_at(np.zeros(7)) * p.coulomb_ratio + p.viscous * v).mean(axis=1)
-        assert 0 < torque(c, SPEED=v) < sliding[0]
-    v = 1.0
-    assert torque(c, SPEED=v) == pytest.approx(
-        0.8 * (p.stiction_at(np.zeros(7)) * p.coulomb_ratio)[0].mean() + 0.9 * p.viscous[0].mean()
-    )
-
-
 def test_push_grows_with_the_load():
     c = of("push", gain=0.5, load=0.1)
     free, loaded = torque(c, ERROR=1.0), torque(c, ERROR=1.0, GRAVITY=-20.0)

@@ -11,8 +11,6 @@ from stiction_envs.control.compensation import KINDS, Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
-from stiction_envs.experiments.gte.rows import CASES, case_name
-from stiction_envs.friction.parameters import stack_friction
 from tests.experiments.gte.short_paths import DITHER, SOFT, STIFF, assert_same, bench, friction, one
 
 PLAIN = Case(trajectory="corner", stiffness=STIFF)
@@ -21,18 +19,6 @@ SHAKEN = dataclasses.replace(PLAIN, dither=DITHER)
 
 def with_(case: Case, compensation: Compensation | None) -> Case:
     return dataclasses.replace(case, compensation=compensation)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("case", [PLAIN, SHAKEN])
-def test_gain_zero_is_exactly_none(kind, case):
-    """Alone, and beside an arm that is compensated."""
-    b = bench()
-    none, zero = one(b, case, 2), with_(case, b.compensation(kind, 0.0))
-    assert_same(one(b, zero, 2), none)
-    beside, full = b.run([zero, with_(case, b.compensation(kind))], iterations=2)
-    assert_same(beside, none)
-    assert not np.array_equal(full.actual[:, :100], none.actual[:, :100])
 
 
 def test_compensation_reduces_what_friction_leaves():
@@ -78,19 +64,6 @@ def test_any_batch_and_threads_give_the_same_bits():
     assert len(seen) == len(cases)
 
 
-@pytest.mark.parametrize("kind", ["smooth_sign", "partial", "lugre_observer", "momentum_observer"])
-def test_less_than_friction_leaves_less_error_and_rests(kind):
-    """Four fifths of the friction compensated: closer to the goal, and no limit cycle there."""
-    b = bench(tail=4.0, scatter=False)
-    case = Case(trajectory="away", stiffness=SOFT)
-    runs = b.run([case, with_(case, b.compensation(kind, 0.8))], iterations=1)
-    none, less = (measure(run, b.protocol) for run in runs)
-    left = [np.linalg.norm(m.left[0, -1]) for m in (none, less)]
-    assert left[1] < 0.85 * left[0]
-    last_second = [np.sqrt(run.mean_square[0, -100:].mean(axis=0).sum()) for run in runs]
-    assert max(last_second) < 1e-6
-
-
 def test_more_than_friction_hunts():
     """An observer that adds 1.6 times the friction does not come to rest; with 0.8 it does."""
     b = bench(tail=4.0, scatter=False)
@@ -102,25 +75,6 @@ def test_more_than_friction_hunts():
     runs = b.run([with_(case, c) for c in observers], iterations=1)
     moved = [np.ptp(run.actual[0, -200:, :3], axis=0).max() for run in runs]
     assert moved[0] < 0.1 * moved[1]
-
-
-def test_gains_are_of_the_friction_at_the_start():
-    """Breakaway at the load there; ten times of it with the factor."""
-    b = bench()
-    plant = b.rig(1, 1).plant
-    plant.reset(np.array([0]), b.start[None])
-    expected = friction().stiction_at(plant.load[1][0]).mean(axis=1)
-    np.testing.assert_allclose(b.compensation("push").gain, expected)
-    np.testing.assert_allclose(b.compensation("feedforward", 10).gain, 10 * expected)
-
-
-def test_names_of_cases():
-    names = [
-        case_name(with_(c, k))
-        for k in (None, *(bench().compensation(k) for k in KINDS))
-        for c in (PLAIN, SHAKEN)
-    ]
-    assert tuple(names) == CASES
 
 
 # ---- friction that the controller does not know ------------------------------------------------
@@ -139,16 +93,6 @@ def test_each_case_may_have_its_own_friction():
         own = bench() if p is None else bench(friction=p)
         assert_same(one(own, case, 2), run)
     assert not np.array_equal(runs[1].actual[:, :100], one(bench(), cases[1], 2).actual[:, :100])
-
-
-def test_controller_model_keeps_the_nominal_rotors():
-    """True rotors twice as heavy: Λ and so eq. 2.14's damping stay the model's."""
-    p = friction()
-    heavy = p.replace(rotor_inertia=2 * p.rotor_inertia)
-    rigs = [bench().rig(1, 1, parameters) for parameters in (None, stack_friction([heavy]))]
-    for rig in rigs:
-        rig._model.update(rig.plant.position)
-    np.testing.assert_array_equal(rigs[0]._model.mass, rigs[1]._model.mass)
 
 
 def test_friction_that_does_not_fit():

@@ -30,7 +30,6 @@ from tests.experiments.gte.short_paths import (
     bench,
     following,
     one,
-    through,
 )
 from tests.robots.arms import chain
 
@@ -90,16 +89,6 @@ def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stif
         pose = run.actual[0, -1, 3:], run.reference[0, -1, 3:]
         (apart,) = rotation.rotation_error(*(rotation.from_rpy(p)[None] for p in pose))
         np.testing.assert_allclose(apart[:2], turn[:2], atol=5e-4)
-
-
-def test_tilt_the_controller_does_not_know_of_deflects_the_arm():
-    """A base inclined by 5 degrees, compensated as if upright: the arm sinks towards the tilt."""
-    tilted, upright = load_arm("panda", tilt=(0.0, 0.09)), load_arm("panda")
-    known = bench(tilted, "none", tail=3.0, scatter=False)
-    faulty = bench(tilted, "none", tail=3.0, scatter=False, controller_model=upright)
-    case = Case(trajectory="stay", stiffness=STIFF)
-    assert np.abs(one(known, case).error[0, -1]).max() < 1e-3
-    assert np.abs(one(faulty, case).error[0, -1, 0]) > 5e-3
 
 
 # ---- with friction ---------------------------------------------------------------------------
@@ -203,30 +192,6 @@ def test_case_does_not_depend_on_the_others():
         np.testing.assert_array_equal(measure(alone).window_sum, measure(run).window_sum)
 
 
-def test_same_seed_gives_the_same_bits_another_seed_does_not():
-    case = Case(trajectory="there", stiffness=STIFF, dither=DITHER)
-    a, b, c = (one(bench(seed=s), case, 2) for s in (1, 1, 2))
-    assert_same(a, b)
-    assert not np.array_equal(a.actual[:, :100], c.actual[:, :100])
-
-
-def test_iterations_differ_by_their_scatter_alone():
-    case = Case(trajectory="there", stiffness=STIFF, dither=DITHER)
-    scattered = one(bench(), case, 2)
-    assert not np.array_equal(scattered.actual[0], scattered.actual[1])
-    alike = one(bench(scatter=False), case, 2)
-    np.testing.assert_array_equal(alike.actual[0], alike.actual[1])
-    assert_same(alike, one(bench(scatter=False, seed=5), case, 2))
-
-
-def test_dither_of_amplitude_zero_is_exactly_no_dither():
-    zero = tuple(AmplitudeRow(r.joint, r.frequency_hz, 0.0, "square") for r in DITHER)
-    with_zero = Case(trajectory="there", stiffness=STIFF, dither=zero, gate_velocity=0.1)
-    assert not with_zero.dithered
-    plain = Case(trajectory="there", stiffness=STIFF)
-    assert_same(one(bench(), with_zero, 2), one(bench(), plain, 2))
-
-
 def test_phases():
     """Zero and spread are what they say in every iteration; drawn ones differ."""
     b = bench()
@@ -249,16 +214,6 @@ def test_start_lies_within_limits(robot):
     low, high = arm.limits.position.T
     start = arm.rest
     assert np.all((start > low + 0.15) & (start < high - 0.15))
-
-
-def test_horizon_covers_a_path_that_is_far():
-    b = bench(paths={"far": through("far", (2.0, 0, 0), (0, 0, 0), (2.0, 0, 0))})
-    path = b.path("far")
-    assert b.horizon(path) >= b.nominal_duration(path) + 3 * b.motion.patience
-    one_way = bench(paths={"one": through("one", (2.0, 0, 0))})
-    assert b.nominal_duration(path) == pytest.approx(
-        3 * one_way.nominal_duration(one_way.path("one"))
-    )
 
 
 def test_bad_cases(tmp_path):
@@ -316,11 +271,3 @@ def test_steering_that_sets_a_constant_dither_is_that_dither():
     for (names, times), interval in zip(seen, (0.1, 0.25), strict=True):
         assert names == ["there", "there", "corner", "corner"]
         assert times == pytest.approx(interval * np.arange(len(times)))
-
-
-@pytest.mark.parametrize("interval", [0.0, 0.015, -0.1, float("nan")])
-def test_intervals_are_whole_samples(interval):
-    with pytest.raises(
-        StictionError, match=r"interval .*: expected one of the multiples of 0.01 s"
-    ):
-        bench().run([Case(trajectory="stay", stiffness=STIFF)], interval=interval)

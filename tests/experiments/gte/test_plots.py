@@ -61,29 +61,6 @@ def test_errors_against_time(drawn, orientation):
     assert "Panda, triangle, stiffness 200/20/0" in figure.get_suptitle()
 
 
-def test_paths_in_the_plane(drawn):
-    runs = pair()
-    gte_plots.plot_path_xy(runs, "a.png", robot="panda")
-    (axes,) = drawn[0].axes
-    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
-    paths = [x for x in axes.lines if x.get_color() in (gte_plots.WITH, gte_plots.WITHOUT)]
-    assert len(paths) == 4  # two iterations each
-    np.testing.assert_allclose(paths[0].get_xdata(), runs[0].actual[0, :, 0])
-    np.testing.assert_allclose(paths[3].get_ydata(), runs[1].actual[1, :, 1])
-    (goals,) = (x for x in axes.lines if x.get_color() == gte_plots.ACCEPTED)
-    np.testing.assert_allclose(goals.get_xdata(), [0.4, 0.4, 0.3], atol=1e-12)
-    np.testing.assert_allclose(goals.get_ydata(), [0.0, 0.1, 0.0], atol=1e-12)
-
-
-def test_paths_in_space_are_not_distorted(drawn):
-    gte_plots.plot_path_3d(pair(), "a.png", robot="panda")
-    (axes,) = drawn[0].axes
-    assert [getattr(axes, f"get_{k}label")() for k in "xyz"] == ["x [m]", "y [m]", "z [m]"]
-    ranges = np.ptp([axes.get_xlim(), axes.get_ylim(), axes.get_zlim()], axis=1)
-    box = axes._box_aspect
-    np.testing.assert_allclose(ranges / ranges[0], box / box[0])
-
-
 def test_reference_is_cut_where_it_goes_to_the_measured_pose():
     reference, goals = gte_plots.published(made_up())
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(reference[:, 0])), [200, 401])

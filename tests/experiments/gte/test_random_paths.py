@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.trajectory import Path
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import random_paths as module
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.random_paths import (
     can_follow,
-    path_number,
     random_path_settings,
     random_paths,
 )
@@ -79,31 +77,6 @@ def test_the_houses_own_paths_can_be_followed_and_others_not(robot):
     edge = e.start.copy()
     edge[0] = low[0] + 0.1
     assert not can_follow(e.sticking, edge, e.tool, own, usual).any(), "joint 1 is at its limit"
-
-
-def test_an_arm_that_can_follow_none_is_an_error(nothing_known, monkeypatch):
-    e = GeneratedTrajectoryExperiment("panda")
-    edge = e.start.copy()
-    edge[0] = e.sticking.arm.limits.position[0, 0] + 0.1
-    few = dataclasses.replace(random_path_settings(), attempts=2)
-    monkeypatch.setattr(module, "random_path_settings", lambda: few)
-    with pytest.raises(StictionError, match="random path 7: panda can follow none of 2 drawn"):
-        random_paths(e.sticking, edge, e.tool, [7])
-
-
-def test_numbers_are_from_zero():
-    with pytest.raises(StictionError, match="random path -1: expected a whole number from 0"):
-        random_paths(*of("panda"), [3, -1])
-
-
-def test_names():
-    assert path_number("random-17") == 17
-    for other in ("random", "random-", "random--1", "triangle", "random-1.5"):
-        assert path_number(other) is None
-    e = GeneratedTrajectoryExperiment("panda")
-    assert e.path("random-3").name == "random-3"
-    with pytest.raises(StictionError, match="expected one of triangle, pentagon, random-0"):
-        e.path("random-x")
 
 
 def test_a_slow_path_takes_an_arm_longer():

@@ -5,8 +5,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from stiction_envs.experiments.gte.measures import measure
-from stiction_envs.experiments.gte.results import WORDS, write_report
-from stiction_envs.experiments.gte.rows import CASES, error_rows, run_row
+from stiction_envs.experiments.gte.results import write_report
+from stiction_envs.experiments.gte.rows import error_rows, run_row
 from stiction_envs.reporting.png import save_full
 from tests.experiments.gte.made_up import made_up
 
@@ -50,7 +50,3 @@ def test_a_run_that_did_not_arrive_is_reported(report):
     assert "> No dither: 2 iterations never reached the last goal of 2." in text
     text, _ = report(made_up(constant(*[1e-3] * 6)))
     assert "**1.73 mm and 1.73 mrad are left at the last goal**" in text
-
-
-def test_every_case_has_words():
-    assert set(WORDS) == set(CASES)

@@ -114,11 +114,6 @@ def test_turning_vibrates_by_the_lever(axis, path):
     assert not run.mean_square[1].any()
 
 
-def test_arm_that_rests_does_not_vibrate():
-    """Wherever it rests: the filter starts settled."""
-    assert not logged(lambda stub, t: None).mean_square.any()
-
-
 def test_slow_motion_is_no_vibration():
     """1 Hz is let through by (1/8)²."""
 
@@ -141,16 +136,6 @@ def test_dither_power_and_torque_rate():
     assert run.torque_rate.shape == (2, 7)
     assert not run.torque_rate[0].any()
     assert run.torque_rate[1, 3] == pytest.approx(7.0)
-
-
-def test_flags_are_remembered():
-    def move(stub, t):
-        stub.flags["saturated"][1] = 1.2 < t < 1.2045  # seen, however short
-
-    flags = logged(move).flags
-    assert set(flags) == set(FLAGS)
-    np.testing.assert_array_equal(flags["saturated"], [False, True])
-    assert not flags["singular"].any()
 
 
 def test_record_ends_with_its_own_tail():

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.sensing import Sensing
-from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte import undithered
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.plant import CONTROL_DT
 from tests.experiments.gte.short_paths import (
@@ -52,13 +50,6 @@ def test_senses_without_errors_change_nothing(robot):
     np.testing.assert_allclose(seen.accepted, ideal.accepted, atol=1e-9)
 
 
-def test_ideal_senses_are_not_there():
-    rig = bench().rig(1, 1)
-    assert rig.senses is None
-    assert rig.seen_end_effector is rig.end_effector
-    assert rig.seen_position is not None
-
-
 def test_an_arm_reads_the_same_bits_in_any_batch_and_on_any_threads():
     cases = [THERE, Case(trajectory="corner", stiffness=STIFF, dither=DITHER)]
     together = bench(sensing=BAD, threads=2).run(cases, iterations=3)
@@ -68,11 +59,6 @@ def test_an_arm_reads_the_same_bits_in_any_batch_and_on_any_threads():
     single = one(bench(sensing=BAD, threads=1), THERE)
     assert_same(single, dataclasses.replace(together[0]), slice(0, 1))
     assert not np.array_equal(together[0].actual[0], together[0].actual[1])
-
-
-def test_without_scatter_all_iterations_read_alike():
-    run = one(bench(sensing=BAD, scatter=False), THERE, 2)
-    np.testing.assert_array_equal(run.actual[0], run.actual[1])
 
 
 def test_the_controller_has_the_angles_that_were_read():
@@ -142,17 +128,7 @@ def test_joint_torques_are_those_that_move_the_links(robot):
     assert size.max() > 0.2
 
 
-def test_a_unit_of_rewards_belongs_to_its_senses():
-    prints = [undithered.fingerprint(bench(sensing=s)) for s in ("ideal", Sensing(), BAD)]
-    assert prints[0] == prints[1] != prints[2]
-
-
 def test_a_provenance_names_senses_that_are_not_ideal():
     for sensing, there in (("ideal", False), ("robot", True)):
         result = bench(sensing=sensing).measure([THERE], iterations=1)
         assert ("sensing" in result.provenance["arguments"]) == there
-
-
-def test_senses_of_another_arm_are_refused():
-    with pytest.raises(StictionError, match="angle_noise of 2 joints: expected 7"):
-        bench(sensing=Sensing(angle_noise=(1e-5, 1e-5)))

@@ -83,13 +83,6 @@ def test_poses_are_free_of_collision_over_the_swing(robot):
                 assert contacts(arm, q) == 0, f"joint {joint + 1}, {k}, {shift}"
 
 
-def test_collisions_would_be_seen():
-    """The check above can fail: folded on itself the arm has contacts."""
-    arm = load_arm("panda")
-    folded = np.array([0.0, 1.7, 0.0, -3.0, 0.0, 3.7, 0.0])
-    assert contacts(arm, folded) > 0
-
-
 @pytest.mark.parametrize("robot", BUILTIN)
 def test_load_pose_has_more_load(robot):
     """The load pose comes near the largest load of any pose, the other near none."""
@@ -109,18 +102,6 @@ def test_load_pose_has_more_load(robot):
         largest = np.maximum(largest, np.abs(data.qfrc_bias))
     free = ~poses.bearing
     assert np.all(poses.load[free, 0] > 0.9 * largest[free])
-
-
-def test_loads_are_gravity_torques():
-    arm = load_arm("panda")
-    poses = find_poses(arm)
-    model = arm.model()
-    data = mujoco.MjData(model)
-    for joint in np.flatnonzero(~poses.bearing):
-        for k in range(2):
-            data.qpos[:] = poses.q[joint, k]
-            mujoco.mj_forward(model, data)
-            assert data.qfrc_bias[joint] == pytest.approx(poses.signed[joint, k], abs=1e-9)
 
 
 def test_search_repeats(monkeypatch):
@@ -146,13 +127,6 @@ def test_every_configuration_is_measured(scatter):
         assert np.all(c.sign * m.tau > 0)
 
 
-def test_starts_are_near_the_pose_and_the_others_are_held():
-    """Every joint within 0.1 rad of the pose at the ramp's start, the others during it (3.2)."""
-    for m in all_jobs(True).values():
-        assert np.abs(m.start).max() < 0.1
-        assert 0.0 < m.deviation < 0.1
-
-
 def test_servo_leaves_the_joint_where_friction_lets_it():
     """The joint does not stop exactly at the pose: stiction shows in where it came to rest."""
     starts = np.concatenate([m.start for m in all_jobs(False).values()])
@@ -165,17 +139,6 @@ def test_servo_leaves_the_joint_where_friction_lets_it():
         )
         offset = abs(bench().expected(Job(c)))
         assert np.abs(m.start).max() < 1.2 * max(level, offset) / hold[joint] + 0.01
-
-
-def test_traces_end_past_the_threshold():
-    """Each iteration keeps its path: from the start angle to 0.15 rad beyond, no gap at the end."""
-    for c, m in all_jobs(True).items():
-        assert len(m.traces) == 4
-        for trace, start in zip(m.traces, m.start, strict=True):
-            moved = c.sign * (trace - start)
-            assert moved[-1] >= 0.15 - 1e-6
-            assert np.all(moved[:-1] < 0.15 + 1e-6)
-            assert abs(moved[0]) < 0.01
 
 
 def test_torque_is_the_ramp_at_the_threshold():
@@ -230,12 +193,6 @@ def test_breakaway_is_stiction_plus_slide_and_offset():
 LIGHT = Configuration(7, "load", "+")
 
 
-def test_no_scatter_repeats_bit_for_bit():
-    a, b = (SingleJointExperiment("panda", scatter=False, seed=s) for s in (0, 1))
-    first, again, other = (one(x, Job(LIGHT), 2).tau for x in (a, a, b))
-    assert first.tobytes() == again.tobytes() == other.tobytes()
-
-
 def test_scatter_is_seeded():
     """Same seed, same bits; another seed, other torques; phases and noise belong to the seed."""
     first = one(bench(seed=3, ramp_rate=QUICK), Job(LIGHT), 3).tau
@@ -253,23 +210,6 @@ def test_iterations_scatter():
     assert min(relative) > 0
     assert 0.01 < np.median(relative) < 0.06
     assert all(np.std(m.tau[1:]) < 1e-3 for m in all_jobs(False).values())
-
-
-@pytest.mark.parametrize("name", ["pose_scatter", "friction_scatter", "torque_noise"])
-def test_each_scatter_acts_alone(name):
-    """Each of the three sources moves the torques by itself; none of them, and nothing moves."""
-    off = {"pose_scatter": 0.0, "friction_scatter": 0.0, "torque_noise": 0.0, "ramp_rate": QUICK}
-    own = load_protocol("panda")
-    job = Job(Configuration(2, "no_load", "+"))  # its gravity torque changes most with the pose
-    still = one(bench(**off), job, 4)
-    moving = one(bench(**(off | {name: getattr(own, name)})), job, 4)
-    assert np.ptp(still.tau[1:]) < 1.1e-3  # two steps of the ramp
-    assert np.ptp(still.start[1:]) < 1e-4
-    assert np.ptp(moving.tau[1:]) > np.ptp(still.tau[1:])
-    if name == "pose_scatter":  # shows in where the ramp starts more than in its torque
-        assert 0.3 * own.pose_scatter < np.ptp(moving.start[1:]) < 10 * own.pose_scatter
-    else:
-        assert np.ptp(moving.tau[1:]) > 5e-3
 
 
 def test_jobs_do_not_depend_on_each_other():
@@ -291,29 +231,6 @@ def test_jobs_do_not_depend_on_each_other():
             assert found.deviation == single.deviation
             for a, c in zip(found.traces, single.traces, strict=True):
                 assert a.tobytes() == c.tobytes()
-
-
-def test_nothing_to_do():
-    assert list(bench().run([])) == []
-
-
-def test_base_torques_are_the_means_in_their_places():
-    """(n, 2, 2) by joint, load, direction, signed."""
-    b = bench(scatter=False, ramp_rate=QUICK)
-    tau = b.base_torques(iterations=1).tau
-    assert tau.shape == (7, 2, 2)
-    assert np.all(np.sign(tau) == [1.0, -1.0])
-    for m in b.run(b.jobs([5, 7]), iterations=1):
-        assert tau[m.job.configuration.index] == m.mean
-
-
-def test_progress_counts_simulated_seconds():
-    """Approach (0.8 + 0.4 s, longer only until the arm rests) and ramp, block by block."""
-    seconds: list[float] = []
-    m = next(iter(bench(ramp_rate=QUICK).run([Job(LIGHT)], iterations=1, progress=seconds.append)))
-    assert len(set(seconds)) == 1
-    ramp = abs(m.tau[0]) / QUICK
-    assert 1.2 + ramp - 0.05 < sum(seconds) < 2.4 + ramp
 
 
 # ---- dither --------------------------------------------------------------------------------

@@ -33,12 +33,6 @@ def test_a_sine_counts_by_its_root_mean_square(frequency, gain):
     assert out.episode_rms(IDS) == pytest.approx([gain * 1e-3 / np.sqrt(2), 0.0], rel=0.02)
 
 
-def test_joints_add_as_a_vector():
-    out = fed(sines(3e-3, 4e-3, 0.0))
-    assert out.episode_rms(IDS)[0] == pytest.approx(5e-3 / np.sqrt(2), rel=0.02)
-    assert np.sqrt(out.step_mean_square(IDS)[0]) == pytest.approx(5e-3 / np.sqrt(2), rel=0.02)
-
-
 def test_creep_and_running_away_do_not_count():
     """A joint that creeps, and one that speeds up with t³ to 30 mrad in its last second."""
     creep = np.zeros((4000, 3))
@@ -60,13 +54,3 @@ def test_nothing_counts_once_the_tested_joint_is_far():
     assert fed(angle).episode_rms(IDS)[0] > before.episode_rms(IDS)[0], (
         "another joint may be anywhere"
     )
-
-
-def test_blocks_do_not_matter_and_a_start_forgets():
-    a, b = fed(sines(1e-3, 2e-3, 0)), fed(sines(1e-3, 2e-3, 0), block=500)
-    np.testing.assert_allclose(a.episode_rms(IDS), b.episode_rms(IDS), rtol=1e-12)
-    a.start(IDS[:1], np.zeros((1, 3)), np.zeros(1, dtype=int))
-    assert a.episode_rms(IDS).tolist() == [0, 0]
-    a.begin_step(IDS)
-    a.add(IDS, np.zeros((2, 50, 3)))
-    assert a.step_mean_square(IDS).tolist() == [0, 0]

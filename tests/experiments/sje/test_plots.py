@@ -1,7 +1,5 @@
 """What the plots of the Single Joint Experiment draw."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -55,25 +53,6 @@ def test_torque_along_the_ramp_ends_at_the_breakaway_torque(direction, start_tor
         assert len(torque) == len(angle)
 
 
-def test_thinned_traces_end_at_the_same_torque():
-    """The tuner's lab book keeps every fifth sample, the last of each group."""
-    m = measurement(lengths=(50,))
-    thin = dataclasses.replace(m, traces=tuple(t[4::5] for t in m.traces), trace_dt=5 * STEP)
-    (whole,), (part,) = plots.ramps(m, RATE), plots.ramps(thin, RATE)
-    np.testing.assert_allclose(part[0], whole[0][4::5])
-
-
-def test_last_values_are_held_until_the_longest_iteration_ends():
-    m = measurement(lengths=(40, 50))
-    torque, spread, angle, _ = plots.mean_ramp(m, RATE)
-    lines = plots.ramps(m, RATE)
-    assert len(torque) == 50
-    assert torque[-1] == pytest.approx((lines[0][0][-1] + lines[1][0][-1]) / 2)
-    assert angle[-1] == pytest.approx((lines[0][1][-1] + lines[1][1][-1]) / 2)
-    assert spread[-1] == pytest.approx(m.std)
-    assert spread[39] == pytest.approx(0.0)
-
-
 @pytest.mark.parametrize(
     "changes",
     [{"lengths": (30,)}, {"stuck": True}, {"frequency": 15.0, "amplitude": 0.6}],
@@ -82,10 +61,3 @@ def test_last_values_are_held_until_the_longest_iteration_ends():
 def test_every_kind_of_measurement_is_drawn(tmp_path, changes):
     plots.plot_sje([measurement(**changes)], tmp_path / "a.png", robot="own", protocol=PROTOCOL)
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_dither_is_named():
-    c = Configuration(1, "load", "+")
-    assert plots.dither_text(Job(c)) == "no dither"
-    assert plots.dither_text(Job(c, 15.0, 0.61234)) == "15 Hz, 0.612 N·m"
-    assert plots.dither_text(Job(c, 15.0, 0.6, "square", 0.1)) == "15 Hz square, 0.6 N·m +0.1 N·m"

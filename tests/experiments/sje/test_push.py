@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.friction.sticking import sticking_model
@@ -69,25 +68,6 @@ def test_dither_lets_go_what_holds_at_90_percent(push, joint):
     assert not push.slips, "friction has stopped it"
 
 
-def test_dither_that_is_switched_off_again_does_nothing(push):
-    push.choose(7)
-    push.switch_dither()
-    push.switch_dither()
-    push.harder(9)
-    push.advance(24.0)
-    assert push.let_go is None
-
-
-def test_only_the_pushed_joint_moves(push):
-    before = push.plant.position.copy()
-    push.choose(7)
-    push.harder(12)
-    push.advance(28.0)
-    moved = np.abs(push.plant.position - before)[0]
-    assert moved[6] > push.threshold
-    assert moved[:6].max() < 2e-3
-
-
 def test_it_is_pushed_from_where_it_came_to_rest_and_reset_brings_it_back(push):
     rest = push.plant.position.copy()
     push.choose(7)
@@ -114,12 +94,6 @@ def test_a_gated_dither_frees_too_and_fades_with_speed(panda):
     assert shut.let_go is None
 
 
-def test_a_torque_is_never_asked_past_the_limit(push):
-    push.choose(7)
-    push.harder(-1000)
-    assert push.target == -push.interface.torque_limit[6]
-
-
 def test_a_slow_controller_holds_its_torque():
     iiwa = Push(sticking_model("iiwa7"), dither=[AmplitudeRow(7, 20.0, 1.0)])
     assert iiwa.interface.hold_steps > 1
@@ -132,10 +106,3 @@ def test_a_slow_controller_holds_its_torque():
     iiwa.switch_dither()
     iiwa.advance(8.0)
     assert iiwa.angle - held > 0.05, "its viscous friction lets it go slowly"
-
-
-def test_joints_that_are_not_there(panda):
-    with pytest.raises(StictionError, match="unknown joint 8: expected one of 1, 2"):
-        Push(panda, dither=[AmplitudeRow(8, 15.0, 0.8)])
-    with pytest.raises(StictionError, match="unknown joint 0"):
-        Push(panda).choose(0)

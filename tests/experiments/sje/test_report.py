@@ -52,11 +52,3 @@ def test_the_verdict_is_first_and_counts_what_dither_makes_worse(report):
     assert page.index("falls by 8 %") < page.index("<img ") < page.index("<table")
     assert 'src="data:image/png;base64,' in page
     assert "http" not in page
-
-
-def test_without_dither_it_says_where_joints_let_go(report):
-    text, _ = report([row(1, -0.8, iterations=1), row(7, 0.5, iterations=1)], stuck="joint 3 held")
-    assert "**2 configurations let go** at 0.500 to 0.800 N·m, least on joint 7, most on" in text
-    assert "> Joint 3 held." in text
-    assert "mean of 1 iteration." in text
-    assert "| 1 | load pose | + | – | −0.8000 | – |  |" in text

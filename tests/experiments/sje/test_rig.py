@@ -53,16 +53,6 @@ def test_gate_is_closed_by_the_speed_of_every_cycle(rate_hz):
     assert min(closed) < 0.8  # it shook fast enough for the gate to matter
 
 
-def test_a_gated_job_does_not_change_its_neighbours():
-    experiment = SingleJointExperiment("panda", seed=3)
-    c = Configuration(7, "no_load", "-")
-    open_, gated = Job(c, F, A), Job(c, F, A, gate_velocity=GATE)
-    alone = next(iter(experiment.run([open_], iterations=1)))
-    beside = {m.job: m for m in experiment.run([open_, gated], iterations=1)}
-    assert np.array_equal(alone.tau, beside[open_].tau)
-    assert abs(beside[gated].mean) > abs(alone.mean)
-
-
 def test_displacement_nears_that_of_a_free_joint():
     """A sin(wt) swings a free rotor by A/(J w^2); friction is little against ten times itself."""
     experiment = SingleJointExperiment("panda", scatter=False)

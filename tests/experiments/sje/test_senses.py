@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.sensing import Sensing
-from stiction_envs.experiments.sje import undithered
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 
@@ -55,24 +54,7 @@ def test_a_joint_is_where_its_noisy_encoder_says():
 
 
 @pytest.mark.slow
-def test_a_gate_takes_the_speed_that_was_read():
-    still, open_ = {"scatter": False}, [Job(FREE, 15.0, 0.6)]
-    blind = Sensing(speed="difference", speed_cutoff=0.001)
-    seeing, never = torques("ideal", JOBS[2:], **still), torques(blind, open_, **still)
-    assert torques(blind, JOBS[2:], **still)[0] == pytest.approx(never[0], abs=1e-3)
-    assert np.abs(seeing[0] - never[0]).max() > 1e-2
-
-
-@pytest.mark.slow
 def test_a_job_reads_the_same_bits_in_any_batch_and_on_any_threads():
     together = torques(BAD, threads=2)
     for job, tau in zip(JOBS, together, strict=True):
         assert np.array_equal(torques(BAD, [job], threads=1)[0], tau)
-
-
-def test_base_torques_belong_to_their_senses():
-    prints = [
-        undithered.fingerprint(SingleJointExperiment("panda", sensing=s))
-        for s in ("ideal", Sensing(), BAD)
-    ]
-    assert prints[0] == prints[1] != prints[2]

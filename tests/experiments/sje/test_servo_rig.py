@@ -45,12 +45,6 @@ def test_the_breakaway_torque_is_the_stiction_against_gravity(together):
         np.testing.assert_allclose(m.tau, expected, rtol=0.03)
 
 
-def test_it_does_not_depend_on_the_servo(tmp_path, together):
-    soft = together[Job(ELBOW)].mean
-    late = measured(experiment(tmp_path, stiffness=60.0, delay=0.02, dead_zone=0.004), [Job(ELBOW)])
-    assert late[Job(ELBOW)].mean == pytest.approx(soft, rel=0.03)
-
-
 def test_dither_of_the_command_frees_the_joint(tmp_path):
     e, jobs = experiment(tmp_path), [Job(ELBOW), Job(ELBOW, 10.0, 0.3)]
     base, dithered = (measured(e, jobs)[j].mean for j in jobs)
