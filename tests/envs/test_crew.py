@@ -28,27 +28,6 @@ def test_a_thread_without_a_task_helps_with_what_another_shares():
     assert sorted(both) == [0, 0, 0, 1, 1, 1], "two at a time"
 
 
-def test_one_thread_does_in_turn_what_is_shared():
-    crew, done = Crew(1), []
-
-    def task(k: int) -> None:
-        crew.share([partial(done.append, (k, part)) for part in range(3)])
-
-    crew.run([partial(task, k) for k in range(2)])
-    assert done == [(k, part) for k in range(2) for part in range(3)]
-
-
-def test_tasks_that_share_at_the_same_time_get_their_own_results():
-    crew = Crew(3)
-
-    def task(k: int) -> list[int]:
-        return [sum(crew.share([partial(pow, k, p) for p in range(4)])) for _ in range(5)]
-
-    for _ in range(30):
-        found = crew.run([partial(task, k) for k in range(6)])
-        assert found == [[sum(k**p for p in range(4))] * 5 for k in range(6)]
-
-
 def test_an_error_in_a_part_is_raised_by_its_task_when_all_parts_are_done():
     crew, done = Crew(2), []
 

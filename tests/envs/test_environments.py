@@ -1,7 +1,4 @@
-"""What the environments of both experiments have in common, alone and in Gymnasium's wrappers.
-
-`render/test_env_frames.py` has the real mp4 of ``RecordVideo``.
-"""
+"""What the environments of both experiments have in common, alone and in Gymnasium's wrappers."""
 
 from __future__ import annotations
 
@@ -12,18 +9,13 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import (
-    NormalizeObservation,
-    RecordEpisodeStatistics,
-    RecordVideo,
     RescaleAction,
     TimeLimit,
 )
 
 from stiction_envs.errors import StictionError
 from tests.envs.helpers import (
-    GTE,
     QUICK,
-    SJE,
     TRIANGLE,
     TWO_JOINTS,
     Kind,
@@ -41,9 +33,8 @@ def of_each(**cases: list[tuple]) -> pytest.MarkDecorator:
     return pytest.mark.parametrize(("kind", "wrong", "words"), rows, indirect=["kind"])
 
 
-@pytest.mark.parametrize("arm", ["panda", "iiwa"])
-def test_gymnasium_check(kind, arm):
-    env = kind.make(getattr(kind, arm), fixed_options=kind.options)
+def test_gymnasium_check(kind):
+    env = kind.make(kind.iiwa, fixed_options=kind.options)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(env.unwrapped, skip_render_check=True)
@@ -56,10 +47,6 @@ def test_stable_baselines_check(kind):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         checker.check_env(RescaleAction(kind.make(fixed_options=kind.options), -1, 1))
-
-
-def test_actions_have_the_same_bounds():
-    assert GTE.make().action_space == SJE.make().action_space
 
 
 def test_options_do_not_shift_the_random_stream(kind, env):
@@ -106,33 +93,20 @@ def test_own_arm_with_two_joints(kind, tmp_path):
 @of_each(
     sje=[
         ({"axis": 1}, ("axis", "joint, load, direction")),
-        ({"joint": 0}, ("joint", "1, 2, 3, 4, 5, 6, 7")),
         ({"joint": 8}, ("joint", "1, 2, 3, 4, 5, 6, 7")),
-        ({"joint": "1"}, ("joint", "'1'")),
-        ({"joint": 1.0}, ("joint", "1.0")),
         ({"joint": True}, ("joint", "True")),
-        ({"load": "heavy"}, ("load", "load, no_load")),
         ({"load": None}, ("load", "load, no_load")),
-        ({"direction": 1}, ("direction", "+, -")),
         ({"direction": "up"}, ("direction", "+, -")),
         (["joint"], ("list", "dict")),
     ],
     gte=[
         ({"joint": 1}, ("joint", "trajectory, path, stiffness, iteration")),
         ({"path": -1}, ("path -1", "whole number")),
-        ({"path": "1"}, ("path '1'", "whole number")),
         ({"trajectory": "pentagon", "path": 1}, ("path 1", "pentagon", "expected 'random'")),
         ({"trajectory": "square"}, ("square", "triangle, pentagon, random")),
-        ({"trajectory": 3}, ("3", "triangle, pentagon")),
-        ({"stiffness": (200, 20)}, ("stiffness", "three")),
-        ({"stiffness": (200, -20, 0)}, ("stiffness", "-20")),
         ({"stiffness": (200, np.nan, 0)}, ("stiffness", "nan")),
-        ({"stiffness": 200}, ("stiffness", "three")),
         ({"stiffness": ("a", 1, 2)}, ("stiffness", "three")),
-        ({"iteration": -1}, ("iteration", "-1")),
         ({"iteration": 1.0}, ("iteration", "1.0")),
-        ({"iteration": True}, ("iteration", "True")),
-        (["trajectory"], ("list", "dict")),
     ],
 )
 def test_wrong_options(env, wrong, words):
@@ -144,10 +118,7 @@ def test_wrong_options(env, wrong, words):
     ("change", "words"),
     [
         ((2, np.nan), ("amplitude of joint 3", "nan")),
-        ((2, -0.1), ("amplitude of joint 3", "-0.1")),
-        ((0, 1e6), ("amplitude of joint 1", "expected 0 to")),
         ((7, 4.0), ("frequency of joint 1", "expected 5 to 100 Hz")),
-        ((13, np.inf), ("frequency of joint 7", "inf")),
     ],
 )
 def test_wrong_actions(kind, env, change, words):
@@ -158,7 +129,7 @@ def test_wrong_actions(kind, env, change, words):
         env.unwrapped.step(action)
 
 
-@pytest.mark.parametrize("action", [np.zeros(13), np.zeros((2, 14)), "dither", None])
+@pytest.mark.parametrize("action", [np.zeros(13), "dither"])
 def test_actions_of_another_shape(kind, env, action):
     env.reset(seed=0, options=kind.options)
     with refused("action"):
@@ -168,10 +139,7 @@ def test_actions_of_another_shape(kind, env, action):
 @of_each(
     sje=[
         ({"control_interval_s": 0.03}, "multiples"),
-        ({"control_interval_s": float("nan")}, "multiples"),
-        ({"power_weight": -1}, "power_weight"),
         ({"torque_rate_weight": float("nan")}, "torque_rate_weight"),
-        ({"shaking_weight": -1}, "shaking_weight"),
         ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"fixed_options": {"joint": 9}}, "joint"),
         ({"robot": "fanuc"}, "fanuc"),
@@ -181,19 +149,12 @@ def test_actions_of_another_shape(kind, env, action):
     ],
     gte=[
         ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
-        ({"shaking_weight": -1}, "shaking_weight"),
         ({"settling_weight": 1.5}, "settling_weight 1.5: expected 0 to 1"),
-        ({"max_episode_steps": 0}, "max_episode_steps"),
         ({"random_paths": 0}, "random_paths 0: expected a whole number from 1"),
-        ({"fixed_options": {"trajectory": "line"}}, "line"),
-        ({"robot": "fanuc"}, "fanuc"),
-        ({"friction": "nowhere.toml"}, "nowhere.toml"),
         ({"start": [0.0] * 6}, "6 angles: expected 7"),
         ({"start": "rest"}, "expected 7 angles"),
         ({"tool": (0.0, 0.1)}, "three finite numbers"),
         ({"compensation": "pull"}, "feedforward, push"),
-        ({"render_mode": "ascii"}, "rgb_array"),
-        ({"threads": -1}, "-1 threads: expected whole numbers from 0"),
     ],
 )
 def test_wrong_arguments(kind: Kind, wrong, words):
@@ -218,15 +179,6 @@ def test_step_needs_a_running_episode(kind):
 # ---- in wrappers ---------------------------------------------------------------------------------
 
 
-def test_record_episode_statistics_sums_what_was_rewarded(kind):
-    env = RecordEpisodeStatistics(kind.make())
-    steps = episode(env, mild(env, 6), seed=0, options=kind.options)
-    found = steps[-1][4]["episode"]
-    assert found["r"] == pytest.approx(sum(s[1] for s in steps))
-    assert found["l"] == len(steps) - 1
-    assert all("episode" not in s[4] for s in steps[:-1])
-
-
 def test_time_limit_truncates_and_ends_nothing(kind):
     env = TimeLimit(kind.make(), max_episode_steps=3)
     cut, whole = (episode(e, quiet(e), seed=0, options=kind.options) for e in (env, kind.make()))
@@ -234,40 +186,8 @@ def test_time_limit_truncates_and_ends_nothing(kind):
     assert cut[-1][2:4] == (False, True)
     for a, b in zip(cut[:3], whole[:3], strict=True):
         assert same(a, b)
-    again = episode(env, quiet(env), seed=1, options=kind.options)
-    assert len(again) == 4, "a reset starts it anew"
     limited = gym.make(kind.panda, max_episode_steps=2)
     assert episode(limited, quiet(env), seed=0, options=kind.options)[-1][3]
-
-
-def test_normalize_observation_has_zero_mean_and_leaves_the_physics(kind, env):
-    normalised = NormalizeObservation(kind.make())
-    seen = []
-    for seed in range(3):
-        normal, bare = (
-            episode(e, mild(e, 6), seed=seed, options=kind.options) for e in (normalised, env)
-        )
-        assert [s[1:4] for s in normal] == [s[1:4] for s in bare]
-        seen += [s[0] for s in normal]
-        assert all(s[0].dtype == np.float32 for s in normal)
-    late = np.array(seen[len(seen) // 2 :])
-    assert np.isfinite(late).all()
-    assert np.abs(late.mean(axis=0)).max() < 3.0
-    assert normalised.obs_rms.mean.shape == env.observation_space.shape
-
-
-def test_record_video_takes_a_frame_a_step(kind, env, monkeypatch, tmp_path):
-    """Frames are small arrays here: drawing and writing are tested where they are done."""
-    pytest.importorskip("moviepy")
-    inner = kind.make(render_mode="rgb_array")
-    monkeypatch.setattr(type(inner.unwrapped), "render", lambda self: np.zeros((4, 4, 3), np.uint8))
-    film = RecordVideo(inner, str(tmp_path), episode_trigger=lambda k: True)
-    monkeypatch.setattr(film, "stop_recording", lambda: None)
-    steps = episode(film, mild(film, 6), seed=0, options=kind.options)
-    assert len(film.recorded_frames) == len(steps)
-    assert film.frames_per_sec == inner.metadata["render_fps"]
-    bare = episode(env, mild(env, 6), seed=0, options=kind.options)
-    assert [s[1:4] for s in steps] == [s[1:4] for s in bare]
 
 
 @pytest.mark.parametrize("kind", ["sje"], indirect=True)

@@ -27,7 +27,6 @@ from tests.envs.helpers import (
     make_gte,
     mild,
     quiet,
-    same,
     sprint,
 )
 
@@ -93,10 +92,9 @@ def test_so_it_is_on_the_held_controller_and_with_another_seed():
     check_reproduction(env, "iiwa7", case, seed=3, motion=sprint())
 
 
-@pytest.mark.parametrize("kind", ["feedforward", "push"])
-def test_so_it_is_with_compensation(kind):
+def test_so_it_is_with_compensation():
     """Undithered runs are compensated as well, so that a reward of −1 still is no dither."""
-    env = make_gte(compensation=kind, tool=(0.0, 0.0, 0.1), render_mode="rgb_array")
+    env = make_gte(compensation="push", tool=(0.0, 0.0, 0.1), render_mode="rgb_array")
     compensation = env.unwrapped.core.compensation
     case = Case(
         trajectory="triangle",
@@ -134,45 +132,6 @@ def test_seeds_draw_every_option():
     cases = {(t, *k) for t, k in zip(infos["trajectory"], infos["stiffness"], strict=True)}
     k = ((200.0, 20.0, 0.0), (400.0, 40.0, 0.0))
     assert cases == {(t, *x) for t in ("triangle", "pentagon") for x in k}
-
-
-def test_a_stiffness_may_be_a_list(panda):
-    _, info = panda.reset(options={"stiffness": [400, 40, 0]})
-    assert info["stiffness"].tolist() == [400.0, 40.0, 0.0]
-
-
-def test_dither_can_come_and_go_without_losing_its_phase(panda):
-    action = shaken(panda)
-    rig = panda.unwrapped.core.rig
-    panda.reset(seed=8, options=TRIANGLE)
-    panda.step(action)
-    phase, t = rig.dither.phase.copy(), rig.step * 1e-3
-    off = action.copy()
-    off[:7] = 0.0
-    before, _, _, _, info = panda.step(off)
-    assert not rig.dither_torque.any()
-    assert info["reward_terms"]["power"] == 0
-    panda.step(action)
-    assert rig.dither_torque.any()
-    assert np.array_equal(rig.dither.phase, phase)
-    faster = action.copy()
-    faster[7:] += 1.7
-    t = rig.step * 1e-3
-    angle = 2 * np.pi * rig.dither.frequency * t[:, None] + rig.dither.phase
-    panda.step(faster)
-    assert 2 * np.pi * rig.dither.frequency * t[:, None] + rig.dither.phase == pytest.approx(angle)
-    assert before in panda.observation_space
-
-
-def test_dither_changes_the_path_and_shakes(panda):
-    finals = [
-        episode(panda, action, seed=4, options=TRIANGLE)[-1][4]
-        for action in (quiet(panda), shaken(panda, share=1.0))
-    ]
-    assert not np.array_equal(finals[0]["error"], finals[1]["error"])
-    assert finals[1]["shaking"] > finals[0]["shaking"]
-    for name in ("undithered_error", "undithered_shaking"):
-        assert np.array_equal(finals[0][name], finals[1][name])
 
 
 def test_observations_mean_what_they_are_called(panda):
@@ -340,48 +299,6 @@ def test_options_of_one_reset_come_before_the_fixed_ones():
     assert env.reset(seed=0, options={"trajectory": "triangle"})[1]["trajectory"] == "triangle"
     env = make_gte(fixed_options=TRIANGLE)
     assert env.reset(seed=0, options={"path": 101})[1]["path"] == 101
-
-
-def test_options_of_paths_do_not_shift_the_random_stream(few_paths):
-    few_paths.reset(seed=3)
-    free = few_paths.reset()
-    for options in ({"path": 101}, {"trajectory": "random"}):
-        few_paths.reset(seed=3, options=options)
-        assert same(few_paths.reset(), free)
-
-
-def test_a_batch_on_random_paths_is_its_single_environments_bit_for_bit():
-    """Paths of different length and number, in batches of one, two and five."""
-    options = [{"path": k} for k in (101, 102, 103)]
-    options += [{"trajectory": "random"}, TRIANGLE]
-    seen = []
-    for parts in ([[0, 1, 2, 3, 4]], [[0, 1], [2, 3], [4]], [[4], [3], [2], [1], [0]]):
-        rows = {}
-        for ids in parts:
-            env = GTE.make_batch(len(ids), autoreset_mode="Disabled", random_paths=3)
-            observation, _ = env.reset(seed=[7 + i for i in ids], options=[options[i] for i in ids])
-            out = [observation]
-            rng = [np.random.default_rng(i) for i in ids]
-            low, high = env.single_action_space.low, env.single_action_space.high
-            for _ in range(6):
-                share = np.array([r.uniform(0, 0.4, low.shape) for r in rng])
-                observation, reward, *_ = env.step((low + share * (high - low)).astype("f4"))
-                out += [observation, reward]
-            rows |= {i: [x[k].tobytes() for x in out] for k, i in enumerate(ids)}
-        seen.append(rows)
-    assert seen[0] == seen[1] == seen[2]
-
-
-def test_the_unit_on_a_random_path_does_not_depend_on_who_asked_for_it(few_paths):
-    core = few_paths.unwrapped.core
-    keys = core._random_cases([101, 102, 103])
-    together = gte_base.undithered(core.experiment, keys)
-    alone = core.experiment.run([Case(trajectory=keys[1][0], stiffness=keys[1][1])], iterations=4)[
-        0
-    ]
-    left = gte_base._summary(core.experiment, alone)["left"]
-    assert left == together[keys[1]].left.tolist()
-    assert len(left) == len(core.experiment.path(keys[1][0]).position)
 
 
 def test_the_thesiss_dither_helps_on_a_path_as_slow_as_its_own():

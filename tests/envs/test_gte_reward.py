@@ -13,7 +13,6 @@ from tests.envs.helpers import (
     episode,
     make_gte,
     mild,
-    quiet,
 )
 from tests.envs.test_gte import QUIET, shaken
 
@@ -101,28 +100,3 @@ def test_settling_is_paid_when_the_time_at_a_goal_is_over(panda):
     assert np.array_equal(steps[-1][4]["resting_error"], left[-1])
     share = 0.75 * (left / base).mean(axis=1) / 3
     assert [steps[k][4]["reward_terms"]["settling"] for k in paid] == pytest.approx(-share)
-
-
-def test_turning_counts_as_shaking(monkeypatch):
-    """Joint 7 turns the flange about an axis it is on, and hardly moves it: what its dither adds to
-    the vibration at rest is the joint's oscillation times the lever of 0.1 m."""
-    env = make_gte(control_interval_s=0.1)
-    rig = env.unwrapped.core.rig
-    angle: list[float] = []
-
-    def law(original=rig._law):
-        angle.append(rig.plant.position[0, 6])
-        return original()
-
-    monkeypatch.setattr(rig, "_law", law)
-    monkeypatch.setattr(type(rig.plant), "compiled_loops", [])  # every step goes through Python
-    shaken = []
-    for action in (quiet(env), mild(env, 7, share=0.8, frequency=20.0)):
-        _, info = env.reset(seed=1, options=TRIANGLE)
-        while info.get("goals_reached", 0) < 3:
-            *_, info = env.step(quiet(env))
-        shaken.append([env.step(action)[4]["vibration"] for _ in range(8)][-1])
-    time, turned = np.arange(100), np.array(angle[-100:])
-    turned -= np.polyval(np.polyfit(time, turned, 2), time)
-    added = np.sqrt(shaken[1] ** 2 - shaken[0] ** 2)
-    assert 1.0 < added / (0.1 * np.sqrt(np.mean(turned**2))) < 1.3

@@ -10,7 +10,6 @@ import pytest
 from stiction_envs.envs import precompute
 from stiction_envs.experiments.gte import random_paths
 from stiction_envs.experiments.gte import undithered as gte_base
-from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import episode_settings
 from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -18,7 +17,7 @@ from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from stiction_envs.robots import load_arm
-from tests.envs.helpers import PANDA, QUICK, TRIANGLE, make
+from tests.envs.helpers import QUICK, TRIANGLE, make
 from tests.envs.test_suite import IDS
 
 ONE = Configuration(6, "no_load", "+")
@@ -108,35 +107,6 @@ def test_the_cache_gives_the_bits_that_were_simulated(cache, monkeypatch):
     with monkeypatch.context() as idle:
         idle.setattr(SingleJointExperiment, "run", lambda *_, **__: iter(()))
         assert torque() == first, "looked up: nothing could be simulated"
-
-
-def test_undithered_runs_are_looked_up_too(cache, monkeypatch):
-    key = (TRIANGLE["trajectory"], TRIANGLE["stiffness"])
-
-    def run() -> gte_base.Undithered:
-        store.forget()
-        e = GeneratedTrajectoryExperiment("panda", scatter=False, friction=softer("viscous"))
-        return gte_base.undithered(e, [key])[key]
-
-    first = run()
-    monkeypatch.delattr(GeneratedTrajectoryExperiment, "run")
-    second = run()
-    assert second.total.tobytes() == first.total.tobytes()
-    assert second.window.tobytes() == first.window.tobytes()
-    assert (second.duration, second.shaking) == (first.duration, first.shaking)
-
-
-def test_one_changed_friction_number_is_never_answered_from_the_cache(cache):
-    torques = {}
-    for name in ("usual", "stiction", "rotor_inertia"):
-        friction = None if name == "usual" else softer(name)
-        store.forget()
-        env = make(PANDA, friction=friction, fixed_options=QUICK)
-        env.reset(seed=0)
-        torques[name] = float(env.unwrapped.core.tau_base[0])
-    assert len(set(torques.values())) == 3
-    assert torques["stiction"] == pytest.approx(0.9 * torques["usual"], rel=0.05)
-    assert len(list(cache.glob("base_torques-*"))) == 3
 
 
 def test_whatever_a_base_torque_depends_on_is_in_its_key():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import PANDA, QUICK, SJE, Kind, same
+from tests.envs.helpers import PANDA, Kind, same
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3 import PPO
@@ -73,20 +73,6 @@ def test_scaled_actions_reach_the_bounds_exactly():
     assert not env.env.unwrapped.core.rig.dither.amplitude.any()
 
 
-def test_seeds_and_options_are_used_once():
-    env = make_sb3("PandaSJE-v0", 2, control_interval_s=0.2)
-    env.set_options([{"joint": 2}, {"joint": 5}])
-    env.seed(4)
-    first = env.reset()
-    assert [i["joint"] for i in env.reset_infos] == [2, 5]
-    env.set_options([{"joint": 2}, {"joint": 5}])
-    env.seed(4)
-    assert np.array_equal(env.reset(), first)
-    env.set_options({"joint": 3})
-    env.reset()
-    assert [i["joint"] for i in env.reset_infos] == [3, 3]
-
-
 def test_the_rest_of_the_interface():
     env = make_sb3("PandaSJE-v0", 2, **FIXED)
     assert env.render_mode is None
@@ -96,28 +82,6 @@ def test_the_rest_of_the_interface():
     env.set_attr("note", 1)
     assert env.get_attr("note", 0) == [1]
     env.close()
-
-
-def test_stable_baselines_normalises(kind, tmp_path):
-    env = VecNormalize(of(kind, 2, fixed_options=kind.options), gamma=0.99)
-    env.seed(0)
-    first = env.reset()
-    assert np.isfinite(first).all()
-    ended = 0
-    for _ in range(60):
-        observation, reward, done, infos = env.step(np.full((2, 14), -1.0, dtype=np.float32))
-        assert observation.dtype == np.float32
-        assert np.abs(observation).max() <= env.clip_obs
-        assert np.abs(reward).max() <= env.clip_reward
-        ended += int(done.sum())
-        for over, info in zip(done, infos, strict=True):
-            assert over == ("terminal_observation" in info)
-    assert ended >= 2
-    env.save(str(tmp_path / "normal.pkl"))
-    again = VecNormalize.load(str(tmp_path / "normal.pkl"), of(kind, 2, fixed_options=kind.options))
-    assert np.array_equal(again.obs_rms.mean, env.obs_rms.mean)
-    raw = env.get_original_obs()
-    assert np.array_equal(again.normalize_obs(raw), env.normalize_obs(raw))
 
 
 def test_a_next_step_batch_is_refused():
@@ -138,12 +102,3 @@ def test_ppo_learns_on_the_batch(kind):
     assert np.isfinite(returns).all()
     if kind.name == "gte":  # −1 without dither
         assert np.all((returns > -3) & (returns < 0))
-
-
-@pytest.mark.slow
-def test_ppo_learns_on_the_single_environment():
-    env = SJE.make(control_interval_s=0.05, fixed_options=QUICK)
-    env = gym.wrappers.RescaleAction(env, -1, 1)
-    model = PPO("MlpPolicy", env, n_steps=256, batch_size=128, n_epochs=2, seed=0, device="cpu")
-    model.learn(4096)
-    assert model.num_timesteps == 4096

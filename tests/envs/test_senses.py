@@ -7,18 +7,9 @@ import pytest
 
 from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import batch_and_singles, episode, mild, same
+from tests.envs.helpers import batch_and_singles, mild
 
 OFF = Sensing(angle_noise=1e-3, speed_noise=0.01, measurement_delay=0.002, missed_cycles=0.1)
-
-
-def test_ideal_is_the_default_bit_for_bit(kind):
-    runs = []
-    for given in ({}, {"sensing": "ideal"}, {"sensing": Sensing()}):
-        env = kind.make(**given)
-        runs.append(episode(env, mild(env, 6), seed=3, options=kind.options))
-    assert same(runs[0], runs[1])
-    assert same(runs[0], runs[2])
 
 
 def test_the_observation_is_what_was_read(kind):

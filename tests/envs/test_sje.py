@@ -24,8 +24,7 @@ def test_seeds_draw_every_option(panda):
     assert {i["direction"] for i in infos} == {"+", "-"}
 
 
-@pytest.mark.parametrize("name", [PANDA, IIWA])
-@pytest.mark.parametrize("direction", ["+", "-"])
+@pytest.mark.parametrize(("name", "direction"), [(PANDA, "-"), (IIWA, "+")])
 def test_rewards_sum_to_the_reduction_less_the_penalties(name, direction):
     """Σ reward = 1 − |τ_SJE|/|τ_base| + Σ penalties; the iiwa's ramp does not start at zero."""
     env = make(name)
@@ -59,12 +58,6 @@ def test_weights_can_be_zero():
     env = make(power_weight=0.0, torque_rate_weight=0.0, shaking_weight=0.0)
     steps = episode(env, mild(env, 6), seed=1, options=QUICK)
     assert sum(s[1] for s in steps) == pytest.approx(steps[-1][4]["reduction"], abs=1e-12)
-
-
-def test_dither_of_another_joint_acts(panda):
-    still = episode(panda, quiet(panda), seed=4, options=QUICK)
-    shaken = episode(panda, mild(panda, 4, share=1.0, frequency=20), seed=4, options=QUICK)
-    assert shaken[-1][4]["tau_sje"] != still[-1][4]["tau_sje"]
 
 
 def test_more_amplitude_shakes_more_and_another_joint_counts(panda):

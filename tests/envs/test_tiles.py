@@ -44,24 +44,6 @@ def stepped(found: Tiles) -> np.ndarray:
     return found.step(ids, np.zeros((len(ids), 1))).reward
 
 
-def test_every_thread_has_a_tile_at_a_time():
-    together = threading.Barrier(3)
-    found = made(6, 3, lambda core: together.wait(timeout=30))
-    assert stepped(found).tolist() == [1.0] * 6
-
-
-def test_one_thread_takes_one_tile_after_the_other():
-    running: list[int] = []
-
-    def alone(core) -> None:
-        running.append(1)
-        time.sleep(0.01)
-        assert len(running) == 1
-        running.pop()
-
-    assert stepped(made(7, 1, alone)).tolist() == [1.0] * 7
-
-
 def test_an_error_of_a_tile_is_raised_once_and_the_others_go_on():
     def fails(core) -> None:
         if core in (found.cores[1], found.cores[3]) and not core.failed:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
-from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
 from stiction_envs.precomputed import store
-from tests.envs.helpers import QUICK, SJE, TRIANGLE, same, tiled
+from tests.envs.helpers import TRIANGLE, same, tiled
 
 N = 5
 FIXED = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
@@ -47,19 +45,6 @@ def test_a_batch_is_its_single_environments_bit_for_bit(kind, mode):
         together += over.all()
     assert ended.min() >= 1, "every environment went through an autoreset"
     assert together == 0, "some were reset while others went on"
-
-
-def test_infos_of_an_environment_do_not_depend_on_the_batch_size_or_threads(kind):
-    small, large = (
-        kind.make_batch(n, threads=threads, fixed_options=kind.options)
-        for n, threads in ((1, 1), (N, 2))
-    )
-    small.reset(seed=4)
-    large.reset(seed=0)
-    for action in actions(large, 16):
-        a, b = small.step(action[4:]), large.step(action)
-        assert np.array_equal(a[0][0], b[0][4])
-        assert a[1][0] == b[1][4]
 
 
 def test_disabled_autoreset_wants_a_reset_mask(kind):
@@ -151,20 +136,6 @@ def test_the_unit_of_the_reward_does_not_depend_on_who_asked_for_it(kind, env, m
     assert same(getattr(again, "__dict__", again), getattr(value, "__dict__", value))
 
 
-def test_gymnasium_vector_wrappers_work(kind):
-    env = kind.make_vec(2, fixed_options=kind.options)
-    env = gym.wrappers.vector.RescaleAction(env, -1, 1)
-    env = gym.wrappers.vector.RecordEpisodeStatistics(env)
-    env.reset(seed=0)
-    for _ in range(80):
-        _, _, terminated, truncated, infos = env.step(-np.ones((2, 14), dtype=np.float32))
-        if (terminated | truncated).any():
-            break
-    assert infos["episode"]["l"].max() > 5
-    undithered = EXPERIMENTS[kind.name].undithered_return
-    assert infos["episode"]["r"].min() == pytest.approx(undithered, abs=0.2)
-
-
 # ---- tiles ---------------------------------------------------------------------------------------
 
 
@@ -209,20 +180,6 @@ def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
         env.reset(options=[None] * (N - 1) + [{"nonsense": 1}])
     for action in good:
         assert same(list(env.step(action)), list(other.step(action)))
-
-
-def test_a_frame_is_of_its_own_environment(monkeypatch):
-    envs = [tiled(monkeypatch, SJE, k, N, render_mode="rgb_array") for k in (N, 2)]
-    frames = []
-    for env in envs:
-        env.reset(seed=1, options=[{**QUICK, "joint": 1 + i, "load": "load"} for i in range(N)])
-        frames.append(env.render())
-        env.close()
-    assert len(frames[0]) == len(frames[1]) == N
-    # a renderer rounds some pixels by what it drew before
-    far = [[np.mean(np.abs(x.astype(int) - y) > 4) for x in frames[0]] for y in frames[1]]
-    assert np.array(far).argmin(axis=1).tolist() == list(range(N))
-    assert np.diag(far).max() < 1e-3 < 0.1 < np.sort(far, axis=1)[:, 1].min()
 
 
 def test_a_tile_has_its_arms_for_every_thread():

@@ -8,8 +8,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job, load_protocol
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import Plant
@@ -73,9 +71,8 @@ def reference(asymmetric: bool) -> np.ndarray:
 
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize(
-    "rows", [[0], [63], [9, 3, 40, 41, 8, 2, 60], list(range(64))[::-1]], ids=["1", "1'", "7", "64"]
+    ("rows", "threads"), [([63], 1), ([9, 3, 40, 41, 8, 2, 60], 2)], ids=["one", "seven"]
 )
 def test_same_bits_in_any_batch(rows, threads, asymmetric):
     """Batch size, position in the batch and threads change nothing, bit for bit."""
@@ -84,7 +81,7 @@ def test_same_bits_in_any_batch(rows, threads, asymmetric):
 
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("blocks", [[20] * 6 + [10], [1] * K, [7, 100, 23], [K]])
+@pytest.mark.parametrize("blocks", [[1] * K, [7, 100, 23]])
 def test_same_bits_in_any_blocks(blocks, asymmetric):
     """run(130) is 20 at a time, one at a time, anything."""
     rows = [4, 50, 7]
@@ -166,31 +163,3 @@ def test_one_joint_report_is_the_column_of_all():
     out = started(q, p, 2).run(torque, joint=joint)
     expected = reference(False)[np.arange(MANY), :, joint]
     np.testing.assert_array_equal(out, expected)
-
-
-QUICK = load_protocol("panda").replace(ramp_rate=0.5)
-JOBS = [
-    Job(Configuration(joint, load, direction), frequency, amplitude)
-    for joint in (5, 6, 7)
-    for load in ("load", "no_load")
-    for direction in ("+", "-")
-    for frequency, amplitude in ((0.0, 0.0), (15.0, 0.2), (50.0, 0.4))
-]
-
-
-@cache
-def alone() -> dict[Job, bytes]:
-    bench = SingleJointExperiment("panda", protocol=QUICK, threads=1)
-    return {
-        job: next(iter(bench.run([job], iterations=2))).tau.tobytes()
-        for job in (JOBS[0], JOBS[10], JOBS[29])
-    }
-
-
-@pytest.mark.parametrize(("simulations", "threads"), [(1, 1), (7, 2), (64, 1), (64, 2)])
-def test_experiment_has_the_same_bits_in_any_batch(simulations, threads):
-    """A job gives the same torques alone, with 7 or 64, first or last, on 1 or 2 threads."""
-    bench = SingleJointExperiment("panda", protocol=QUICK, threads=threads)
-    jobs = [j for j in JOBS if j in alone()] if simulations == 1 else JOBS[::-1]
-    found = {m.job: m.tau.tobytes() for m in bench.run(jobs, iterations=2, simulations=simulations)}
-    assert {job: found[job] for job in alone()} == alone()

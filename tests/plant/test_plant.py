@@ -209,24 +209,6 @@ def test_warm_up_lowers_friction_over_time():
         assert plant.stiction[0, 0] == pytest.approx(0.6 * (1 + 0.5 * np.exp(-last / 0.4)))
 
 
-def test_cold_joint_holds_what_a_warm_one_does_not():
-    """1.13 F_s: over the stiction of the warm joint, 84 % of that of the cold one at 3 s.
-
-    The load trembles a little: where v is exactly 0, LuGre's bristle takes no notice of a level
-    that sinks below its load.
-    """
-    torque = np.zeros((1, 24_000, 2))
-    t = np.arange(24_000) * DT
-    torque[0, :, 0] = 0.68 * np.clip(t / 2, 0, 1) + 0.002 * np.sin(2 * np.pi * t)
-    q = {}
-    for w in (0.0, 0.5):
-        plant = Plant(sticking(warm_up_friction=w, warm_up_time=8.0), 1, threads=1)
-        q[w] = plant.run(torque)[0, :, 0]
-    assert q[0.0][3000] > 0.01
-    assert q[0.5][3000] < 0.005
-    assert q[0.5][-1] > 0.01
-
-
 def test_viscous_friction_warms_up_too():
     """Terminal speed under one torque rises as σ2 falls."""
     model = sticking(viscous=1.0, warm_up_viscous=2.0, warm_up_time=2.0)
@@ -241,8 +223,7 @@ def test_viscous_friction_warms_up_too():
     assert early == pytest.approx(3.0 / sigma2, rel=0.05)
 
 
-@pytest.mark.parametrize("q0", [-0.31, 0.0, 0.05, 0.4])
-@pytest.mark.parametrize("phase", [0.0, 1.0])
+@pytest.mark.parametrize(("q0", "phase"), [(-0.31, 1.0), (0.05, 0.0)])
 def test_ripple_is_a_sine_of_the_angle(q0, phase):
     """The motor feels A sin(Nq + φ); seen as the acceleration of a joint without friction."""
     model = sticking(stiction=1e-6, ripple_amplitude=0.2, ripple_periods=20.0, ripple_phase=phase)
@@ -273,16 +254,6 @@ def test_scaled_friction():
     np.testing.assert_allclose(plant.stiction[1], 1.4 * before[1], rtol=1e-14)
 
 
-def test_positions_are_copies():
-    plant = Plant(panda(), 1)
-    q, motor = plant.position, plant.motor_position
-    kept = q.copy(), motor.copy()
-    plant.run(np.full((1, 50, 7), 5.0))
-    np.testing.assert_array_equal(q, kept[0])
-    np.testing.assert_array_equal(motor, kept[1])
-    assert np.abs(plant.position - q).max() > 1e-4
-
-
 def test_stiction_is_that_of_the_present_pose():
     """Right after a reset, before any step."""
     plant = posed()
@@ -294,6 +265,8 @@ def test_stiction_is_that_of_the_present_pose():
 def test_errors(tmp_path, monkeypatch):
     with pytest.raises(StictionError, match="number of simulations 0"):
         Plant(panda(), 0)
+    with pytest.raises(StictionError, match="elastic"):
+        Plant(panda(), 1, parameters=load_friction("panda").rigid())
     plant = Plant(panda(), 2)
     for bad in (3.0, np.nan, -np.inf):
         q = np.tile(panda().arm.rest, (2, 1))
@@ -343,11 +316,6 @@ def test_slow_updates_are_fast_enough(monkeypatch):
     usual = first_torques(jobs, ramp_rate=0.2)
     monkeypatch.setattr(plant_module, "SLOW_STEPS", 1)
     np.testing.assert_allclose(usual, first_torques(jobs, ramp_rate=0.2), rtol=2e-3)
-
-
-def test_friction_of_other_arms_is_refused():
-    with pytest.raises(StictionError, match="elastic"):
-        Plant(panda(), 1, parameters=load_friction("panda").rigid())
 
 
 def test_physics_is_stepped_in_the_plant_only():
@@ -406,12 +374,3 @@ def test_an_unstable_one_ends_in_nan(tmp_path, monkeypatch):
     assert np.isfinite(found[0, :first]).all()
     # at h c/J < 2 it holds: the boundary is where theory has it
     assert np.isfinite(steered(np.array([-1.9 * inertia / 1e-3, -0.2]))).all()
-
-
-def test_one_that_is_too_fast_has_ended():
-    """Before the engine says so: speeds that are no joint's."""
-    early, late = (
-        int(np.isfinite(steered(np.array([0.5, 0.0]), 2000, fastest=v)[0]).sum())
-        for v in (2.0, 50.0)
-    )
-    assert 0 < early < late
