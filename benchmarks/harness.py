@@ -40,10 +40,8 @@ MEASURED = ROOT.parent / "shared" / "measured"
 """Logs of real robots, which are not part of the project."""
 KINDS = (".py", ".toml", ".xml", ".csv", ".json")
 """Files that decide a result."""
-ALWAYS = ("mujoco", "numpy", "scipy")
+PACKAGES = ("mujoco", "numpy", "scipy", "numba", "pin")
 """Packages whose versions decide a result."""
-PACKAGES = ("numba", "pin")
-"""Packages that also decide episodes and diagnoses."""
 EPISODES = (
     *(f"stiction_envs/{place}" for place in (*MADE_BY, "envs")),
     *("!stiction_envs/envs/render", "!stiction_envs/experiments/*/plots.py"),
@@ -71,8 +69,6 @@ class Benchmark:
     """Its ``__doc__``; the first line is the description of its command."""
     made_by: Sequence[str] = ()
     """Files, folders and patterns whose code decides its rows: see `code_digest`."""
-    packages: Sequence[str] = PACKAGES
-    """Packages, besides `ALWAYS`, whose versions decide its rows."""
 
     @property
     def folder(self) -> Path:
@@ -104,7 +100,7 @@ class Benchmark:
     def rows(self, options: argparse.Namespace, name: str = "") -> Rows:
         """Return the rows that are kept in ``--work``."""
         path = options.work / f"{name or self.name}.jsonl"
-        return Rows(path, code_digest(self.made_by, self.packages) if self.made_by else "")
+        return Rows(path, code_digest(self.made_by) if self.made_by else "")
 
     def write_page(self, options: argparse.Namespace, text: str = "", **values: Any) -> str:
         """Write a text as the page, or else ``NAME.md.j2`` with its values; print and return it."""
@@ -208,19 +204,18 @@ def _timed(measure: Callable[[Job], Row], job: Job) -> Row:
 # ---- which code ----------------------------------------------------------------------------------
 
 
-def code_digest(places: Sequence[str], packages: Sequence[str] = ()) -> str:
-    """Return a hash of files and of the versions of packages.
+def code_digest(places: Sequence[str]) -> str:
+    """Return a hash of files and of the versions of `PACKAGES`.
 
     Args:
         places: files, folders or patterns, from the top level of the project; a pattern that is
             written after ``!`` takes files out again.
-        packages: besides `ALWAYS`.
 
     Raises:
         ValueError: a place where no file is.
     """
     out = hashlib.sha256()
-    for name in (*ALWAYS, *packages):
+    for name in PACKAGES:
         out.update(f"{name} {metadata.version(name)};".encode())
     for path in files_of(places):
         out.update(path.relative_to(ROOT).as_posix().encode() + b"\0" + path.read_bytes())

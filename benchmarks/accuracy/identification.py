@@ -181,8 +181,7 @@ def _motions(motions: dict[str, Any]) -> str:
         [
             name,
             f"{m.condition:.1f} ({m.condition_si:.0f})",
-            f"{np.median(m.random_condition):.0f}",
-            f"{m.random_condition.min():.0f}",
+            *(f"{f(m.random_condition):.0f}" for f in (np.median, np.min)),
             ", ".join(f"{100 * v:.0f} %" for v in m.used.values()),
             f"{100 * m.clearance:.0f} cm",
             f"{took:.0f} s",
@@ -198,19 +197,16 @@ def _recordings(rows: dict[str, list[Row]]) -> str:
     header += ["true values in 95 % intervals", "hardly excited"]
     cells = []
     for name, runs in rows.items():
-
-        def mean(key: str, runs: list[Row] = runs) -> float:
-            return float(np.mean([r[key] for r in runs]))
-
+        mean = {k: float(np.mean([r[k] for r in runs])) for k in runs[0] if k != "wrong"}
         wrong = [np.mean([r["wrong"][k] for r in runs]) for k in METHODS]
         cells.append(
             [
-                *(name, f"{mean('condition'):.3g}"),
+                *(name, f"{mean['condition']:.3g}"),
                 *(f"{x:.3g} N·m" for x in wrong),
-                f"{mean('impossible'):.1f} / {np.mean([not r['exist'] for r in runs]):.0f} of 7",
-                f"{mean('negative'):.1f} / {mean('ours'):.0f}",
-                f"{100 * mean('inside'):.0f} %",
-                f"{mean('unsure'):.0f} of 64",
+                f"{mean['impossible']:.1f} / {1 - mean['exist']:.0f} of 7",
+                f"{mean['negative']:.1f} / {mean['ours']:.0f}",
+                f"{100 * mean['inside']:.0f} %",
+                f"{mean['unsure']:.0f} of 64",
             ]
         )
     return table_text(header, cells)

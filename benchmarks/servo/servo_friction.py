@@ -170,16 +170,10 @@ def draw(shown: Mapping[str, Array], path: Path) -> None:
     ):
         y = 1e3 * shown[name][inside]
         axes.plot(t[inside] - first, y, color=colour, lw=width)
-        axes.annotate(
-            text,
-            (0.99 * (last - first), y[-1]),
-            xytext=(0, 5 if above else -5),
-            textcoords="offset points",
-            ha="right",
-            va="bottom" if above else "top",
-            color=colour,
-            fontsize=11,
-        )
+        style: dict[str, Any] = {"ha": "right", "va": "bottom" if above else "top"}
+        style |= {"xytext": (0, 5 if above else -5), "textcoords": "offset points"}
+        at = (0.99 * (last - first), y[-1])
+        axes.annotate(text, at, color=colour, fontsize=11, **style)
     axes.axhline(0.0, color="0.5", lw=0.8, ls=(0, (4, 3)))
     axes.annotate(
         "command", (0.0, 0.0), xytext=(2, -3), textcoords="offset points", va="top", color="0.4"

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
-from benchmarks.thesis.line_fit import Line, lines_of
 from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
 from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.sticking import sticking_model
@@ -145,6 +144,56 @@ def raw_friction(log: JointLog, arm: Arm, every: int = 1) -> tuple[Array, Array]
     at = np.arange(2, len(log.t) - 2, every)
     rigid = inverse_dynamics(arm.pinocchio(), log.q[at], log.dq[at], ddq[at])
     return log.dq[at], log.tau[at] - rigid
+
+
+@dataclass(frozen=True, kw_only=True)
+class Line:
+    """One joint in one direction."""
+
+    joint: int
+    """From 1."""
+    direction: str
+    """+ or -."""
+    intercept: float
+    """b [N·m]."""
+    slope: float
+    """m [N·m·s/rad]."""
+    r2: float
+    """Coefficient of determination [-]."""
+
+
+def line(speed: Array, torque: Array) -> tuple[float, float, float]:
+    """Return (m, b, R²) of equation 3.1 for N samples.
+
+        m = (N Σ(q̇ τ_f) − Σq̇ Στ_f) / (N Σq̇² − (Σq̇)²)
+        b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
+
+    Args:
+        speed: (N,) [rad/s].
+        torque: (N,) friction torque [N·m].
+    """
+    n = len(speed)
+    below = n * float(speed @ speed) - float(speed.sum()) ** 2
+    m = (n * float(speed @ torque) - float(speed.sum() * torque.sum())) / below
+    b = float(torque.sum() * (speed @ speed) - speed.sum() * (speed @ torque)) / below
+    left = torque - m * speed - b
+    about = torque - torque.mean()
+    return m, b, 1.0 - float(left @ left) / float(about @ about)
+
+
+def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
+    """Return the lines of equation 3.1, of every joint + before −.
+
+    Args:
+        speed: (K, n) [rad/s].
+        torque: (K, n) friction torque [N·m].
+    """
+    out = []
+    for j in range(speed.shape[1]):
+        for name, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0)):
+            m, b, r2 = line(speed[rows, j], torque[rows, j])
+            out.append(Line(joint=j + 1, direction=name, intercept=b, slope=m, r2=r2))
+    return tuple(out)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

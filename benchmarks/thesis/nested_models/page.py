@@ -35,8 +35,6 @@ Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).with_name("gap.md.j2")
 IIWA = Path(__file__).with_name("iiwa.png")
 """Simulated once: the phase between dither and controller."""
-CLOSE = 2.0
-"""Theory and simulation agree when they differ by less [points of the base torque]; assumed."""
 CAUSES = {
     "inertia": "rotor inertia",
     "presliding": "presliding and Stribeck effect",
@@ -105,9 +103,6 @@ def page(s: ModelScores) -> str:
         f"{percent(100 * c.change)} measured, {percent(100 * s.predicted[ARM][i])} predicted",
         overview=_overview(s),
         causes=_causes(s),
-        averaging=averaging(s),
-        close=CLOSE,
-        creep=_creep(s),
         joints=_joints(s),
         identified=(sum(p.verdict == "yes" for p in parameters), len(parameters)),
         same_loss=SAME_LOSS,
@@ -115,7 +110,6 @@ def page(s: ModelScores) -> str:
         identification=_identification(s),
         ramp_rates=_ramp_rates(s),
         preferred=preferred(s.models["elasto-plastic"], s.models["drift"]),
-        left=_left(s),
     )
 
 
@@ -185,46 +179,7 @@ def _joints(s: ModelScores) -> str:
     return table_text(header, rows)
 
 
-def _theory(s: ModelScores, key: str, kind: str, *, bias: bool) -> Array:
-    """Return (cells,) what a theory predicts with the parameters of a model [% of base]."""
-    theories = {j: s.theory(j, key) for j in JOINTS}
-    changes = [
-        theories[c.row.joint].change(
-            kind, c.configuration, c.row.frequency_hz, c.row.amplitude_nm, bias=bias
-        )
-        for c in s.cells
-    ]
-    return 100 * np.array(changes, dtype=float)
-
-
-def averaging(s: ModelScores) -> int:
-    """Return how many cells of the model without bristles averaging theory bears out."""
-    free, sliding = (_theory(s, "inertia", k, bias=False) for k in ("free", "sliding"))
-    simulated = 100 * s.predicted["inertia"]
-    low, high = np.minimum(free, sliding) - CLOSE, np.maximum(free, sliding) + CLOSE
-    return int(((low <= simulated) & (simulated <= high)).sum())
-
-
-def _creep(s: ModelScores) -> dict[str, float]:
-    """Compare averaged bristles with the simulation and with the robot."""
-    theory = _theory(s, "offset", "creep", bias=True)
-    joints = {j: s.theory(j, "offset") for j in JOINTS}
-    sticks = [
-        joints[c.row.joint].sticks(c.row.frequency_hz, c.row.amplitude_nm, c.configuration.index[1])
-        for c in s.cells
-    ]
-    stuck = s.sound & np.array(sticks)
-    held = s.held_out & stuck
-    return {
-        "gap": float(np.median(np.abs(theory - 100 * s.predicted["offset"])[stuck])),
-        "stuck": stuck.sum(),
-        "sound": s.sound.sum(),
-        "theory": float(np.abs(theory - 100 * s.measured)[held].mean()),
-        "simulation": float(s.scores["offset"].error[held].mean()),
-    }
-
-
-# ---- the fit, and what is left -------------------------------------------------------------------
+# ---- the fit -------------------------------------------------------------------------------------
 
 
 def _identification(s: ModelScores) -> str:
@@ -253,19 +208,3 @@ def _ramp_rates(s: ModelScores) -> str:
         rows.append([f"{r:g}", number(loss[r]), over, worse, mean])
     header = ["ramp rate [N·m/s]", "loss of the fit", "over the best"]
     return table_text([*header, "clearly worse than the best", "held-out mean error"], rows)
-
-
-def _left(s: ModelScores) -> str:
-    """Return of each joint's squared residual its share in all, and its parts."""
-    squares = np.array([s.squares(j) for j in JOINTS])
-    total = squares.sum() or 1.0
-    lines = {**{str(j): x for j, x in zip(JOINTS, squares, strict=True)}, "all": squares.sum(0)}
-    rows = [
-        [
-            name,
-            *(f"{number(100 * x, 0)} %" for x in (part.sum() / total, *part / (part.sum() or 1.0))),
-        ]
-        for name, part in lines.items()
-    ]
-    header = ["joint", "share of the squared residual", "constant per configuration"]
-    return table_text([*header, "common at one frequency", "neither"], rows)

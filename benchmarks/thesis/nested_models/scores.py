@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,8 +88,6 @@ class Identified(NamedTuple):
 class ModelScores:
     """Models and cells, ready to be asked."""
 
-    KEYS = ("nothing", "lookup", "band", *(k for k, *_ in PHYSICAL), "elasto-plastic", "arm", ARM)
-    """Of the models that the page is about; ramp rates apart."""
     CHAIN = ("band", *(key for key, *_ in PHYSICAL), ARM)
     """Statements one after the other, from the bare band to the whole arm."""
 
@@ -161,9 +159,9 @@ class ModelScores:
         mask = self.held_out & (self.joint == joint)
         return float(100 * np.abs(change - self.measured)[mask].mean())
 
-    def theory(self, joint: int, key: str = ARM) -> JointTheory:
-        """Return a joint with the parameters of a model."""
-        model = self.models[key]
+    def theory(self, joint: int) -> JointTheory:
+        """Return a joint with the parameters of the last model."""
+        model = self.models[ARM]
         parameters = {**model.fixed, **model.found[str(joint)][0]["parameters"]}
         return JointTheory(joint=joint, parameters=parameters)
 
@@ -194,29 +192,3 @@ class ModelScores:
         """Return each configuration's factor on its base, of the whole arm without drift."""
         fitted = [not c.held_out for c in self.cells]
         return drift_factors(self.cells, self.predicted["arm"], fitted)
-
-    # ---- what is left ----------------------------------------------------------------------------
-
-    def squares(self, joint: int) -> Array:
-        """Split the sum of squares of the held-out residual of a joint's last statement.
-
-        Returns:
-            Sums (3,) that are constant per configuration (its base moved), common to all
-            configurations at one frequency (the model's frequency response), and the rest
-            [% of base, squared].
-        """
-        mask = self.held_out & (self.joint == joint)
-        r = 100 * (self.predicted[ARM] - self.measured)[mask]
-        cells = [c for c, m in zip(self.cells, mask, strict=True) if m]
-        where = _group_means(r, [c.configuration for c in cells])
-        tone = _group_means(r - where, [c.row.frequency_hz for c in cells])
-        return np.array([(x**2).sum() for x in (where, tone, r - where - tone)])
-
-
-def _group_means(values: Array, groups: Sequence[Any]) -> Array:
-    """Return the mean of each value's group, (values,)."""
-    out = np.empty_like(values)
-    for g in set(groups):
-        mine = np.array([x == g for x in groups])
-        out[mine] = values[mine].mean()
-    return out

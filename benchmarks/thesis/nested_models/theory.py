@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models import averaging
 from benchmarks.thesis.nested_models.averaging import Array, Complex, Value
-from benchmarks.thesis.nested_models.fit import ROBOT, prior
+from benchmarks.thesis.nested_models.fit import ROBOT
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
@@ -42,16 +42,14 @@ class JointTheory:
 
     joint: int
     """From 1."""
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    """By name; what is not named is the prior's centre, a joint without stiffness rigid."""
+    parameters: Mapping[str, float]
+    """By name; a joint without stiffness is rigid."""
 
     def parameter(self, name: str) -> float:
         """Return a parameter, SI units; the stiffness of a rigid joint is inf."""
-        if name in self.parameters:
-            return float(self.parameters[name])
-        if name == "joint_stiffness":
-            return np.inf
-        return load_protocol(ROBOT).ramp_rate if name == "ramp_rate" else prior(name, self.joint)
+        if name == "ramp_rate" and name not in self.parameters:
+            return load_protocol(ROBOT).ramp_rate
+        return float(self.parameters.get(name, np.inf))
 
     @property
     def elastic(self) -> bool:
@@ -116,24 +114,19 @@ class JointTheory:
         where: Configuration,
         frequency: Value,
         amplitude: Value,
-        *,
-        bias: bool = True,
     ) -> Array:
         """Return the change of torque over |τ_base| that a theory predicts [-].
+
+        Friction is the half-difference of the base torques; what is left of them stays.
 
         Args:
             kind: of `THEORIES`.
             where: pose and direction.
             frequency: f [Hz].
             amplitude: A [N·m].
-            bias: whether friction is the half-difference of the base torques, and what is left of
-                them stays; else each direction's base torque, mean of both poses, is friction.
         """
         j, pose, d = where.index
-        table = np.abs(thesis_base(ROBOT).tau[j, :, d])
-        base, level = float(table[pose]), self.friction(pose)
-        if not bias:
-            base = level = float(table.mean())
+        base, level = float(abs(thesis_base(ROBOT).tau[j, pose, d])), self.friction(pose)
         rate, threshold = self.parameter("ramp_rate"), load_protocol(ROBOT).threshold
         peak, drop = level, 0.0
         inertia = self.parameter("rotor_inertia") + self.link(pose)

@@ -12,7 +12,7 @@ import pytest
 from benchmarks.thesis.nested_models.cells import JOINTS, cells, repeat_floor, score
 from benchmarks.thesis.nested_models.fit import JointFit, with_drift
 from benchmarks.thesis.nested_models.models import NestedModels, lookup, nothing, preferred
-from benchmarks.thesis.nested_models.page import averaging, page
+from benchmarks.thesis.nested_models.page import page
 from benchmarks.thesis.nested_models.scores import ModelScores
 from benchmarks.thesis.nested_models.theory import THEORIES, JointTheory
 from stiction_envs.experiments.sje.protocol import Configuration
@@ -102,7 +102,7 @@ def test_drift_is_estimated_from_the_fitted_table_only(all_cells):
 
 
 def test_shipped_models_are_of_these_data_and_settings():
-    assert set(ModelScores.KEYS) <= set(NestedModels(SHIPPED).models)
+    assert set(ModelScores.CHAIN) < set(NestedModels(SHIPPED).models)
     assert NestedModels(SHIPPED, seeds=[0]).models == {}
 
 
@@ -111,7 +111,6 @@ def test_shipped_models_are_of_these_data_and_settings():
 
 def test_shipped_page_is_what_the_shipped_models_give(shipped):
     assert page(shipped).rstrip() == (SHIPPED / "gap.md").read_text("utf-8").rstrip()
-    assert averaging(shipped) == 307
 
 
 # ---- scores --------------------------------------------------------------------------------------
@@ -190,23 +189,6 @@ def test_identification_marks(models, all_cells):
     assert "| 0.240 [0.240, 0.252] † |" in table
     assert "| 1500 [1500, 9000] ‡ |" in table
     assert "| 5 of 6 |" in table
-
-
-def test_parts_of_the_residual(models, all_cells, measured):
-    """A base that is off is constant per configuration; an error at one frequency is not."""
-    held = [c.held_out for c in all_cells]
-    shift = np.array([0.1 if c.row.direction == "+" else -0.05 for c in all_cells])
-    noise = np.where(held, 0.05 * np.random.default_rng(0).normal(size=len(held)), 0.0)
-
-    def squares(change) -> np.ndarray:
-        s = changed(models, **{"arm + drift": change})
-        return np.array([s.squares(j) for j in JOINTS])
-
-    moved = squares(measured + shift)
-    np.testing.assert_allclose(moved / moved.sum(axis=1)[:, None], [[1, 0, 0]] * 7, atol=1e-9)
-    noisy = squares(measured + noise)
-    assert (noisy / noisy.sum(axis=1)[:, None])[:, 2].mean() > 0.5
-    assert not squares(measured).any()
 
 
 # ---- theory --------------------------------------------------------------------------------------

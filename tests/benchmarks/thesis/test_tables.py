@@ -10,8 +10,8 @@ import pytest
 from benchmarks.thesis import lsm
 from benchmarks.thesis.catalogue import chosen
 from benchmarks.thesis.items import Found, Numbers
-from benchmarks.thesis.line_fit import Line
 from benchmarks.thesis.lines import compare_curve
+from benchmarks.thesis.lsm import Line
 from benchmarks.thesis.paths import (
     compare_errors,
     compare_paths,
@@ -199,7 +199,7 @@ def fit(intercepts: float | None = None) -> lsm.LineFit:
     for r in thesis_table("A.1"):
         sign = 1 if r["direction"] == "+" else -1
         b = r["intercept_Nm"] if intercepts is None else sign * intercepts * bands[r["joint"] - 1]
-        values = {"slope": r["slope_Nms_per_rad"], "r2": r["r2"], "rows": 10}
+        values = {"slope": r["slope_Nms_per_rad"], "r2": r["r2"]}
         lines.append(Line(joint=r["joint"], direction=r["direction"], intercept=b, **values))
     speed = np.linspace(-1, 1, 100)[:, None].repeat(7, axis=1)
     torque = lsm.friction(speed, bands)
