@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import (
-    LOADS,
     Configuration,
     Measurement,
     configurations,
@@ -123,30 +121,3 @@ def verification(tuner: ThesisTuner, final: Final, rows: Sequence[DitheredRow], 
         bars.append((-0.2, [measured[c.joint, c.load, c.direction] for c in cs], theirs))
     title = "Torque to move each joint with the final dither, against none"
     _bars(cs, "change of torque [%]", title, bars, path)
-
-
-def iterations(tuner: ThesisTuner, final: Final) -> list[tuple[int, str, str, str]]:
-    """Draw every joint and pose as in the thesis's appendices, without and with the final dither.
-
-    Returns:
-        Joint, load and the two files, relative to the tuner's folder.
-    """
-    e = tuner.experiment
-    drawn = []
-    (tuner.out / "plots").mkdir(exist_ok=True)
-    for joint in range(1, e.n + 1):
-        for load in LOADS:
-            cs = [c for c in configurations(e.n, [joint]) if c.load == load]
-            files = []
-            for name, found in (("base", tuner.base), ("final", final)):
-                files.append(f"plots/joint{joint}_{load}_{name}.png")
-                if (tuner.out / files[-1]).exists():  # drawn before an interruption
-                    continue
-                plots.plot_sje(
-                    [found[c] for c in cs if found[c].traces],
-                    tuner.out / files[-1],
-                    robot=e.sticking.arm.name,
-                    protocol=e.protocol,
-                )
-            drawn.append((joint, load, files[0], files[1]))
-    return drawn

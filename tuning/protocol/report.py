@@ -141,7 +141,6 @@ def write_report(
         base=_base_table(tuner, table),
         measured=table is not None,
         verification=_verification(tuner, verified),
-        iterations=figures.iterations(tuner, verified["final"]),
     )
     return {
         "robot": robot,

@@ -15,12 +15,11 @@ from tuning.settings import ThesisSettings, tuning_settings
 Array = NDArray[np.float64]
 
 
-def frequencies_of(robot: str | None, settings: ThesisSettings | None = None) -> tuple[float, ...]:
+def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, ...]:
     """Return the frequencies [Hz] to try on a robot: its TOML's, else the settings'."""
-    s = settings or tuning_settings().thesis
     known = ARMS.get(str(robot))
     own = None if known is None else lookup(known.table, "tuning.frequencies_hz")
-    return s.frequencies_hz if own is None else tuple(own)
+    return settings.frequencies_hz if own is None else tuple(own)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from tuning.robot.candidates import Candidates, Readings
 from tuning.robot.posterior import Posterior, posterior_of
-from tuning.settings import RobotSettings, tuning_settings
+from tuning.settings import RobotSettings
 
 Array = NDArray[np.float64]
 
@@ -48,17 +48,13 @@ def expected_improvement(posterior: Posterior, best: int | None) -> Array:
 
 
 def next_settings(
-    candidates: Candidates,
-    readings: Readings,
-    count: int = 1,
-    settings: RobotSettings | None = None,
+    candidates: Candidates, readings: Readings, count: int, s: RobotSettings
 ) -> list[int]:
     """Return up to ``count`` settings to measure next, the most promising first.
 
     A setting that was measured in some configurations may be among them, for the others. The list
     is shorter, or empty, when every setting has been tried.
     """
-    s = settings or tuning_settings().robot
     chosen: list[int] = []
     while len(chosen) < count:
         free = open_settings(readings, candidates.eligible)
@@ -75,15 +71,12 @@ def next_settings(
     return chosen
 
 
-def chance_of_better(
-    posterior: Posterior, readings: Readings, settings: RobotSettings | None = None
-) -> float:
+def chance_of_better(posterior: Posterior, readings: Readings, s: RobotSettings) -> float:
     """Return the probability that any untried setting beats the best one by the tolerance [-].
 
     The probability is for all untried settings together, estimated from draws: 1 where none was
     fully measured, 0 where none is left. Stop when it is below 1 − ``confidence``.
     """
-    s = settings or tuning_settings().robot
     free = np.flatnonzero(open_settings(readings, posterior.eligible))
     best = best_measured(posterior, readings)
     if not len(free) or best is None:

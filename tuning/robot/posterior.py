@@ -23,7 +23,7 @@ from scipy.linalg import cho_factor, cho_solve
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
 from tuning.robot.candidates import Candidates, Readings
-from tuning.settings import RobotSettings, tuning_settings
+from tuning.settings import RobotSettings
 
 Array = NDArray[np.float64]
 CONFIGURATIONS = 4
@@ -104,17 +104,14 @@ class Posterior:
         return self.mean[best] - self.mean, np.sqrt(np.maximum(variance, 0.0))
 
 
-def posterior_of(
-    candidates: Candidates, readings: Readings, settings: RobotSettings | None = None
-) -> Posterior:
+def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -> Posterior:
     """Return the posterior after some readings; without any it is the simulation's prediction.
 
     Args:
         candidates: settings of a joint and their predictions.
         readings: what was measured; failed measurements are ignored here.
-        settings: numbers of the method; None for those of ``settings.toml``.
+        s: numbers of the method.
     """
-    s = settings or tuning_settings().robot
     at = readings.setting[readings.valid] * CONFIGURATIONS + readings.configuration[readings.valid]
     m, prior = candidates.predicted.ravel(), prior_covariance(candidates, s)
     mean, covariance = m, prior

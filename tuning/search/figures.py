@@ -1,4 +1,4 @@
-"""Plots of a search: landscape, front, history, comparison of tables."""
+"""Plots of a search: landscape, front, comparison of tables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from stiction_envs.reporting.png import save_full
 from tuning.search.bounds import Bounds
 from tuning.search.tracking import Table
-from tuning.search.trials import allowed, complete, front, score
+from tuning.search.trials import allowed, complete, front
 from tuning.search.verify import LEFT, Verified
 from tuning.study.record import Record
 
@@ -87,60 +87,6 @@ def landscape(
         axis.set(title=f"joint {j}", xlabel="frequency [Hz]", ylabel="amplitude [N·m]")
     figure.colorbar(image, ax=axes, label="reduction of the breakaway torque [%]", shrink=0.6)
     _legend(axes, bounds.n)
-    save_full(figure, path)
-
-
-def fronts(
-    records: Sequence[Record],
-    limits: Sequence[float],
-    verified: Verified,
-    path: Path,
-) -> None:
-    """Draw each joint's reduction against displacement: trials, re-measured tables, the limit."""
-    figure, axes = _joints(len(records))
-    for j, (axis, record) in enumerate(zip(axes, records, strict=False), 1):
-        tried = [t for t in complete(record.trials) if "left" in t.user_attrs]
-        axis.scatter(
-            [1e3 * t.user_attrs["displacement_rad"] for t in tried],
-            [100 * (1 - t.user_attrs["left"]) for t in tried],
-            c="0.6",
-            s=14,
-            label="tried",
-        )
-        if np.isfinite(limits[j - 1]):
-            axis.axvline(1e3 * limits[j - 1], color="0.3", ls="--", lw=1, label="limit")
-        for k, (name, joints) in enumerate(verified.breakaway.items()):
-            if j in joints:
-                found = joints[j]
-                _mark(axis, k, found.displacement, found.reduction, f"{name}, measured again")
-        axis.set(title=f"joint {j}", xlabel="displacement, rms [mrad]", ylabel="reduction [%]")
-        axis.grid(alpha=0.3)
-    _legend(axes, len(records))
-    save_full(figure, path)
-
-
-def history(records: Mapping[str, Sequence[Record]], path: Path) -> None:
-    """Draw the best allowed value against the number of trials, a line per study."""
-    figure = Figure(figsize=(5.5 * len(records), 3.8), layout="constrained")
-    axes = np.ravel(figure.subplots(1, len(records), squeeze=False))
-    labels = {"sje": "base torque left [%]", "gte": "error left, geometric mean [%]"}
-    for axis, (stage, group) in zip(axes, records.items(), strict=True):
-        for k, record in enumerate(group):
-            values = [score(t) if t.values and allowed(t) else np.inf for t in record.trials]
-            if stage == "gte":
-                values = list(np.exp(values))
-            so_far = 100.0 * np.minimum.accumulate(values)
-            name = f"joint {k + 1}" if len(group) > 1 else "whole table"
-            axis.step(
-                np.arange(1, len(so_far) + 1),
-                np.where(np.isfinite(so_far), so_far, np.nan),
-                where="post",
-                color=COLOURS[k % len(COLOURS)],
-                label=name,
-            )
-        axis.set(xlabel="trials", ylabel=labels[stage], title=stage.upper())
-        axis.grid(alpha=0.3)
-        axis.legend(frameon=False, fontsize=8)
     save_full(figure, path)
 
 

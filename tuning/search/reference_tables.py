@@ -1,21 +1,17 @@
-"""Tables to compare a search with: the thesis's, the protocol's, the best of its grid."""
+"""Tables to compare a search with: the thesis's and the protocol's."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from stiction_envs.dither.tables import HERE
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
-from stiction_envs.reporting.json_text import JsonRecord
 from tuning.protocol.rules import frequencies_of
 from tuning.search.bounds import Bounds, base_torques
 from tuning.settings import TuningSettings
-from tuning.study.record import LIMITS
 
 Table = tuple[AmplitudeRow, ...]
-THESIS, PROTOCOL, GRID = "Table 4.9", "make tune", "best grid point"
+THESIS, PROTOCOL = "Table 4.9", "make tune"
 
 
 def reference_tables(
@@ -39,37 +35,3 @@ def reference_tables(
             for j, base in enumerate(base_torques(experiment).tolist(), 1)
         )
     return out
-
-
-def grid_rows(
-    experiment: SingleJointExperiment, bounds: Bounds, settings: TuningSettings
-) -> tuple[AmplitudeRow, ...]:
-    """Return every setting of the thesis's grid, of all joints."""
-    robot = experiment.sticking.arm.registered_name
-    half = experiment.interface.controller_rate_hz / 2
-    return tuple(
-        AmplitudeRow(j, f, min(scale * base, bounds.largest(j, f)))
-        for j, base in enumerate(base_torques(experiment).tolist(), 1)
-        for f in frequencies_of(robot, settings.thesis)
-        for scale in settings.thesis.scales
-        if f < half and bounds.forbidden(j, f) <= 0
-    )
-
-
-def best_of_grid(n: int, rows: Sequence[AmplitudeRow], measured: Sequence[JsonRecord]) -> Table:
-    """Return the best allowed setting of every joint; no dither where none is allowed.
-
-    Args:
-        n: number of joints.
-        rows: settings.
-        measured: user attributes of the settings' trials.
-    """
-    out = []
-    for j in range(1, n + 1):
-        kept = [
-            (found["left"], k)
-            for k, (row, found) in enumerate(zip(rows, measured, strict=True))
-            if row.joint == j and found.get("left", 1.0) < 1.0 and max(found[LIMITS]) <= 0
-        ]
-        out.append(rows[min(kept)[1]] if kept else AmplitudeRow(j, 0.0, 0.0))
-    return tuple(out)

@@ -5,7 +5,6 @@ The text is in ``templates/search.md.j2``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -24,27 +23,24 @@ from tuning.search.stages import SEARCHED, Stages
 from tuning.search.tracking import Table
 from tuning.search.trials import allowed, complete
 from tuning.search.verify import LEFT, NOTHING, Verified
-from tuning.study.record import Record
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "search.md.j2"
-Records = Mapping[str, Sequence[Record]]
 COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
 
 
 def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict[str, object]:
     """Write verification.csv, comparison.csv, plots and report.md; return the summary."""
     objective, final = found.options.objective, found.final
-    searched = {k: group for k, group in found.records.items() if k != "grid"}
     chosen = list(found.tables)[-1]
     _write_verification(folder / "verification.csv", found, verified, chosen)
     _write_comparison(folder / "comparison.csv", verified)
-    _draw(found, searched, folder, verified)
+    _draw(found, folder, verified)
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     gains = _gains(found)
     summary: dict[str, object] = {
         "robot": found.sje.sticking.arm.name,
         "objective": objective,
-        "trials": {k: sum(len(r.trials) for r in group) for k, group in searched.items()},
+        "trials": {k: sum(len(r.trials) for r in group) for k, group in found.records.items()},
         "final": [{**asdict(r), "bounds_met": met.get(r.joint, [])} for r in final],
         "mean_reduction_percent": _mean_reduction(found, verified, chosen),
         "compensation": gains,
@@ -72,11 +68,9 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         rest_margin=f"{1e3 * found.search.rest_margin:g}",
         joints=_joint_table(found, verified),
         paths=_path_table(verified) if verified.tracking else "",
-        failed=sum(
-            t.values is None for group in searched.values() for r in group for t in r.trials
-        ),
+        failed=sum(t.values is None for g in found.records.values() for r in g for t in r.trials),
         shaken=sum(
-            not allowed(t) for g in searched.values() for r in g for t in complete(r.trials)
+            not allowed(t) for g in found.records.values() for r in g for t in complete(r.trials)
         ),
         landscape="sje" in found.records,
         pareto=found.options.pareto is not None,
@@ -156,20 +150,16 @@ def _treatment_table(found: Stages, verified: Verified) -> str:
     return table_text(header, rows) if rows else ""
 
 
-def _draw(found: Stages, searched: Records, folder: Path, verified: Verified) -> None:
+def _draw(found: Stages, folder: Path, verified: Verified) -> None:
     if "sje" in found.records:
         figures.landscape(
             found.bounds,
-            [*found.records["sje"], *found.records["grid"]],
+            found.records["sje"],
             {**found.tables, **found.others},
             folder / "landscape.png",
         )
-        figures.fronts(
-            found.records["sje"], list(found.limit["sje"]), verified, folder / "displacement.png"
-        )
-    figures.history(searched, folder / "history.png")
     if found.options.pareto is not None:
-        figures.pareto(searched, found.options.pareto, folder / "pareto.png")
+        figures.pareto(found.records, found.options.pareto, folder / "pareto.png")
     if verified.tracking:
         figures.tables(verified, folder / "comparison.png")
 

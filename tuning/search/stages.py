@@ -8,7 +8,7 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
@@ -25,7 +25,6 @@ from tuning.search.bounds import Bounds
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
 from tuning.search.options import Options
-from tuning.search.reference_tables import GRID, best_of_grid, grid_rows
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
 from tuning.search.verify import (
@@ -34,12 +33,11 @@ from tuning.search.verify import (
     Unseen,
     Verified,
     another_start,
-    measured_once,
     verify_breakaway,
     verify_tracking,
 )
 from tuning.settings import TuningSettings
-from tuning.study.record import Outcome, Parameters, Record, Search, Space
+from tuning.study.record import Parameters, Record, Search, Space
 from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import TuningRun
 from tuning.study.workers import Evaluate, fill
@@ -70,7 +68,7 @@ class Stages:
     settings: TuningSettings
     progress: Progress | None
     records: dict[str, list[Record]] = dataclasses.field(default_factory=dict)
-    """Studies per stage, ``sje`` and ``gte``; ``grid`` is the thesis's."""
+    """Studies per stage, ``sje`` and ``gte``."""
     tables: dict[str, Table] = dataclasses.field(default_factory=dict)
     """Tables of the finished stages."""
     compensation: Compensation | None = None
@@ -79,8 +77,6 @@ class Stages:
     """What was found on paths, by the name of its treatment, or ``search gte``."""
     chosen: str = ""
     """Name of the treatment that is the result of the search on paths."""
-    limit: dict[str, NDArray[np.float64]] = dataclasses.field(default_factory=dict)
-    """Largest displacement (n,) [rad] of ``sje``, vibration (2,) [m] of ``gte``."""
 
     def __post_init__(self) -> None:
         self.search, self.seed = self.settings.search, self.sje.seed
@@ -108,8 +104,6 @@ class Stages:
                 if len(self.options.searched) > 1:
                     self._write(folder / kind, self.treatments[name])
         write_trials(folder / "trials.csv", self.records)
-        if "search sje" in tables:
-            self.others[GRID] = self.grid()
         tracking = self.verify_paths() if self.treatments else {}
         if self.treatments:
             judged = self.ranking(Verified(breakaway={}, tracking=tracking))
@@ -209,22 +203,8 @@ class Stages:
             pareto=self.options.pareto,
             progress=report,
         )
-        self.limit["sje"] = out.displacement
         out.progress = None  # from here on trials are counted
         return out
-
-    def grid(self) -> Table:
-        """Return the best allowed setting of every joint on the thesis's grid."""
-        rows = grid_rows(self.sje, self.bounds, self.settings)
-
-        def measure(wanted: list[AmplitudeRow]) -> list[Outcome]:
-            found = self.objective.measure(wanted)
-            return [self.objective.outcome(r, found[r], -np.inf) for r in wanted]
-
-        record = self.run.record("grid", self.options.objectives)
-        self.records["grid"] = [record]
-        known = measured_once(record, rows, measure, self._progress("grid"))
-        return best_of_grid(self.sje.n, rows, known)
 
     def breakaway(self) -> Table:
         """Search every joint separately; return the best setting of each."""
@@ -276,7 +256,6 @@ class Stages:
             pareto=options.pareto,
             settings=self.settings.bounds,
         )
-        self.limit["gte"] = objective.vibration
         gentle = tuple(
             dataclasses.replace(r, amplitude_nm=s.gentle * r.amplitude_nm) for r in begin or ()
         )

@@ -65,8 +65,6 @@ class Tracking:
     """(P, F, G) the same for the orientation [rad]."""
     goals: Array
     """(P,) number of goals of each path."""
-    tracking: Array
-    """(P, F) root mean square error of the position along the path [m]."""
     vibration: Array
     """(P, F) root mean square vibration during the motion, rotation included [m]."""
     vibration_at_rest: Array
@@ -254,7 +252,7 @@ class TrackingObjective:
             for part in range(2)
         )
         values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
-        names = ("tracking", "vibration", "vibration_at_rest", "power", "torque_rate")
+        names = ("vibration", "vibration_at_rest", "power", "torque_rate")
         return [
             Tracking(
                 position=position[k],
@@ -332,7 +330,6 @@ def _left_at_goals(m: Measures, part: int, count: int) -> Array:
 def _numbers(m: Measures) -> list[float]:
     """Return the other quantities that `Tracking` holds of one case."""
     return [
-        float(np.sqrt((m.rms[:, :3] ** 2).sum(axis=1)).mean()),
         _rms(m.shaking),
         _rms(m.shaking_at_rest),
         float((m.dither_energy / m.duration).mean()),

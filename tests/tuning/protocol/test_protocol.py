@@ -199,8 +199,8 @@ def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_pa
 
 
 def test_frequencies_are_the_thesis_ones():
-    assert frequencies_of("panda") == (80.0, 50.0, 30.0, 15.0)
-    assert frequencies_of("iiwa7") == (200.0, 100.0, 50.0, 20.0)
+    assert frequencies_of("panda", tuning_settings().thesis) == (80.0, 50.0, 30.0, 15.0)
+    assert frequencies_of("iiwa7", tuning_settings().thesis) == (200.0, 100.0, 50.0, 20.0)
 
 
 def test_dither_of_commands_is_tuned_under_position_servos(tmp_path):

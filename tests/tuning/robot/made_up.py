@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from tuning.robot import next_setting, posterior
 from tuning.robot.candidates import Candidates, Readings
+from tuning.robot.posterior import Posterior
+from tuning.settings import tuning_settings
+
+S = tuning_settings().robot
 
 
 def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candidates:
@@ -26,3 +31,15 @@ def read(truth: np.ndarray, settings: list[int]) -> Readings:
 
 
 NOTHING = Readings.of([])
+
+
+def posterior_of(candidates: Candidates, readings: Readings) -> Posterior:
+    return posterior.posterior_of(candidates, readings, S)
+
+
+def next_settings(candidates: Candidates, readings: Readings, count: int = 1) -> list[int]:
+    return next_setting.next_settings(candidates, readings, count, S)
+
+
+def may_stop(found: Posterior, readings: Readings) -> bool:
+    return next_setting.chance_of_better(found, readings, S) < 1.0 - S.confidence

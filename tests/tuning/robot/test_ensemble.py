@@ -9,12 +9,15 @@ import numpy as np
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
-from tests.tuning.robot.made_up import NOTHING, joint, read
+from tests.tuning.robot.made_up import (
+    NOTHING,
+    S,
+    joint,
+    posterior_of,
+    read,
+)
 from tuning.robot.ensemble import plausible
-from tuning.robot.posterior import posterior_of
-from tuning.settings import tuning_settings
 
-S = tuning_settings().robot
 FLAT = np.full(4, 0.8)
 LOW_FIRST, LOW_LAST = np.array([0.5, 0.7, 0.9, 1.1]), np.array([1.1, 0.9, 0.7, 0.5])
 

@@ -8,29 +8,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
-from tests.tuning.robot.made_up import NOTHING, joint, read
+from tests.tuning.robot.made_up import (
+    NOTHING,
+    S,
+    joint,
+    may_stop,
+    next_settings,
+    posterior_of,
+    read,
+)
 from tuning.robot.candidates import Candidates, Readings
 from tuning.robot.next_setting import (
     best_measured,
     chance_of_better,
     expected_improvement,
-    next_settings,
 )
-from tuning.robot.posterior import Posterior, discrepancy_kernel, posterior_of
+from tuning.robot.posterior import Posterior, discrepancy_kernel
 from tuning.robot.prediction import grid
 from tuning.search.bounds import Bounds
-from tuning.settings import tuning_settings
 
-S = tuning_settings().robot
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
 
 def repeated(values: np.ndarray) -> np.ndarray:
     return np.repeat(values[:, None], 4, axis=1)
-
-
-def may_stop(posterior: Posterior, readings: Readings) -> bool:
-    return chance_of_better(posterior, readings) < 1.0 - S.confidence
 
 
 def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
@@ -95,7 +96,7 @@ def test_chance_of_better_by_hand():
     covariance = np.diag([0.0, 0.031**2])
     posterior = made(np.full(2, 0.9), covariance)
     readings = read(repeated(np.full(2, 0.9)), [0])
-    assert chance_of_better(posterior, readings) == pytest.approx(0.1587, abs=0.02)
+    assert chance_of_better(posterior, readings, S) == pytest.approx(0.1587, abs=0.02)
     assert not may_stop(posterior, readings)
     sure = dataclasses.replace(posterior, mean=np.array([0.9, 0.97]))
     assert may_stop(sure, readings)

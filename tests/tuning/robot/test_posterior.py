@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from tests.tuning.robot.made_up import NOTHING, joint, read
+from tests.tuning.robot.made_up import (
+    NOTHING,
+    S,
+    joint,
+    posterior_of,
+    read,
+)
 from tuning.robot.candidates import Readings
-from tuning.robot.posterior import discrepancy_kernel, posterior_of
-from tuning.settings import tuning_settings
+from tuning.robot.posterior import discrepancy_kernel
 
-S = tuning_settings().robot
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
 
