@@ -184,7 +184,7 @@ def _rehearse(args: argparse.Namespace) -> dict[str, object]:
         StictionError: an option that a rehearsal does not take.
     """
     from stiction_envs.hidden.rehearsal.rehearse import plan
-    from stiction_envs.hidden.rehearsal.runs import RUNS
+    from stiction_envs.hidden.rehearsal.result import RUNS
 
     for option in ("check", "poses", "rrd"):
         if getattr(args, option):

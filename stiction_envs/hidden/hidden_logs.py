@@ -19,28 +19,20 @@ from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
-from stiction_envs.hidden.hidden_effects import (
-    EFFECTS,
-    FRICTION,
-    PRESLIDING_DISTANCE,
-    ROTOR,
-    Draw,
-    World,
-)
 from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
 from stiction_envs.hidden.imperfect_arms import (
-    scatter_links,
     scatter_set_up,
     with_exact_set_up,
+    with_scattered_links,
 )
+from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
+from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 IMPERFECT = 27
 """Number of the random stream of links and set-up, apart from that of all else."""
-STEP = 1e-3
-"""Of the simulation [s]; assumed."""
 STEPS_PER_ROW = 2
 """Steps per logged row: 500 Hz; assumed."""
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
@@ -139,19 +131,20 @@ def make_case(
             bare.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
         own = np.random.default_rng([*stream, IMPERFECT])
         if scatter:
-            scatter_links(bare, scatter, own)
+            bare.rigid = with_scattered_links(bare.rigid, scatter, own)
         if imperfect:
             scatter_set_up(bare, own)
     known = bool(bare.coulomb.any())
     world = copy.deepcopy(bare)
+    world.seconds = seconds
     worlds = [copy.deepcopy(world) for _ in causes]
     hidden = []
     for name, single in zip(causes, worlds, strict=True):
         large = rng.random() if size is None else size
         # the same draw, hidden with the others and by itself
         again = copy.deepcopy(rng)
-        hidden.append(_hide(world, name, joint, large, seconds, rng))
-        _hide(single, name, joint, large, seconds, again)
+        hidden.append(_hide(world, name, joint, large, rng))
+        _hide(single, name, joint, large, again)
     t = np.arange(0, seconds, STEP)
     wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
     q, tau, effect = _simulate(world, bare, t, wanted)
@@ -221,56 +214,19 @@ def _hide(
     name: str,
     joint: int | None,
     size: float,
-    seconds: float,
     rng: np.random.Generator,
 ) -> Hidden:
     """Hide one cause in a world; the truth."""
     effect = EFFECTS[name]
     number = joint or int(rng.choice(effect.joints))
     sign = float(rng.choice([-1.0, 1.0]))
-    draw = Draw(joint=number - 1, sign=sign, size=size, seconds=seconds, rng=rng)
-    values = effect.hide(world, draw)
+    draw = Draw(joint=number - 1, sign=sign, size=size, rng=rng)
+    values = effect.hide(world, number - 1, effect.draw(world, draw), rng)
     return Hidden(
-        name=effect.cause,
+        name=cause_of(name),
         joint=0 if effect.arm_wide else number,
         values={k: v if isinstance(v, list) else float(v) for k, v in values.items()},
     )
-
-
-def _build(w: World) -> mujoco.MjModel:
-    spec = w.rigid.spec()
-    for i, joint in enumerate(list(spec.joints)):
-        joint.armature = w.rotor[i] + w.armature[i]
-        joint.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-    spec.option.timestep = STEP
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    lean, towards = w.tilt
-    g = 9.81
-    spec.option.gravity = [
-        g * np.sin(lean) * np.cos(towards),
-        g * np.sin(lean) * np.sin(towards),
-        -g * np.cos(lean),
-    ]
-    for number, (more, shift) in w.links.items():
-        link = spec.body(f"link{number}")
-        # another density, moved within the link: a body that exists
-        link.fullinertia = np.array(link.fullinertia) * (1 + more / link.mass)
-        link.mass, link.ipos = link.mass + more, link.ipos + shift
-    for mass, com in (x for x in (w.payload, w.phantom) if x is not None):
-        site = next(s for s in spec.sites if s.name == "flange")
-        small = 0.4 * mass * 0.03**2
-        load = site.parent.add_body(pos=site.pos, quat=site.quat)
-        load.mass, load.ipos, load.inertia = mass, com, [small] * 3
-        load.explicitinertial = True
-    loose = w.soft or w.gap
-    if loose is not None:
-        joint = list(spec.joints)[loose[0]]
-        inner = joint.parent.add_joint(name="inner", axis=joint.axis, pos=joint.pos)
-        inner.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        if w.soft is not None:
-            inner.stiffness = [w.soft[1], 0, 0]
-            inner.damping = [2 * 0.1 * np.sqrt(w.soft[1] * 0.1), 0, 0]
-    return spec.compile()
 
 
 def _dynamics(m: mujoco.MjModel, d: mujoco.MjData, q: Array, v: Array, mass: Array) -> Array:
@@ -292,16 +248,16 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
         wanted: (T, 7) angles of the motion [rad].
     """
     true = dataclasses.replace(w, phantom=None)
-    model, plain = _build(true), _build(bare)
+    model, plain = true.model(), bare.model()
     # the robot's own controller knows that there is no such body
-    assumed = _build(dataclasses.replace(bare, phantom=w.phantom)) if w.phantom else None
+    assumed = dataclasses.replace(bare, phantom=w.phantom).model() if w.phantom else None
     assumed_data = mujoco.MjData(assumed or plain)
     # a controller adds the gravity of the makers' arm
-    makers = _build(World(phantom=w.phantom))
+    makers = World(phantom=w.phantom).model()
     makers_data = mujoco.MjData(makers)
     d, plain_data = mujoco.MjData(model), mujoco.MjData(plain)
     # what the gears carry: friction that grows with load feels a payload and a tilt too
-    heavy = _build(dataclasses.replace(bare, payload=w.payload, tilt=w.tilt, links=w.links))
+    heavy = dataclasses.replace(bare, payload=w.payload, tilt=w.tilt, links=w.links).model()
     heavy_data = mujoco.MjData(heavy)
     loose = (w.soft or w.gap or (None,))[0]
     outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
@@ -321,7 +277,6 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     stiff = np.stack([stiff, known_level / PRESLIDING_DISTANCE])
     plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / PRESLIDING_DISTANCE * np.maximum(w.rotor, 0.02))
     damping = np.stack([damping, plain_damping])
-    over_angle = bool(w.harmonics.any() or w.hump[:, 0].any())
     z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
     missing, still = np.zeros((len(t), 7)), np.zeros(7)
@@ -338,8 +293,7 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
         friction = w.viscous * v + w.more_viscous * v
         known = w.viscous * v
         if sticks:
-            level = coulomb + w.drift * t[k] + w.load * np.abs(load)
-            level = level + w.asymmetry * np.sign(v)
+            level = w.friction_level(v, t[k], load)
             top = np.maximum(level + w.stribeck, 1e-9)
             law = LuGre(
                 stiction=np.array([top, known_level]),
@@ -351,12 +305,7 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
             both = np.where(on, law.torque(z, v), 0.0)
             friction, known = friction + both[0], known + both[1]
             z = np.where(on, law.advance(z, v, STEP), 0.0)
-        extra = w.spring * (x - w.spring_rest)
-        if over_angle:
-            extra = extra + w.smooth_torque(x)
-        if w.ripple.any():
-            extra = extra + w.ripple * np.sin(w.periods * x + w.phase)
-        force[outer] = command - friction - extra
+        force[outer] = command - friction - w.torque_over_angle(x)
         if w.gap is not None and inside is not None:
             open_, rate = d.qpos[inside], d.qvel[inside]
             press = open_ - np.clip(open_, -w.gap[1] / 2, w.gap[1] / 2)
@@ -375,21 +324,12 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
             load = mass @ pull[k] + bias - w.rotor * pull[k]
     # what the controller asked for, as the log shows it
     tau = tau - w.gravity_missing * missing
-    logged, nominal = _read_out(w, t, tau), _read_out(bare, t, nominal)
+    logged, nominal = w.read_out(t, tau), bare.read_out(t, nominal)
     width = 50
     window = np.ones(width) / width
     off = np.stack([np.convolve(x, window, "valid") for x in (logged - nominal).T])
     effect = np.sqrt(np.mean(off[:, 500:-100] ** 2, axis=1))
     return q[::STEPS_PER_ROW], logged[::STEPS_PER_ROW], effect
-
-
-def _read_out(w: World, t: Array, tau: Array) -> Array:
-    """Return (T, 7) torques as the sensors show them, without noise [N·m]."""
-    out = tau.copy()
-    if w.delay:
-        for j in range(7):
-            out[:, j] = np.interp(t + w.delay, t, out[:, j])
-    return np.asarray(w.scale * out + w.offset)
 
 
 def _log(q: Array, tau: Array, t: Array, rng: np.random.Generator, name: str) -> JointLog:

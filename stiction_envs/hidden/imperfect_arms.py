@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden.hidden_effects import FRICTION, World
+from stiction_envs.hidden.torque_effects import FRICTION
+from stiction_envs.hidden.worlds import World
+from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     from_pseudo_inertia,
@@ -66,10 +68,9 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
     return from_pseudo_inertia(mass[:, None, None] * moved)
 
 
-def scatter_links(world: World, scatter: float, rng: np.random.Generator) -> None:
-    """Give a world's arm links that are all a little off: see `scattered`."""
-    phi = inertial_parameters(world.rigid.pinocchio())
-    world.rigid = with_inertias(world.rigid, scattered(phi, scatter, rng))
+def with_scattered_links(arm: Arm, scatter: float, rng: np.random.Generator) -> Arm:
+    """Return an arm with links that are all a little off: see `scattered`."""
+    return with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))
 
 
 def scatter_set_up(world: World, rng: np.random.Generator) -> None:

@@ -9,22 +9,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from stiction_envs.errors import unknown
 from stiction_envs.friction.model import link_inertia
-from stiction_envs.gap.causes.body.bodies import sphere, with_payload
-from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
-from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.hidden.imperfect_arms import scattered
+from stiction_envs.hidden.imperfect_arms import with_scattered_links
+from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
+from stiction_envs.hidden.servo_simulation import simulate, weightless
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
-from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import inertial_parameters
 
 Array = NDArray[np.float64]
 RATE_HZ = 50.0
@@ -39,29 +37,16 @@ SAG = 0.04
 """Usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed."""
 BANDWIDTH = 30.0
 """Least natural frequency of a servo with its link [rad/s]; assumed."""
-MOST_LOAD = 0.4
-"""Largest friction over load [-]: gears that carry back; assumed."""
 WEAKEST = 0.1
 """Least stiffness of a joint's servo over that of the strongest [-]; assumed."""
 LAG = 0.05
 """Damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed."""
-CAUSES = (
-    "servo_stiffness",
-    "damping",
-    "delay",
-    "armature",
-    "coulomb_friction",
-    "stribeck_friction",
-    "load_dependent_friction",
-    "torque_limit",
-    "speed_limit",
-    "encoder_offset",
-    "dead_zone",
-    "payload",
-)
+FRICTION = 0.015
+"""Dry friction that a cause refines, over the servo's stiffness [rad]; assumed."""
+TOOL = 0.25
+"""Largest gravity of a hidden payload over the arm's own [-], about; assumed."""
+CAUSES = (*(name for name, effect in EFFECTS.items() if effect.usual is not None), "payload")
 """Causes that can be hidden."""
-OF_GRAVITY = {"servo_stiffness", "load_dependent_friction", "encoder_offset"}
-"""Those that only joints under gravity show."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -120,41 +105,44 @@ def hide(
         if cause not in CAUSES:
             raise unknown("cause", cause, CAUSES)
     rng = np.random.default_rng([seed, 11])
-    n = arm.n
     t = np.arange(0.0, seconds, 1.0 / RATE_HZ)
     command = commands(arm, t, rng, start, only_slow=only_slow)
-    plain = ServoLog(source="plan", t=t, q=command.copy(), dq=None, q_cmd=command)
-    motions = joint_motions(arm, [plain])
-    gravity = np.array([float(np.abs(m.gravity).max()) for m in motions])
+    gravity = _largest_gravity(arm, command)
     inertia = link_inertia(arm, command[:1])[0]
     stiffness = np.maximum(gravity / SAG, BANDWIDTH**2 * inertia)
     stiffness = np.maximum(stiffness, WEAKEST * stiffness.max())
-    parameters = np.tile(absent(), (n, 1))
-    parameters[:, INDEX["stiffness"]] = stiffness
     damping = stiffness * LAG
-    parameters[:, INDEX["damping"]] = damping
+    parameters = np.tile(absent(), (arm.n, 1))
+    parameters[:, INDEX["stiffness"]], parameters[:, INDEX["damping"]] = stiffness, damping
+    speed = np.percentile(np.abs(np.diff(command, axis=0)) * RATE_HZ, 98, axis=0)
     heavy = np.flatnonzero(gravity > 0.2 * gravity.max())
     hidden = []
     tool: tuple[float, float, float, float] | None = None
     for cause in causes:
-        if cause == "payload":
+        effect = EFFECTS[cause]
+        if effect.usual is None:
             tool = _tool(arm, gravity)
             hidden.append((cause, 0))
             continue
-        j = int(rng.choice(heavy if cause in OF_GRAVITY else np.arange(n)))
-        _hide(parameters[j], cause, motions[j].gravity, command[:, j], t, inertia[j])
+        j = int(rng.choice(heavy if effect.under_gravity else np.arange(arm.n)))
+        joint = ServoJoint(
+            parameters=parameters[j],
+            friction=FRICTION * stiffness[j],
+            gravity=gravity[j],
+            torque=gravity[j] + stiffness[j] * 0.05,
+            speed=speed[j],
+            inertia=inertia[j],
+            above=0.0,
+        )
+        parameters[j] = effect.changed(joint, effect.usual(joint))
         hidden.append((cause, j + 1))
-    real = with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))
-    if tool is not None:
-        real = with_payload(real, sphere(tool[0], np.array(tool[1:])), LEAST_INERTIA)
-    load = np.array([float(np.abs(m.gravity).mean()) for m in motions])
-    angle = simulate_arm(real, [plain], parameters, load, threads=1)[0]
-    late = np.stack([np.interp(t + LATE, t, angle[:, j]) for j in range(n)], axis=1)
-    seen = np.round(late / ENCODER) * ENCODER
+    real = with_scattered_links(arm, scatter, rng)
+    angle = simulate(real, parameters, t, command, command[0], tool)
+    late = np.stack([np.interp(t + LATE, t, x) for x in angle.T], axis=1)
     log = ServoLog(
         source=f"hidden-{seed}.csv",
         t=t + np.clip(JITTER * rng.normal(size=len(t)), -3 * JITTER, 3 * JITTER),
-        q=seen,
+        q=np.round(late / ENCODER) * ENCODER,
         dq=None,
         q_cmd=command,
     )
@@ -163,16 +151,21 @@ def hide(
     )
 
 
-def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
-    """Return a body at the flange whose gravity is a quarter of the arm's own; assumed.
+def _largest_gravity(arm: Arm, q: Array) -> Array:
+    """Return the (n,) largest gravity along angles (T, n) [N·m]."""
+    model, data = weightless(arm)
+    out = np.zeros(arm.n)
+    for angle in q:
+        data.qpos[:] = angle
+        mujoco.mj_forward(model, data)
+        np.maximum(out, np.abs(data.qfrc_gravcomp), out=out)
+    return out
 
-    Args:
-        arm: without it.
-        gravity: (n,) largest gravity of each joint [N·m].
-    """
-    model = arm.model()
-    reach = float(np.linalg.norm(model.body_pos[1:], axis=1).sum())
-    return (0.25 * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
+
+def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
+    """Return mass [kg] and centre [m] of a body at the flange, given the arm's gravity (n,)."""
+    reach = float(np.linalg.norm(arm.model().body_pos[1:], axis=1).sum())
+    return (TOOL * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
 
 
 def commands(
@@ -195,47 +188,8 @@ def commands(
         level = rng.uniform(-1, 1, size=int(t[-1] / 2.0) + 2)
         held = level[(t / 2.0).astype(int)]
         part = slow if only_slow else np.choose(third, [slow, held, slow + fast])
-        # a command does not jump further than a quarter of a second of slow motion
-        out[:, j] = middle[j] + span[j] * _smooth(part, t)
+        # a command does not jump: it comes through a first-order low-pass of 0.15 s (assumed)
+        gain = 1.0 - np.exp(-(t[1] - t[0]) / 0.15)
+        smooth, _ = lfilter([gain], [1.0, gain - 1.0], part, zi=[(1.0 - gain) * part[0]])
+        out[:, j] = middle[j] + span[j] * smooth
     return out
-
-
-def _smooth(x: Array, t: Array) -> Array:
-    """Return x behind a first-order low-pass of 0.15 s (assumed)."""
-    gain = 1.0 - np.exp(-(t[1] - t[0]) / 0.15)
-    out = x.copy()
-    for k in range(1, len(x)):
-        out[k] = out[k - 1] + gain * (x[k] - out[k - 1])
-    return out
-
-
-def _hide(p: Array, cause: str, gravity: Array, command: Array, t: Array, inertia: float) -> None:
-    """Change a joint's (P,) parameters; sizes are of what robots have, assumed."""
-    stiffness = p[INDEX["stiffness"]]
-    level = 0.02 * stiffness
-    speed = float(np.percentile(np.abs(np.diff(command) / np.diff(t)), 98))
-    if cause == "servo_stiffness":
-        p[INDEX["stiffness"]] *= 0.6
-    elif cause == "damping":
-        p[INDEX["damping"]] *= 2.5
-    elif cause == "delay":
-        p[INDEX["delay"]] = 0.03
-    elif cause == "armature":
-        p[INDEX["armature"]] = 3.0 * inertia
-    elif cause == "coulomb_friction":
-        p[INDEX["stiction"]] = level
-    elif cause == "stribeck_friction":
-        p[INDEX["stiction"]], p[INDEX["drop"]] = 1.5 * level, 0.5
-        p[INDEX["stribeck_velocity"]] = 0.05
-    elif cause == "load_dependent_friction":
-        p[INDEX["stiction"]] = max(p[INDEX["stiction"]], 0.3 * level)
-        p[INDEX["load"]] = min(0.8 * level / float(np.abs(gravity).mean()), MOST_LOAD)
-    elif cause == "torque_limit":
-        needed = np.abs(gravity).max() + stiffness * 0.05
-        p[INDEX["torque_limit"]] = 1.02 * float(needed)
-    elif cause == "speed_limit":
-        p[INDEX["speed_limit"]] = 0.6 * speed
-    elif cause == "encoder_offset":
-        p[INDEX["offset"]] = 0.15
-    elif cause == "dead_zone":
-        p[INDEX["dead_zone"]] = 0.02

@@ -1,15 +1,23 @@
-"""What is hidden in which run of a rehearsal, and whether a run found it."""
+"""What is hidden in which run of a rehearsal, at which sizes, and whether a run found it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import Any, Protocol, TypedDict
+
+import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed
 
+Array = NDArray[np.float64]
 NOTHING = "nothing"
 """Key of the run in which nothing is hidden."""
+LARGE_NOISE, LARGE_SHARE = 25.0, 0.1
+"""What the largest size changes, over the noise, and over the joint's whole torque or motion,
+whichever is more; root mean squares [-]; assumed: nobody overlooks either. The smallest changes as
+much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 
 
 class Run(TypedDict):
@@ -67,6 +75,20 @@ class Job:
 
 NO_JOB = Job(what=Hideable(name=NOTHING, parameter="", unit="", what_to_record=""), joints=())
 """Nothing is hidden."""
+Reason = tuple[Hideable, int, str]
+"""A cause on a joint (from 1; 0: the arm) that is in no job, and why."""
+
+
+class Subject(Protocol):
+    """Logs in which causes can be hidden."""
+
+    def sizes(self, job: Job) -> tuple[Array, Array, Array]:
+        """Return three sizes (n,) of the cause of a job; 0 on joints where it changes nothing."""
+
+    def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
+        """Hide a cause of sizes (n,), diagnose the log, and return what is named."""
+
+
 FOUND, CONFUSED, MISSED = "found", "confused", "missed"
 
 
@@ -112,3 +134,18 @@ def judge(job: Job, row: int, run: Run) -> Judgement:
     elif alike is not None:
         verdict, why = FOUND, ""
     return Judgement(verdict=verdict, false=tuple(false), why=why)
+
+
+def measure(job: Job, subject: Subject, seed: int) -> list[Run]:
+    """Hide a cause at the sizes that are needed; the smallest effect first."""
+    if job.cause == NOTHING:
+        return [subject.run(job, np.zeros(0), seed, 1)]
+    sizes = subject.sizes(job)
+    if not sizes[1].any():
+        return []
+    runs = {1: subject.run(job, sizes[1], seed, 1)}
+    said = {judge(job, row, runs[1]).verdict for row in job.rows if str(row) in runs[1]["sizes"]}
+    for k, needed in ((0, said != {MISSED}), (2, said != {FOUND})):
+        if needed and not np.allclose(sizes[k], sizes[1]):  # unless all are the largest there is
+            runs[k] = subject.run(job, sizes[k], seed, k)
+    return [runs[k] for k in sorted(runs)]

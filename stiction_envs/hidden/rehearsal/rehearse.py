@@ -5,7 +5,7 @@
     r.save("runs/rehearsal")       # rehearsal.csv
 
 log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
-(`replayed_effects`) + noise -> diagnosis -> was it named, and nothing else?
+(`torque_effects`) + noise -> diagnosis -> was it named, and nothing else?
 
 Of servo logs (`servo`) the plant simulates the whole arm under its servos instead.
 
@@ -18,13 +18,17 @@ dry friction, as much as the log shows, which a rigid nominal model lacks: that 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Unpack
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes import Cause, cause_named, registered
+from stiction_envs.gap.causes import Cause, cause_named, register, registered
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.options import LogOptions
@@ -32,14 +36,13 @@ from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Hideable, Job
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Reason, Run, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
-from stiction_envs.hidden.rehearsal.runs import Subject, keep, measured, read_runs
 from stiction_envs.hidden.rehearsal.servo import subject_of
-from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS
-from stiction_envs.hidden.rehearsal.servo_effects import effect_of as servo_effect_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
+from stiction_envs.hidden.servo_effects import EFFECTS
+from stiction_envs.hidden.servo_effects import effect_of as servo_effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming
@@ -47,6 +50,7 @@ from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
+from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -61,8 +65,7 @@ class Plan:
     robot: str
     subject: Subject
     jobs: tuple[Job, ...]
-    reasons: tuple[tuple[Hideable, int, str], ...]
-    """Causes on joints (from 1; 0 for the arm) that are in no job, and why."""
+    reasons: tuple[Reason, ...]
     order: tuple[str, ...]
     """Names of causes, in the order of their rows."""
     seed: int
@@ -80,16 +83,18 @@ class Plan:
         Args:
             threads: as of `rehearse`.
             progress: as of `rehearse`.
-            kept: file in which finished runs are kept; what is there already is not done again.
+            kept: file in which finished jobs are kept; what is there already is not done again.
                 None keeps nothing.
         """
         say = progress or (lambda *_: None)
-        runs = read_runs(kept, {job.key for job in self.jobs})
+        runs: dict[str, list[Run]] = {}
+        if kept is not None and kept.exists():
+            runs = json.loads(kept.read_text("utf-8"))
         missing = [job for job in self.jobs if job.key not in runs]
-        for job, found in measured(missing, self.subject, self.seed, threads):
+        for job, found in _measured(missing, self.subject, self.seed, threads):
             runs[job.key] = found
             if kept is not None:
-                keep(kept, job.key, found)
+                write_json(kept, runs)
             say(f"hid {job.key} in the log", len(runs) / len(self.jobs))
         judged = [j for j in self.jobs if j.cause != NOTHING]
         rows = [row_of(job, row, runs[job.key]) for job in judged for row in job.rows]
@@ -102,6 +107,36 @@ class Plan:
             runs={job.key: runs[job.key] for job in self.jobs},
             provenance=self.provenance,
         )
+
+
+def _measured(
+    jobs: list[Job], subject: Subject, seed: int, threads: int
+) -> Iterator[tuple[Job, list[Run]]]:
+    """Yield the runs of each job when they are done, in processes of one thread each."""
+    processes = min(threads or os.cpu_count() or 1, len(jobs))
+    if processes < 2:
+        yield from ((job, measure(job, subject, seed)) for job in jobs)
+        return
+    pool = ProcessPoolExecutor(
+        processes, get_context("spawn"), initializer=_begin, initargs=(registered(),)
+    )
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
+    try:
+        waiting = {pool.submit(measure, job, subject, seed): job for job in jobs}
+        for one in as_completed(waiting):
+            yield waiting[one], one.result()
+    finally:
+        if before is None:
+            del os.environ["OPENBLAS_NUM_THREADS"]
+        pool.shutdown(cancel_futures=True)  # after an interruption none begins anything
+
+
+def _begin(causes: Sequence[Cause]) -> None:
+    """Prepare a process: causes of other packages are known there too."""
+    known = {c.name for c in registered()}
+    for cause in (c for c in causes if c.name not in known):
+        register(cause)
 
 
 def rehearse(
@@ -196,7 +231,7 @@ def plan(
 
 def _planned(
     own: DiagnosisResult, causes: Sequence[str] | None, settings: GapSettings
-) -> tuple[Subject, list[Job], list[tuple[Hideable, int, str]], tuple[str, ...]]:
+) -> tuple[Subject, list[Job], list[Reason], tuple[str, ...]]:
     """Return the logs of a diagnosis, the jobs, what is in none and why, and the rows' order."""
     if isinstance(own, ServoResult):
         servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts), settings)

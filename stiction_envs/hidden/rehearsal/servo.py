@@ -3,7 +3,7 @@
     subject = subject_of(own)                    # of the diagnosis of the user's own logs
     subject.run(job, sizes, seed, 1)             # with a cause in it: what is named?
 
-The plant simulates the arm under its servos, given the commands of the log. Angles get what the
+Stock MuJoCo simulates the arm under its servos, given the commands of the log. Angles get what the
 log's own diagnosis leaves, with random phases (`replay.surrogate`), and are rounded to its
 encoder's steps; times are those of the log, and where its angles are younger than their stamps (a
 negative delay), they are here. Servos of unknown stiffness and damping have what the diagnosis
@@ -19,9 +19,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.causes.body.bodies import sphere, with_payload
-from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
-from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.choose import ALIKE
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.joint import JointMotion
@@ -38,11 +35,20 @@ from stiction_envs.gap.servo.questions import (
 )
 from stiction_envs.gap.servo.spread import SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
-from stiction_envs.hidden.rehearsal.effects import COM
-from stiction_envs.hidden.rehearsal.jobs import NO_JOB, NOTHING, Hideable, Job, Run
+from stiction_envs.hidden.rehearsal.jobs import (
+    LARGE_NOISE,
+    LARGE_SHARE,
+    NO_JOB,
+    NOTHING,
+    Hideable,
+    Job,
+    Reason,
+    Run,
+)
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
-from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE
-from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS, ServoEffect, ServoJoint
+from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
+from stiction_envs.hidden.servo_simulation import simulate
+from stiction_envs.hidden.torque_effects import COM
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -87,23 +93,22 @@ class HiddenServos:
     """(n,) root mean square of it, at least the noise floor [rad]."""
     resolution: Array
     """(n,) step of the angles [rad]."""
-    load: Array
-    """(n,) usual size of gravity [N·m]."""
     settings: GapSettings
 
-    def jobs_of(self, names: Sequence[str]) -> tuple[list[Job], list[tuple[Hideable, int, str]]]:
+    def jobs_of(self, names: Sequence[str]) -> tuple[list[Job], list[Reason]]:
         """Return the jobs, and the causes on joints (from 1; 0: the arm) in none, and why."""
-        jobs, reasons = [NO_JOB], []
+        jobs: list[Job] = [NO_JOB]
+        reasons: list[Reason] = []
         for name in names:
             effect = EFFECTS[name]
             why_not = {j: self._why_not(name, j) for j in range(len(self.base))}
             left = tuple(j for j, why in why_not.items() if not why)
             if left:
-                jobs.append(Job(what=effect.what, joints=left))
-            if not effect.what.arm_wide:
-                reasons += [(effect.what, j + 1, why) for j, why in why_not.items() if why]
+                jobs.append(Job(what=effect, joints=left))
+            if not effect.arm_wide:
+                reasons += [(effect, j + 1, why) for j, why in why_not.items() if why]
             elif not left:
-                reasons.append((effect.what, 0, why_not[0]))
+                reasons.append((effect, 0, why_not[0]))
         why = "no log of positions tells it from dry friction or a dead zone"
         return jobs, [*reasons, (BACKLASH, 0, why)]
 
@@ -146,7 +151,7 @@ class HiddenServos:
         """Return the sizes that change a joint's angle by root mean squares [rad]; 0 if none."""
         motion, joint = self.motions[j], self.joints[j]
         tried = effect.largest * np.geomspace(SMALLEST, 1.0, TRIED)
-        without = (joint.on_friction() if effect.on_friction else joint).parameters
+        without = effect.before(joint).parameters
         sets = np.stack([without, *(effect.changed(joint, float(x)) for x in tried)])
         plain, *angles = motion.simulate(sets)
         if effect is EFFECTS["external_contact"]:
@@ -172,21 +177,19 @@ class HiddenServos:
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
         """See `runs.Subject`."""
         rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
-        arm, parameters, sizes = self.arm, self.base.copy(), {}
+        parameters, sizes, mass = self.base.copy(), {}, 0.0
         wall = np.zeros(len(parameters))
-        if job.cause == NOTHING:
-            pass
-        elif job.what.arm_wide:
-            arm = with_payload(arm, sphere(float(size[0]), COM), LEAST_INERTIA)
-            sizes = {"0": float(size[0])}
-        else:
+        if job.what.arm_wide:
+            mass = float(size[0])
+            sizes = {"0": mass}
+        elif job.cause != NOTHING:
             effect = EFFECTS[job.cause]
             for j in (j for j in job.joints if size[j] > 0):
                 parameters[j] = effect.changed(self.joints[j], float(size[j]))
                 sizes[str(j + 1)] = effect.shown(self.joints[j], float(size[j]))
                 if job.cause == "external_contact":
                     wall[j] = sizes[str(j + 1)]
-        logs = self._logs(arm, parameters, wall, rng)
+        logs = self._logs(parameters, mass, wall, rng)
         said = diagnose_servo(logs, self.arm, self.servo, threads=1, settings=self.settings)
         named = []
         for c in said.causes:
@@ -197,13 +200,19 @@ class HiddenServos:
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
 
     def _logs(
-        self, arm: Arm, parameters: Array, wall: Array, rng: np.random.Generator
+        self, parameters: Array, mass: float, wall: Array, rng: np.random.Generator
     ) -> list[ServoLog]:
-        """Return the logs of an arm with noise; angles above a wall (n,) [rad] stop there."""
-        out = []
-        simulated = simulate_arm(arm, self.logs, parameters, self.load, threads=1)
-        for log, angle, left in zip(self.logs, simulated, self.left, strict=True):
-            seen = np.where(np.isnan(angle), log.q, angle)
+        """Return the logs with noise of an arm that carries a mass [kg].
+
+        Its angles above a wall (n,) [rad] stop there.
+        """
+        out, payload = [], (mass, *COM) if mass else None
+        for log, left in zip(self.logs, self.left, strict=True):
+            seen = log.q.copy()
+            for s in log.segments:
+                if s.stop - s.start > 1:
+                    motion = log.t[s], log.q_cmd[s], log.q[s.start]
+                    seen[s] = simulate(self.arm, parameters, *motion, payload)
             seen = _behind_wall(seen, wall)
             for s in log.segments:
                 seen[s] += surrogate(left[s], rng)
@@ -249,7 +258,6 @@ def subject_of(own: ServoDiagnosis, arm: Arm, settings: GapSettings) -> HiddenSe
         left=tuple(left),
         noise=noise,
         resolution=np.array([resolution_of(m.q) for m in motions]),
-        load=own.load,
         settings=settings,
     )
 
@@ -292,5 +300,6 @@ def _joint(motion: JointMotion, base: Array, found: Array, noise: float) -> Serv
         gravity=float(np.abs(motion.gravity).max()),
         torque=stiffness * reached,
         speed=float(np.nanpercentile(speed, REACHED_PERCENT)),
+        inertia=float(motion.inertia.mean()),
         above=float(motion.q.max() - np.percentile(motion.q, USUAL_PERCENT)),
     )

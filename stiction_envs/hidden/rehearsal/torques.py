@@ -1,20 +1,40 @@
-"""Causes hidden in joint logs: which, on which joints, at which sizes, and a diagnosis of them."""
+"""Causes hidden in joint logs: their torque along a motion, their sizes, and a diagnosis of them.
+
+The motion is given, so the motors follow it whatever is hidden, as under a stiff position
+controller. So `backlash` and `joint_elasticity` show what the gear does to the torque, but not how
+a controller would answer: the motor moves as logged, the link does not.
+"""
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.causes import Cause, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.hidden.rehearsal.effects import REPLAYED, dry_friction, effect_of
-from stiction_envs.hidden.rehearsal.jobs import NO_JOB, NOTHING, Hideable, Job, Run
+from stiction_envs.hidden.friction_law import LuGre
+from stiction_envs.hidden.rehearsal.gears import link_behind_gear
+from stiction_envs.hidden.rehearsal.jobs import (
+    LARGE_NOISE,
+    LARGE_SHARE,
+    NO_JOB,
+    NOTHING,
+    Hideable,
+    Job,
+    Reason,
+    Run,
+)
 from stiction_envs.hidden.rehearsal.replay import Replay
-from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE
+from stiction_envs.hidden.torque_effects import EFFECTS
+from stiction_envs.hidden.worlds import World
 
 Array = NDArray[np.float64]
 CLOSE = 0.03
@@ -29,47 +49,38 @@ NO_SIZE = 1e-6
 
 def hideable(cause: Cause) -> Hideable:
     """Return how the rows of a cause of joint logs call it."""
-    law, first = REPLAYED.get(cause.name), cause.parameters[0]
+    effect, first = EFFECTS.get(cause.name), cause.parameters[0]
     return Hideable(
         name=cause.name,
-        parameter=(law.parameter if law else "") or first.name,
+        parameter=(effect.parameter if effect else "") or first.name,
         unit=first.unit,
         what_to_record=cause.what_to_record,
-        expected=law.expected if law else (),
+        expected=effect.expected if effect else (),
         arm_wide=cause.arm_wide,
         coupled=cause.coupled,
     )
 
 
-def jobs_of(
-    own: Diagnosis, causes: Sequence[Cause]
-) -> tuple[list[Job], list[tuple[Hideable, int, str]]]:
-    """Return the jobs, and the causes on joints (from 1; 0: the arm) that are in none, and why."""
-    jobs, reasons = [NO_JOB], []
+def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> tuple[list[Job], list[Reason]]:
+    """Return the jobs, and what is in none."""
+    jobs: list[Job] = [NO_JOB]
+    reasons: list[Reason] = []
     for cause in causes:
-        what, joints = hideable(cause), range(own.data.n)
-        if cause.arm_wide:
-            why = cause.why_not_identifiable(own.data, 0) or _lawless(cause)
-            if why:
-                reasons.append((what, 0, why))
-            else:
-                jobs.append(Job(what=what, joints=tuple(joints)))
-            continue
-        why_not = {j: cause.why_not_identifiable(own.data, j) or _lawless(cause) for j in joints}
-        reasons += [(what, j + 1, why) for j, why in why_not.items() if why]
+        what = hideable(cause)
+        no_law = ""
+        if cause.name not in EFFECTS and (not cause.is_linear or cause.coupled):
+            no_law = "no law is known by which to hide it"
+        asked = [0] if cause.arm_wide else range(own.data.n)
+        why_not = {j: cause.why_not_identifiable(own.data, j) or no_law for j in asked}
+        reasons += [
+            (what, 0 if cause.arm_wide else j + 1, why) for j, why in why_not.items() if why
+        ]
         left = tuple(j for j, why in why_not.items() if not why)
         if cause.coupled:
             jobs += [Job(what=what, joints=(j,)) for j in left]
         elif left:
-            jobs.append(Job(what=what, joints=left))
+            jobs.append(Job(what=what, joints=tuple(range(own.data.n)) if cause.arm_wide else left))
     return jobs, reasons
-
-
-def _lawless(cause: Cause) -> str:
-    """Return that a cause of another package cannot be hidden, or nothing."""
-    if cause.name in REPLAYED or (cause.is_linear and not cause.coupled):
-        return ""
-    return "no law is known by which to hide it"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,8 +89,108 @@ class HiddenTorques:
 
     replay: Replay
 
+    # ---- torques -----------------------------------------------------------------------------
+
+    @cached_property
+    def bare(self) -> World:
+        """The arm in which nothing is hidden, with dry friction that causes may refine."""
+        data = self.replay.data
+        return World(
+            rigid=data.arm,
+            seconds=max(float(data.recording.since_session.max()), 1e-9),
+            middle=np.median(data.q, axis=0),
+            coulomb=self.replay.friction,
+            distance=np.array(data.friction.presliding_distance),
+        )
+
+    @cached_property
+    def dry(self) -> Array:
+        """(T, n) torque of its dry friction [N·m]."""
+        return self.dry_friction(self.bare)
+
+    def dry_friction(self, world: World) -> Array:
+        """Return (T, n) torque of the reference law along the motion [N·m].
+
+        A joint that moves at the start of a segment has slid for long, and the bristles of one that
+        rests are relaxed.
+        """
+        data, v = self.replay.data, self.replay.velocity
+        level = world.friction_level(v, data.recording.since_session[:, None], data.rigid)
+        law = LuGre(
+            stiction=np.maximum(level + world.stribeck, 1e-9),
+            coulomb=np.maximum(level, 1e-9),
+            stribeck_velocity=world.stribeck_velocity,
+            bristle_stiffness=(world.coulomb + world.more_coulomb) / world.distance,
+            bristle_damping=0.0,
+        )
+        # the exact solution over a row is a + b z
+        a = law.advance(0.0, v, data.dt)
+        b = law.advance(1.0, v, data.dt) - a
+        sliding = np.abs(v) > data.settings.motion.reversal_speed
+        z = np.where(sliding, np.sign(v) * law.level(v) / np.asarray(law.bristle_stiffness), 0.0)
+        for run in data.runs():
+            for k in range(run.start, run.stop - 1):
+                z[k + 1] = a[k] + b[k] * z[k]
+        return law.torque(z, 0.0)
+
+    def torque_of(self, world: World) -> Array:
+        """Return (T, n) what a world adds to the torques of the nominal model [N·m]."""
+        data, bare = self.replay.data, self.bare
+        more = world.more_viscous * data.dq + world.torque_over_angle(data.q)
+        refined = ("more_coulomb", "stribeck", "asymmetry", "load", "drift", "distance")
+        if any((getattr(world, x) != getattr(bare, x)).any() for x in refined):
+            more = more + self.dry_friction(world) - self.dry
+        more = more + self._moved(world) - world.gravity_missing * data.recording.gravity
+        out = data.nominal + more
+        for run in data.runs():
+            out[run] = world.read_out(data.t[run], out[run])
+        return np.asarray(out - data.nominal)
+
+    def _moved(self, world: World) -> Array | float:
+        """Return (T, n) what other links, or links elsewhere, add to the torques [N·m]."""
+        data = self.replay.data
+        q, dq, ddq = data.q - world.zero, np.array(data.dq), np.array(data.ddq)
+        joint = world.gap or world.soft
+        other = world.rigid is not self.bare.rigid or world.payload or world.tilt[0]
+        if not (other or joint or world.zero.any() or world.armature.any()):
+            return 0.0
+        if joint is not None:
+            how = {"gap": joint[1]} if world.gap else {"stiffness": joint[1]}
+            x, v = link_behind_gear(data, joint[0], **how)
+            q[:, joint[0]] += x
+            dq[:, joint[0]] += v
+            for run in data.runs():
+                ddq[run, joint[0]] += np.gradient(v[run], data.dt)
+        model = dataclasses.replace(world, gap=None, soft=None).model()
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        work, out = mujoco.MjData(model), np.empty_like(q)
+        for k in range(len(q)):
+            work.qpos[:], work.qvel[:], work.qacc[:] = q[k], dq[k], ddq[k]
+            mujoco.mj_inverse(model, work)
+            out[k] = work.qfrc_inverse
+        return out - data.recording.rigid
+
+    def hidden(self, job: Job, size: Array) -> tuple[Array, dict[str, float]]:
+        """Return (T, n) torque of a cause of sizes (n,) [N·m], and the parameter of each row."""
+        if job.cause not in EFFECTS:  # of another package: linear, by its own columns
+            cause, data = cause_named(job.cause), self.replay.data
+            columns = [cause.columns(data, j, ())[:, 0] for j in range(data.n)]
+            shown = {str(j + 1): float(size[j]) for j in np.flatnonzero(size)}
+            return size * np.stack(columns, axis=1), shown
+        effect, same = EFFECTS[job.cause], self.bare.rigid
+        parameters: dict[str, float] = {}
+        world = copy.deepcopy(self.bare, {id(same): same})
+        for j in [0] if job.what.arm_wide else np.flatnonzero(size):
+            value = effect.value(world, int(j), float(size[j]))
+            truth = effect.hide(world, int(j), value, None)
+            first = np.ravel(next(iter(truth.values()), value))[0]
+            parameters[str(0 if job.what.arm_wide else j + 1)] = float(first)
+        return self.torque_of(world), parameters
+
+    # ---- sizes and runs ----------------------------------------------------------------------
+
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
-        """See `runs.Subject`."""
+        """See `jobs.Subject`."""
         replay = self.replay
         whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
         small = self._size(job, replay.noise)
@@ -92,34 +203,34 @@ class HiddenTorques:
         Of a cause that all joints show, one joint reaches its target, and the others do not. Sizes
         end at the largest.
         """
-        replay, effect = self.replay, effect_of(job.cause)
-        size = np.zeros(replay.data.n)
-        size[list(job.joints)] = effect.start
-        always = effect.torque(replay, NO_SIZE * size) if effect.comes_with else 0.0
+        effect = EFFECTS.get(job.cause)
+        start, largest = (effect.start, effect.largest) if effect else (0.01, np.inf)
+        size = np.zeros(self.replay.data.n)
+        size[list(job.joints)] = start
+        always: Array | float = 0.0
+        if effect is not None and effect.comes_with:
+            always = self.hidden(job, NO_SIZE * size)[0]
         for _ in range(STEPS):
-            torque = replay.in_band(effect.torque(replay, size) - always)
+            torque = self.replay.in_band(self.hidden(job, size)[0] - always)
             ratio = np.sqrt(np.mean(np.square(torque), axis=0)) / target
             if job.what.coupled or job.what.arm_wide:
                 ratio = np.full_like(ratio, ratio.max())
             size = np.where(ratio > NO_TORQUE, size, 0.0)
             before = size
-            size = np.minimum(size / np.maximum(ratio, NO_TORQUE), effect.largest)
+            size = np.minimum(size / np.maximum(ratio, NO_TORQUE), largest)
             if np.allclose(size, before, rtol=CLOSE):
                 break
         return size
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
-        """See `runs.Subject`."""
+        """See `jobs.Subject`."""
         replay = self.replay
-        hidden, sizes = np.zeros_like(replay.data.q), {}
+        sizes: dict[str, float] = {}
+        hidden = np.zeros_like(replay.data.q)
         if job.cause != NOTHING:
-            effect = effect_of(job.cause)
-            hidden = hidden + effect.torque(replay, size)
-            if effect.on_friction:
-                hidden = hidden + dry_friction(replay, replay.unknown_friction)
-            shown = effect.shown(replay, size)
-            at = {0: 0} if job.what.arm_wide else {j + 1: j for j in job.joints}
-            sizes = {str(row): float(shown[j]) for row, j in at.items() if size[j] > 0}
+            hidden, sizes = self.hidden(job, size)
+            if job.cause in EFFECTS and EFFECTS[job.cause].refines_friction:
+                hidden = hidden + replay.unknown_friction * self.dry / replay.friction
         logs = replay.logs(hidden, [seed, zlib.crc32(job.key.encode()), number])
         said = replay.diagnose(logs, seed)
         named = [[c.name, list(c.joints), list(c.confused_with)] for c in said.causes]

@@ -1,0 +1,291 @@
+"""What can be hidden in servo logs: one entry per cause, by the name of the diagnosis.
+
+An entry turns a size into values of a joint's parameters (`gap.servo.parameters`). Simulated logs
+(`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean the
+same on small and large joints: angles, times and shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.errors import unknown
+from stiction_envs.gap.servo.parameters import FAR, INDEX
+from stiction_envs.gap.servo.spread import SERVO_LAG
+from stiction_envs.hidden.rehearsal.jobs import Hideable
+
+Array = NDArray[np.float64]
+STRIBECK_VELOCITY = 0.05
+"""Of hidden Stribeck friction [rad/s]; assumed."""
+DEEPEST = 0.1
+"""Least limit of torque or speed over what is reached without it [-]; assumed."""
+CARRIES = 1.05
+"""Least torque limit over the joint's largest gravity [-]: it does not fall; assumed."""
+MOST_LOAD = 0.4
+"""Largest friction over load [-]: gears that carry back; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoJoint:
+    """A joint of the log before something is hidden in it."""
+
+    parameters: Array
+    """(P,), in the order of `parameters.NAMES`."""
+    friction: float
+    """Dry friction that is there where a cause refines it [N·m]."""
+    gravity: float
+    """Largest [N·m]."""
+    torque: float
+    """Largest of its servo along the log [N·m]."""
+    speed: float
+    """Largest along the log [rad/s]."""
+    inertia: float
+    """Usual [kg·m²]."""
+    above: float
+    """Angle between the top of its motion and where it mostly is [rad]."""
+
+    def __getitem__(self, name: str) -> float:
+        """Return a parameter by its name."""
+        return float(self.parameters[INDEX[name]])
+
+    def on_friction(self) -> ServoJoint:
+        """Return the joint with at least its dry friction."""
+        p = self.parameters.copy()
+        p[INDEX["stiction"]] = max(p[INDEX["stiction"]], self.friction)
+        return replace(self, parameters=p)
+
+
+Law = Callable[[ServoJoint, float], dict[str, float]]
+"""Parameters by name that a cause of a size changes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoEffect(Hideable):
+    """How a cause is hidden in the joints of a servo log."""
+
+    law: Law
+    largest: float
+    """Largest size that is tried: more is obvious; assumed."""
+    usual: Callable[[ServoJoint], float] | None = None
+    """Size that robots have, which simulated logs hide; assumed. None: they do not hide it."""
+    shown_as: Callable[[ServoJoint, float], float] | None = None
+    """The parameter of a size, as the diagnosis has it; None: the law's first."""
+    under_gravity: bool = False
+    """Whether only joints under gravity show it."""
+
+    def before(self, joint: ServoJoint) -> ServoJoint:
+        """Return the joint without the cause: one that it refines has dry friction."""
+        return joint.on_friction() if "coulomb_friction" in self.expected else joint
+
+    def changed(self, joint: ServoJoint, size: float) -> Array:
+        """Return (P,) parameters of a joint with the cause."""
+        out = self.before(joint).parameters.copy()
+        for name, value in self.law(self.before(joint), size).items():
+            out[INDEX[name]] = value
+        return out
+
+    def shown(self, joint: ServoJoint, size: float) -> float:
+        """Return the parameter of a size."""
+        if self.shown_as is not None:
+            return self.shown_as(joint, size)
+        return next(iter(self.law(self.before(joint), size).values()))
+
+
+def effect_of(name: str) -> ServoEffect:
+    """Return how to hide a cause.
+
+    Raises:
+        StictionError: an unknown one.
+    """
+    if name not in EFFECTS:
+        raise unknown("cause", name, tuple(EFFECTS))
+    return EFFECTS[name]
+
+
+def _limit(reached: float, size: float) -> float:
+    """Return a limit that falls with the size, from where it is never reached."""
+    return min(DEEPEST * reached / max(size, 1e-12), FAR)
+
+
+def _stribeck(joint: ServoJoint, size: float) -> dict[str, float]:
+    sliding = joint["stiction"] * (1.0 - joint["drop"])
+    stiction = joint["stiction"] * (1.0 + size)
+    drop = 1.0 - sliding / stiction
+    return {"stiction": stiction, "drop": drop, "stribeck_velocity": STRIBECK_VELOCITY}
+
+
+def _sliding(joint: ServoJoint, size: float) -> float:
+    """Return the friction in motion [N·m]."""
+    return (joint["stiction"] + size * joint["stiffness"]) * (1.0 - joint["drop"])
+
+
+def _extra_stiction(joint: ServoJoint, size: float) -> float:
+    """Return the friction at rest above its level in motion [N·m]."""
+    law = _stribeck(joint.on_friction(), size)
+    return law["stiction"] * law["drop"]
+
+
+def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
+    return {}
+
+
+_FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
+_SLOW = "slow motion through several poses, both ways, with rests"
+_LAG, _DRY = (SERVO_LAG,), ("coulomb_friction",)
+_EFFECTS = (
+    ServoEffect(
+        name="servo_stiffness",
+        parameter="stiffness_nm_per_rad",
+        unit="N·m/rad",
+        what_to_record="rests in poses of small and large gravity, reached from both sides",
+        law=lambda joint, size: {"stiffness": joint["stiffness"] / (1.0 + size)},
+        largest=4.0,
+        usual=lambda joint: 2 / 3,
+        under_gravity=True,
+    ),
+    ServoEffect(
+        name="damping",
+        parameter="damping_nms",
+        unit="N·m·s/rad",
+        what_to_record=_FREQUENCIES,
+        part_of=_LAG,
+        law=lambda joint, size: {"damping": joint["damping"] + size * joint["stiffness"]},
+        largest=0.5,
+        usual=lambda joint: 1.5 * joint["damping"] / joint["stiffness"],
+    ),
+    ServoEffect(
+        name="delay",
+        parameter="delay_s",
+        unit="s",
+        what_to_record=_FREQUENCIES,
+        part_of=_LAG,
+        law=lambda joint, size: {"delay": joint["delay"] + size},
+        largest=0.15,
+        usual=lambda joint: 0.03,
+    ),
+    ServoEffect(
+        name="armature",
+        parameter="armature_kgm2",
+        unit="kg·m²",
+        what_to_record=_FREQUENCIES,
+        part_of=_LAG,
+        law=lambda joint, size: {"armature": joint["armature"] + size * joint["stiffness"]},
+        largest=0.02,
+        usual=lambda joint: 3.0 * joint.inertia / joint["stiffness"],
+    ),
+    ServoEffect(
+        name="coulomb_friction",
+        parameter="coulomb_nm",
+        unit="N·m",
+        what_to_record=_SLOW,
+        law=lambda joint, size: {"stiction": joint["stiction"] + size * joint["stiffness"]},
+        shown_as=_sliding,
+        largest=0.3,
+        usual=lambda joint: 0.02,
+    ),
+    ServoEffect(
+        name="stribeck_friction",
+        parameter="stiction_nm",
+        unit="N·m",
+        what_to_record="very slow motion, both ways, with rests",
+        expected=_DRY,
+        law=_stribeck,
+        shown_as=_extra_stiction,
+        largest=3.0,
+        usual=lambda joint: 1.0,
+    ),
+    ServoEffect(
+        name="load_dependent_friction",
+        parameter="load_coefficient",
+        unit="1",
+        what_to_record=_SLOW,
+        expected=_DRY,
+        law=lambda joint, size: {"load": joint["load"] + size},
+        shown_as=lambda joint, size: size,
+        largest=MOST_LOAD,
+        usual=lambda joint: MOST_LOAD,
+        under_gravity=True,
+    ),
+    ServoEffect(
+        name="torque_limit",
+        parameter="limit_nm",
+        unit="N·m",
+        what_to_record="large steps of the command",
+        law=lambda joint, size: {
+            "torque_limit": max(_limit(joint.torque, size), CARRIES * joint.gravity)
+        },
+        largest=1.0,
+        usual=lambda joint: DEEPEST / 1.02,
+    ),
+    ServoEffect(
+        name="speed_limit",
+        parameter="limit_rad_s",
+        unit="rad/s",
+        what_to_record="fast and large waves",
+        law=lambda joint, size: {"speed_limit": _limit(joint.speed, size)},
+        largest=1.0,
+        usual=lambda joint: DEEPEST / 0.6,
+    ),
+    ServoEffect(
+        name="encoder_offset",
+        parameter="offset_rad",
+        unit="rad",
+        what_to_record="poses on both sides of where gravity's torque on the joint is zero",
+        law=lambda joint, size: {"offset": size},
+        largest=0.25,
+        usual=lambda joint: 0.15,
+        under_gravity=True,
+    ),
+    ServoEffect(
+        name="dead_zone",
+        parameter="width_rad",
+        unit="rad",
+        what_to_record="small steps of the command, with rests",
+        law=lambda joint, size: {"dead_zone": joint["dead_zone"] + size},
+        shown_as=lambda joint, size: 2.0 * size,
+        largest=0.05,
+        usual=lambda joint: 0.02,
+    ),
+    ServoEffect(
+        name="payload",
+        parameter="mass_kg",
+        unit="kg",
+        what_to_record="slow motion of all joints through poses of large gravity",
+        arm_wide=True,
+        law=_nothing,  # the arm is another
+        largest=20.0,
+    ),
+    ServoEffect(
+        name="presliding_hysteresis",
+        parameter="bristle_stiffness",
+        unit="N·m/rad",
+        what_to_record="many slow reversals of a few mrad to some tens of mrad",
+        expected=_DRY,
+        law=lambda joint, size: {"bristle": joint["bristle"] + size},
+        shown_as=lambda joint, size: joint.friction / (joint["bristle"] + size),
+        largest=0.05,
+    ),
+    ServoEffect(
+        name="gravity_compensation_missing",
+        parameter="share",
+        unit="1",
+        what_to_record=_SLOW,
+        law=lambda joint, size: {"compensation": size},
+        largest=1.0,
+    ),
+    ServoEffect(
+        name="external_contact",
+        parameter="depth_rad",
+        unit="rad",
+        what_to_record="motion whose ends differ, with the current logged",
+        law=_nothing,  # the angle stops at a wall, so far below the top of its motion
+        shown_as=lambda joint, size: min(size, joint.above),
+        largest=1.0,
+    ),
+)
+EFFECTS = {effect.name: effect for effect in _EFFECTS}
+"""By name of the cause."""
