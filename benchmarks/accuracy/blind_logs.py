@@ -42,8 +42,8 @@ from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.hidden_effects import EFFECTS
 from stiction_envs.hidden.hidden_logs import Case, Hidden, make_case
+from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
@@ -166,14 +166,12 @@ class Job:
     """Number in `AMBIGUOUS`, if it is one of those."""
     scatter: float = 0.0
     """How far every link is off [-]."""
-    imperfect: bool = False
-    """Whether the set-up is a little off too."""
 
     @property
     def key(self) -> str:
         """Of its row."""
         off = f", links {self.scatter:g} off" if self.scatter else ""
-        return f"{self.seed} {' '.join(self.causes)}{off}{', imperfect' * self.imperfect}"
+        return f"{self.seed} {' '.join(self.causes)}{off}"
 
     @property
     def kind(self) -> str:
@@ -185,7 +183,7 @@ class Job:
     def case(self) -> Case:
         """Simulate it."""
         rng = np.random.default_rng([self.seed, 77])
-        make = partial(make_case, self.seed, scatter=self.scatter, imperfect=self.imperfect)
+        make = partial(make_case, self.seed, scatter=self.scatter)
         if self.unclear >= 0:
             name, motion, joint, _ = AMBIGUOUS[self.unclear]
             known = None if name not in ("coulomb_friction", "viscous_friction") else False
@@ -283,14 +281,11 @@ def main() -> None:
     parser.add_argument(
         "--scatter", type=float, default=0.0, help="how far every link is off, 0.03: 3 %% and 3 mm"
     )
-    parser.add_argument(
-        "--imperfect", action="store_true", help="the set-up is a little off too: no page"
-    )
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     options = parser.parse_args()
     jobs = plan(options.cases, options.first)
     here = [
-        replace(job, scatter=options.scatter, imperfect=options.imperfect)
+        replace(job, scatter=options.scatter)
         for job in jobs
         if not options.only or job.kind in options.only
     ]
@@ -301,7 +296,7 @@ def main() -> None:
         processes=options.processes,
         minutes=options.minutes,
     )
-    if options.only or options.scatter or options.imperfect or options.first != FIRST:
+    if options.only or options.scatter or options.first != FIRST:
         print("\n".join(map(line, found.values())))
         return
     keys = {x: [replace(job, scatter=x).key for job in jobs] for x in SCATTERS}

@@ -13,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.harness import Row, met
-from stiction_envs.hidden.hidden_effects import EFFECTS
+from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.reporting.markdown import table_text
 
 SCATTERS = (0.0, 0.03, 0.1)
@@ -244,7 +244,7 @@ def draw(rows: list[Row], path: Path) -> None:
     """Draw the confusion matrix: hidden against named first, visible cases only."""
     rows = [r for r in _clear(rows) if len(r["hidden"]) < 2 and visible(r)]
     hidden = [*EFFECTS, "nothing"]
-    named = list(dict.fromkeys([*(e.cause for e in EFFECTS.values()), "nothing"]))
+    named = list(dict.fromkeys([*map(cause_of, EFFECTS), "nothing"]))
     named += sorted({r["named"][0] for r in rows if r["named"]} - set(named))
     table = np.zeros((len(hidden), len(named)))
     for r in rows:

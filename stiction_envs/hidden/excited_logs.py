@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
@@ -30,19 +30,6 @@ def perturbed(arm: Arm, size: float, seed: int) -> Arm:
     a = np.eye(4) + size * np.random.default_rng(seed).normal(size=j.shape)
     half = root @ a
     return with_inertias(arm, from_pseudo_inertia(half @ half.transpose(0, 2, 1)))
-
-
-def torque(arm: Arm, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray) -> np.ndarray:
-    """(T, n) of MuJoCo's inverse dynamics, without limits and contacts."""
-    model = arm.model()
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    data = mujoco.MjData(model)
-    out = np.empty_like(q)
-    for k in range(len(q)):
-        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
-        mujoco.mj_inverse(model, data)
-        out[k] = data.qfrc_inverse
-    return out
 
 
 def direction(dq: np.ndarray) -> np.ndarray:
@@ -79,7 +66,7 @@ def log(
     q, dq, ddq = state
     n = q.shape[1]
     rng = np.random.default_rng(seed)
-    tau = torque(true, q, dq, ddq)
+    tau = inverse_torque(true.model(), q, dq, ddq)
     tau += COULOMB[:n] * presliding(q, presliding_distance) + VISCOUS[:n] * dq + OFFSET[:n]
     return JointLog(
         source="excited.csv",

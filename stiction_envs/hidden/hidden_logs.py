@@ -20,19 +20,15 @@ from numpy.typing import NDArray
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
-from stiction_envs.hidden.imperfect_arms import (
-    scatter_set_up,
-    with_exact_set_up,
-    with_scattered_links,
-)
+from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
 from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
-IMPERFECT = 27
-"""Number of the random stream of links and set-up, apart from that of all else."""
+LINKS = 27
+"""Number of the random stream of links, apart from that of all else."""
 STEPS_PER_ROW = 2
 """Steps per logged row: 500 Hz; assumed."""
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
@@ -72,9 +68,9 @@ class Case:
     """Logs of another motion of the same arm with the same hidden causes; [] unless asked for."""
     second_motion: str
     unhidden: list[JointLog]
-    """The same motion as `second` of the arm without hidden causes, of an exact set-up."""
+    """The same motion as `second` of the arm without hidden causes."""
     bare: World
-    """The arm without hidden causes, its links and set-up a little off where asked for."""
+    """The arm without hidden causes, its links a little off where asked for."""
 
 
 def make_case(
@@ -88,8 +84,6 @@ def make_case(
     size: float | None = None,
     second: float = 0.0,
     scatter: float = 0.0,
-    imperfect: bool = False,
-    bare: World | None = None,
 ) -> Case:
     """Hide some causes of random size, joint and sign in a log.
 
@@ -105,10 +99,6 @@ def make_case(
         second: length of a log of another kind of motion [s]; 0 for none.
         scatter: how far every link is off what the makers know [-] (`imperfect_arms.scattered`):
             0.03 is 3 % of the mass and 3 mm. It is no hidden cause.
-        imperfect: whether the set-up is a little off too: offsets, gains, delay, tilt.
-        bare: the arm (`Case.bare`) of an earlier case, for another log of it; by default a new
-            one. Its friction, links and set-up are its own: ``known``, ``scatter`` and
-            ``imperfect`` are not used.
 
     Raises:
         StictionError: a scatter out of range, or an arm that leaves its torque limits.
@@ -123,18 +113,14 @@ def make_case(
         motion = str(rng.choice(options))
     if known is None:
         known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
-    if bare is None:
-        bare = World()
-        if known:
-            bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
-            bare.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
-            bare.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
-        own = np.random.default_rng([*stream, IMPERFECT])
-        if scatter:
-            bare.rigid = with_scattered_links(bare.rigid, scatter, own)
-        if imperfect:
-            scatter_set_up(bare, own)
-    known = bool(bare.coulomb.any())
+    bare = World()
+    if known:
+        bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
+        bare.viscous = FRICTION * rng.uniform(0.3, 1.0, 7)
+        bare.rotor = ROTOR * rng.uniform(0.8, 1.2, 7)
+    if scatter:
+        own = np.random.default_rng([*stream, LINKS])
+        bare.rigid = with_scattered_links(bare.rigid, scatter, own)
     world = copy.deepcopy(bare)
     world.seconds = seconds
     worlds = [copy.deepcopy(world) for _ in causes]
@@ -160,8 +146,7 @@ def make_case(
         other = str(rng.choice([m for m in SECOND_MOTIONS if m != motion]))
         later = np.arange(0, second, STEP)
         wanted = MOTIONS[other](rng, later)
-        exact = with_exact_set_up(bare)
-        for arm, logs in ((world, others), (exact, unhidden)):
+        for arm, logs in ((world, others), (bare, unhidden)):
             q, tau, _ = _simulate(arm, bare, later, wanted)
             logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
     payload = None

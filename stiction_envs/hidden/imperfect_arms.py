@@ -1,19 +1,14 @@
-"""Arms that are a little off everywhere: links and set-up as cables and CAD tolerances leave them.
+"""Arms whose links are all a little off, as cables and CAD tolerances leave them.
 
-Every link of a real arm differs somewhat from what its makers know, and so do its sensors. None of
-that is a hidden cause: it is what a diagnosis must tolerate.
+That is no hidden cause: it is what a diagnosis must tolerate.
 """
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden.torque_effects import FRICTION
-from stiction_envs.hidden.worlds import World
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
@@ -27,14 +22,6 @@ CENTRE_M = 0.1
 """Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""
 MOST = 0.2
 """Largest scatter [-] (assumed): masses stay positive up to five standard deviations."""
-OFFSET = 0.1 * FRICTION
-"""(7,) standard deviation of torque offsets [N·m]; assumed."""
-GAIN = 3e-3
-"""Standard deviation of torque gains [-]; assumed."""
-DELAY = 1e-3
-"""Of all torques [s]; assumed."""
-TILT = 1e-3
-"""Of the base, in a random direction [rad]; assumed."""
 
 
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
@@ -71,19 +58,3 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
 def with_scattered_links(arm: Arm, scatter: float, rng: np.random.Generator) -> Arm:
     """Return an arm with links that are all a little off: see `scattered`."""
     return with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))
-
-
-def scatter_set_up(world: World, rng: np.random.Generator) -> None:
-    """Give a world small offsets, gains, a delay and a tilt."""
-    world.offset = OFFSET * rng.normal(size=7)
-    world.scale = 1 + GAIN * rng.normal(size=7)
-    world.delay = DELAY
-    world.tilt = TILT, float(rng.uniform(-np.pi, np.pi))
-
-
-def with_exact_set_up(world: World) -> World:
-    """Return a world without offsets, gains, delay and tilt."""
-    exact = World()
-    return dataclasses.replace(
-        world, offset=exact.offset, scale=exact.scale, delay=exact.delay, tilt=exact.tilt
-    )

@@ -172,3 +172,14 @@ def add_to_flange(
     load = site.parent.add_body(pos=site.pos, quat=site.quat)
     load.mass, load.ipos, load.inertia = mass, com, [0.4 * mass * RADIUS**2] * 3
     load.explicitinertial = True
+
+
+def inverse_torque(model: mujoco.MjModel, q: Array, dq: Array, ddq: Array) -> Array:
+    """Return (T, n) torque of MuJoCo's inverse dynamics, without limits and contacts [N·m]."""
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data, out = mujoco.MjData(model), np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        out[k] = data.qfrc_inverse
+    return out

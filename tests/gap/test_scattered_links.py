@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 BODIES = {"payload", "link_parameters"}
 SCATTER = 0.03
 SIZE = float(np.log(0.8 / 0.1) / np.log(2.0 / 0.1))
-"""Of a payload of 0.8 kg: `hidden_effects` hides 0.1 to 2 kg, even in the logarithm."""
+"""Of a payload of 0.8 kg: `torque_effects` hides 0.1 to 2 kg, even in the logarithm."""
 
 
 def diagnosed(seed: int, causes: tuple[str, ...] = (), **options: Any) -> tuple[Diagnosis, Any]:

@@ -1,23 +1,39 @@
-"""The generator of blind logs: what each hidden cause does by itself."""
+"""Simulated logs: what each hidden cause does by itself, and links that are all a little off."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.dataset import assemble
+from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.hidden_effects import EFFECTS, World
-from stiction_envs.hidden.hidden_logs import _build, _visible_size, make_case
-from stiction_envs.hidden.hidden_motions import CENTRE, REACH, one_by_one
-from stiction_envs.robots import load_arm
+from stiction_envs.hidden.hidden_logs import make_case
+from stiction_envs.hidden.hidden_motions import REACH, one_by_one
+from stiction_envs.hidden.imperfect_arms import scattered
+from stiction_envs.hidden.torque_effects import EFFECTS
+from stiction_envs.hidden.worlds import World
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
+
+SHORT: dict[str, Any] = {"motion": "fourier", "joint": 2, "size": 0.6, "seconds": 8.0}
+POSES: dict[str, Any] = {"motion": "poses", "seconds": 8.0, "known": False}
+
+
+def against(arm: Arm, logs: list[JointLog]) -> Data:
+    return assemble(arm, prepare(logs))
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))
 
 
 def test_each_of_two_effects_is_measured_by_itself() -> None:
-    case = make_case(
-        4, ("torque_offset", "torque_scale"), motion="fourier", joint=2, size=0.6, seconds=8.0
-    )
+    case = make_case(4, ("torque_offset", "torque_scale"), **SHORT)
     offset = case.hidden[0].values["offset_nm"]
     assert case.alone.shape == (2, 7)
     assert np.isclose(case.alone[0, 1], abs(float(offset)), rtol=0.05)  # type: ignore[arg-type]
@@ -25,15 +41,10 @@ def test_each_of_two_effects_is_measured_by_itself() -> None:
     assert case.alone[:, 1].min() > 0.1
 
 
-def test_a_single_effect_is_the_whole_one() -> None:
-    case = make_case(4, ("torque_offset",), motion="fourier", joint=2, size=0.6, seconds=8.0)
-    np.testing.assert_array_equal(case.alone, case.effect[None])
-
-
 def test_a_wrong_link_is_a_body_that_exists() -> None:
     """Its inertia is that of another density: positive, and of a triangle's sides."""
     shift = np.array([0.0, 0.004, -0.003])
-    right, wrong = (_build(World(links=x)) for x in ({}, {4: (0.8, shift)}))
+    right, wrong = (World(links=x).model() for x in ({}, {4: (0.8, shift)}))
     at = right.body("link4").id
     share = 1 + 0.8 / right.body_mass[at]
     assert wrong.body_mass[at] == pytest.approx(right.body_mass[at] + 0.8)
@@ -44,78 +55,47 @@ def test_a_wrong_link_is_a_body_that_exists() -> None:
 
 
 def test_a_phantom_is_in_the_makers_arm_and_not_in_the_log() -> None:
-    options = {"motion": "poses", "seconds": 8.0, "known": False, "second": 4.0}
-    case = make_case(3, ("phantom_payload",), **options)  # type: ignore[arg-type]
+    case = make_case(3, ("phantom_payload",), second=4.0, **POSES)
     mass = case.hidden[0].values["mass_kg"]
     assert case.hidden[0].name == "payload"
-    assert isinstance(mass, float)
     assert case.robot.payload is not None
-    assert case.robot.payload[0] == -mass > 0.3
+    assert case.robot.payload[0] == -mass > 0.3  # type: ignore[operator]
     assert case.effect[1] > 0.5
-    for log, arm, lacks in (
+    for logs, arm, lacks in (
         (case.logs, case.robot, True),
         (case.logs, load_arm("panda"), False),
         (case.second, load_arm("panda"), False),
     ):
-        data = assemble(arm, prepare(log))
-        left = np.sqrt(np.mean(data.residual[:, 1] ** 2))
+        left = rms(against(arm, logs).residual)[1]
         assert (left > 0.5) == lacks
         assert lacks or left < 0.1
 
 
-def test_a_smooth_torque_is_what_the_motor_must_overcome() -> None:
-    world = World()
-    world.hump[2] = 1.5, 0.2, 0.3
-    world.harmonics[4, 1] = 0.5, -0.4
-    q = np.tile(CENTRE, (3, 1))
-    q[:, 2], q[:, 4] = (0.2, 0.5, -1.0), (0.0, 0.7, -0.4)
-    torque = world.smooth_torque(q)
-    np.testing.assert_allclose(torque[:, 2], 1.5 * np.exp(-0.5 * ((q[:, 2] - 0.2) / 0.3) ** 2))
-    np.testing.assert_allclose(torque[:, 4], 0.5 * np.cos(2 * q[:, 4]) - 0.4 * np.sin(2 * q[:, 4]))
-    assert not np.delete(torque, [2, 4], axis=1).any()
-
-
 def test_a_joint_that_reads_off_stands_elsewhere_and_goes_on_from_there() -> None:
     """The arm at the angle less the offset explains the log, the one at the angle does not."""
-    options = {"motion": "poses", "seconds": 8.0, "known": False, "joint": 2, "size": 0.8}
-    case = make_case(3, ("encoder_offset",), second=4.0, **options)  # type: ignore[arg-type]
+    case = make_case(3, ("encoder_offset",), joint=2, size=0.8, second=4.0, **POSES)
     offset = float(case.hidden[0].values["offset_rad"])  # type: ignore[arg-type]
     assert case.effect[1] > 0.5
     for logs in (case.logs, case.second):
-        data = assemble(load_arm("panda"), prepare(logs))
+        data = against(load_arm("panda"), logs)
         there = data.q - offset * np.eye(7)[1]
         right = inverse_dynamics(data.pinocchio, there, data.dq, data.ddq)
-        left = [np.sqrt(np.mean((data.tau - x)[:, 1] ** 2)) for x in (data.rigid, right)]
+        left = [rms(data.tau - x)[1] for x in (data.rigid, right)]
         assert left[0] > 0.5 > 5 * left[1]
 
 
 def test_missing_gravity_is_that_share_of_it() -> None:
-    options = {"motion": "poses", "seconds": 8.0, "known": False, "size": 0.5}
-    case = make_case(5, ("gravity_compensation_missing",), **options)  # type: ignore[arg-type]
+    case = make_case(5, ("gravity_compensation_missing",), size=0.5, **POSES)
     share = float(case.hidden[0].values["share"])  # type: ignore[arg-type]
-    data = assemble(load_arm("panda"), prepare(case.logs))
+    data = against(load_arm("panda"), case.logs)
     g = data.recording.gravity[:, 1]
     assert -(data.residual[:, 1] @ g) / (g @ g) == pytest.approx(share, rel=0.02)
-    assert case.effect[1] == pytest.approx(share * np.sqrt(np.mean(g**2)), rel=0.1)
-
-
-def test_of_a_smooth_torque_only_what_is_no_line_can_be_seen() -> None:
-    world = World()
-    world.harmonics[3, 0] = 0.0, 2.0
-    q = np.zeros((400, 7))
-    q[:, 3] = np.linspace(-0.05, 0.05, 400)
-    effect = np.arange(7.0)
-    near = _visible_size(world, q, effect)
-    assert near[3] < 1e-4
-    np.testing.assert_array_equal(np.delete(near, 3), np.delete(effect, 3))
-    q[:, 3] *= 40
-    assert _visible_size(world, q, effect)[3] > 0.3
+    assert case.effect[1] == pytest.approx(share * rms(g), rel=0.1)
 
 
 def test_a_second_motion_has_the_same_hidden_and_leaves_the_first_alone() -> None:
-    options = {"motion": "fourier", "joint": 2, "size": 0.6, "seconds": 6.0, "known": False}
-    once = make_case(4, ("torque_offset",), **options)  # type: ignore[arg-type]
-    twice = make_case(4, ("torque_offset",), second=5.0, **options)  # type: ignore[arg-type]
+    once = make_case(4, ("torque_offset",), known=False, **SHORT)
+    twice = make_case(4, ("torque_offset",), known=False, second=5.0, **SHORT)
     np.testing.assert_array_equal(once.logs[0].tau, twice.logs[0].tau)
     assert not once.second
     assert twice.second_motion != "fourier"
@@ -136,7 +116,57 @@ def test_one_joint_after_the_other_turns_while_the_others_hold() -> None:
     assert moving.sum(axis=1).max() == 1
     assert moving.any(axis=0).all()
     np.testing.assert_allclose(np.ptp(q, axis=0), 2 * REACH, rtol=1e-3)
-    limits = load_arm("panda").limits
-    low, high = limits.position.T
-    assert np.all((low < q) & (q < high))
-    assert np.all(np.abs(np.gradient(q, 0.02, axis=0)) < limits.velocity)
+
+
+# ---- links that are a little off -----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def makers() -> np.ndarray:
+    """(7, 10) parameters of the links as the makers know them."""
+    return inertial_parameters(load_arm("panda").pinocchio())
+
+
+@pytest.mark.parametrize("scatter", [0.03, 0.2])
+def test_scattered_links_can_exist_and_are_as_far_off_as_said(
+    makers: np.ndarray, scatter: float
+) -> None:
+    rng = np.random.default_rng(1)
+    drawn = np.stack([scattered(makers, scatter, rng) for _ in range(200)])
+    assert consistent(drawn).all()
+    mass = drawn[..., 0] / makers[:, 0] - 1
+    centre = drawn[..., 1:4] / drawn[..., :1] - makers[:, 1:4] / makers[:, :1]
+    # of 1400 draws and of 4200, to four standard errors
+    assert mass.std() == pytest.approx(scatter, rel=4 / np.sqrt(2 * mass.size))
+    assert centre.std() == pytest.approx(0.1 * scatter, rel=4 / np.sqrt(2 * centre.size))
+    assert abs(mass.mean()) < 4 * scatter / np.sqrt(mass.size)
+
+
+def test_a_scatter_out_of_range_is_refused(makers: np.ndarray) -> None:
+    with pytest.raises(StictionError, match=r"scatter 0\.5: expected 0 to 0\.2"):
+        scattered(makers, 0.5, np.random.default_rng(1))
+
+
+def test_links_have_a_random_stream_of_their_own_and_are_not_what_is_hidden() -> None:
+    """Motion, friction, hidden cause and stamps are those of the exact arm."""
+    exact = make_case(6, ("payload",), known=True, **SHORT)
+    off = make_case(6, ("payload",), known=True, scatter=0.1, **SHORT)
+    assert exact.hidden == off.hidden
+    np.testing.assert_array_equal(exact.logs[0].t, off.logs[0].t)
+    np.testing.assert_array_equal(exact.bare.coulomb, off.bare.coulomb)
+    assert exact.bare.rigid.xml == load_arm("panda").xml
+    assert np.abs(exact.logs[0].tau - off.logs[0].tau).max() > 0.3
+    np.testing.assert_allclose(off.effect, exact.effect, rtol=0.02, atol=0.005)
+    assert exact.effect[1] > 1
+
+
+def test_the_residual_of_a_log_is_that_of_its_links(makers: np.ndarray) -> None:
+    case = make_case(8, known=False, scatter=0.03, motion="fourier", seconds=8.0)
+    data = against(load_arm("panda"), case.logs)
+    own = against(case.bare.rigid, case.logs)
+    off = inertial_parameters(case.bare.rigid.pinocchio()) - makers
+    model = load_arm("panda").pinocchio()
+    predicted = torque_regressor(model, data.q, data.dq, data.ddq) @ off.ravel()
+    np.testing.assert_allclose(data.residual - own.residual, predicted, atol=1e-6)
+    assert np.all(rms(own.residual[500:]) < 0.03)  # after the second in which the motion begins
+    assert rms(data.residual)[1] > 0.3

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.cli import main as stiction
-from stiction_envs.hidden.excited_logs import direction, perturbed, torque
+from stiction_envs.hidden.excited_logs import direction, perturbed
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
 
 WHEEL = "example-robot-data"
@@ -87,7 +88,11 @@ def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
     t, q, dq = way[::step, 0], way[::step, 1 : 1 + arm.n], way[::step, 1 + arm.n :]
     rng = np.random.default_rng(0)
     dry = 0.02 * np.minimum(arm.limits.torque, 100.0)
-    tau = torque(perturbed(arm, 0.05, 1), q, dq, ddq) + dry * direction(dq) + 0.3 * dry * dq
+    tau = (
+        inverse_torque(perturbed(arm, 0.05, 1).model(), q, dq, ddq)
+        + dry * direction(dq)
+        + 0.3 * dry * dq
+    )
     tau += 0.02 * dry * rng.normal(size=q.shape)
     joints = range(1, arm.n + 1)
     head = ["t", *(f"{x}{j}" for x in ("q", "dq", "tau") for j in joints)]

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +33,7 @@ from stiction_envs.hidden.rehearsal.jobs import (
 )
 from stiction_envs.hidden.rehearsal.replay import Replay
 from stiction_envs.hidden.torque_effects import EFFECTS
-from stiction_envs.hidden.worlds import World
+from stiction_envs.hidden.worlds import World, inverse_torque
 
 Array = NDArray[np.float64]
 CLOSE = 0.03
@@ -162,13 +161,7 @@ class HiddenTorques:
             for run in data.runs():
                 ddq[run, joint[0]] += np.gradient(v[run], data.dt)
         model = dataclasses.replace(world, gap=None, soft=None).model()
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        work, out = mujoco.MjData(model), np.empty_like(q)
-        for k in range(len(q)):
-            work.qpos[:], work.qvel[:], work.qacc[:] = q[k], dq[k], ddq[k]
-            mujoco.mj_inverse(model, work)
-            out[k] = work.qfrc_inverse
-        return out - data.recording.rigid
+        return inverse_torque(model, q, dq, ddq) - data.recording.rigid
 
     def hidden(self, job: Job, size: Array) -> tuple[Array, dict[str, float]]:
         """Return (T, n) torque of a cause of sizes (n,) [N·m], and the parameter of each row."""

@@ -30,8 +30,8 @@ from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.hidden_effects import EFFECTS
 from stiction_envs.hidden.hidden_logs import make_case
+from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, pseudo_inertia
 
@@ -46,7 +46,7 @@ def data() -> Data:
 
 
 def test_the_causes_are_those_that_can_be_hidden() -> None:
-    assert list(BY_NAME) == list(dict.fromkeys(e.cause for e in EFFECTS.values()))
+    assert list(BY_NAME) == list(dict.fromkeys(map(cause_of, EFFECTS)))
 
 
 @pytest.mark.parametrize("cause", CAUSES, ids=lambda c: c.name)

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import replace
-from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden.rehearsal.jobs import NO_JOB
+from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
-from stiction_envs.hidden.rehearsal.runs import LARGE_NOISE, LARGE_SHARE
-from stiction_envs.hidden.rehearsal.servo import HiddenServos
-from stiction_envs.hidden.rehearsal.servo_effects import EFFECTS
+from stiction_envs.hidden.rehearsal.servo import HiddenServos, _base
+from stiction_envs.hidden.servo_effects import EFFECTS
 from stiction_envs.hidden.servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.robots import Arm
-from tests.gap.servo.small_arm import two_links
+from tests.gap.servo.small_arm import motion, parameters, two_links
 
 pytestmark = pytest.mark.slow
 FEW = ("coulomb_friction", "delay", "payload", "encoder_offset")
@@ -50,7 +51,7 @@ def test_with_nothing_hidden_the_log_is_that_of_the_judged_arm(
 ) -> None:
     """Of its friction nothing is left; steps, times and noise are those of the log."""
     none = np.zeros(2)
-    (log,) = subject._logs(subject.arm, subject.base, none, np.random.default_rng(0))
+    (log,) = subject._logs(subject.base, 0.0, none, np.random.default_rng(0))
     np.testing.assert_array_equal(log.t, seen.log.t)
     np.testing.assert_array_equal(log.q_cmd, seen.log.q_cmd)
     np.testing.assert_allclose(subject.resolution, ENCODER)
@@ -58,7 +59,7 @@ def test_with_nothing_hidden_the_log_is_that_of_the_judged_arm(
     assert subject.base[:, 0] == pytest.approx(seen.stiffness)
     # an arm without noise is another by what the diagnosis left, and by rounding
     quiet = replace(subject, left=tuple(np.zeros_like(x) for x in subject.left))
-    (silent,) = quiet._logs(subject.arm, subject.base, none, np.random.default_rng(0))
+    (silent,) = quiet._logs(subject.base, 0.0, none, np.random.default_rng(0))
     off = np.sqrt(np.mean((log.q - silent.q) ** 2, axis=0))
     assert (off < 1.5 * subject.noise + ENCODER).all()
     assert (off > 0.5 * subject.noise).all()
@@ -70,19 +71,19 @@ def test_sizes_change_the_angle_by_the_noise_and_by_what_nobody_overlooks(
     jobs = {job.cause: job for job in planned.jobs}
     small, middle, large = subject.sizes(jobs["coulomb_friction"])
     np.testing.assert_allclose(middle**2, small * large)
-    for j, (motion, joint) in enumerate(zip(subject.motions, subject.joints, strict=True)):
-        whole = float(motion.q.std())
+    for j, (moving, joint) in enumerate(zip(subject.motions, subject.joints, strict=True)):
+        whole = float(moving.q.std())
         wanted = (subject.noise[j], max(LARGE_NOISE * subject.noise[j], LARGE_SHARE * whole))
         for size, target in zip((small[j], large[j]), wanted, strict=True):
             sets = np.stack(
                 [joint.parameters, EFFECTS["coulomb_friction"].changed(joint, float(size))]
             )
-            plain, changed = motion.simulate(sets)
+            plain, changed = moving.simulate(sets)
             assert np.sqrt(np.mean((changed - plain) ** 2)) == pytest.approx(target, rel=0.1)
 
 
-def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan, tmp_path: Path) -> None:
-    found = planned.run(kept=tmp_path / "kept.jsonl")
+def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan) -> None:
+    found = planned.run()
     assert found.named_without == ()
     rows = {(r.cause, r.joint): r for r in found.rows}
     assert all(rows["coulomb_friction", j].found for j in (1, 2))
@@ -92,13 +93,6 @@ def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan, tmp_path:
     backlash = rows["backlash", 0]
     assert not backlash.found
     assert "no log of positions tells it from dry friction" in backlash.instead
-    folder = found.save(tmp_path / "out")
-    with (folder / "rehearsal.csv").open(encoding="utf-8") as file:
-        written = list(csv.DictReader(file))
-    assert [(r["cause"], int(r["joint"])) for r in written] == list(rows)
-    # nothing is done again, and the files are the same
-    again = planned.run(kept=tmp_path / "kept.jsonl")
-    assert again.to_json() == found.to_json()
 
 
 def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
@@ -116,3 +110,27 @@ def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenS
 def test_a_cause_of_other_logs_is_one_line(arm: Arm, seen: HiddenServoLog) -> None:
     with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
         plan([seen.log], arm, causes=["viscous_friction"])
+
+
+@pytest.mark.parametrize(
+    ("known", "expected"),
+    [
+        # nobody said: its own stiffness, and all of its lag as damping
+        ({}, {"stiffness": 20.0, "damping": 1.0 + 20.0 * 0.02, "delay": 0.0, "stiction": 0.0}),
+        # stiffness alone is known: damping is as it was fitted
+        ({"stiffness": np.array([30.0])}, {"stiffness": 30.0, "damping": 1.0, "delay": 0.0}),
+        # an earlier model is what it is, stamps that are late too
+        (
+            {"parameters": parameters(damping=0.7, stiction=0.2, delay=-0.01)[None]},
+            {"stiction": 0.2, "delay": -0.01},
+        ),
+    ],
+)
+def test_with_nothing_hidden_a_joint_is_as_it_is_judged(
+    known: dict, expected: dict[str, float]
+) -> None:
+    found = parameters(damping=1.0, delay=expected["delay"] or 0.02, stiction=0.3)[None]
+    own = SimpleNamespace(servo=Servo(**known), parameters=found)
+    t = 0.01 * np.arange(1500)
+    base = _base(own, [motion(0.4 * np.sin(t), gravity=1.0)], gap_settings())[0]  # type: ignore[arg-type]
+    assert {name: base[INDEX[name]] for name in expected} == pytest.approx(expected)
