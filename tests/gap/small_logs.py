@@ -14,7 +14,7 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.example_command import log_csv
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 

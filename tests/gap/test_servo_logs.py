@@ -5,7 +5,7 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.hidden.example_command import log_csv
+from stiction_envs.hidden.examples import log_csv
 from tests.gap.servo.small_arm import TWO_LINKS
 
 

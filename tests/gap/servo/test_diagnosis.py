@@ -11,7 +11,7 @@ from stiction_envs import diagnose
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.hidden.example_command import log_csv
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.hidden.servo_logs import HiddenServoLog, hide
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import TWO_LINKS, held, two_links
