@@ -12,27 +12,19 @@ from __future__ import annotations
 
 import sysconfig
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row
-from stiction_envs.gap.diagnosis import NamedCause
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.hidden.servo_logs import CAUSES, hide
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.robots import load_arm
 
-MADE_BY = (
-    *LOGS,
-    "stiction_envs/hidden",
-    "stiction_envs/plant",
-    "benchmarks/servo/blind_servo_logs.py",
-)
-"""Code that decides a case."""
-STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
+PLACES = ("stiction_envs/hidden", "stiction_envs/plant", "benchmarks/servo/blind_servo_logs.py")
+STUDY = Benchmark(__file__, __doc__, made_by=(*LOGS, *PLACES))
 FIRST = 6000
 """Seeds of the study begin here; those below are for development."""
 ROBOTS = {
@@ -48,29 +40,13 @@ REFINES = {"stribeck_friction", "load_dependent_friction"}
 """Causes that come with dry friction, which is then right to be named."""
 
 
-@dataclass(frozen=True)
-class Job:
-    """One arm and one log: the seed says everything."""
-
-    seed: int
-
-    @property
-    def key(self) -> str:
-        """Of its row."""
-        return str(self.seed)
-
-    @property
-    def robot(self) -> str:
-        """One after the other."""
-        return tuple(ROBOTS)[self.seed % len(ROBOTS)]
-
-    @property
-    def causes(self) -> tuple[str, ...]:
-        """None in every fourth, one to three different ones else."""
-        if self.seed % 4 == 0:
-            return ()
-        rng = np.random.default_rng([self.seed, 21])
-        return tuple(rng.choice(CAUSES, size=int(rng.integers(1, 4)), replace=False))
+def drawn(seed: int) -> tuple[str, tuple[str, ...]]:
+    """Return robot and causes of a log: none in every fourth, one to three different ones else."""
+    robot = tuple(ROBOTS)[seed % len(ROBOTS)]
+    if seed % 4 == 0:
+        return robot, ()
+    rng = np.random.default_rng([seed, 21])
+    return robot, tuple(rng.choice(CAUSES, size=int(rng.integers(1, 4)), replace=False))
 
 
 def robot_file(name: str) -> str:
@@ -81,24 +57,21 @@ def robot_file(name: str) -> str:
     return str(Path(site) / "cmeel.prefix/share/example-robot-data/robots" / ROBOTS[name])
 
 
-def search(job: Job) -> Row:
+def search(seed: int) -> Row:
     """Hide the causes, diagnose the log."""
-    arm = load_arm(robot_file(job.robot))
-    case = hide(arm, job.causes, seed=job.seed)
+    robot, causes = drawn(seed)
+    arm = load_arm(robot_file(robot))
+    case = hide(arm, causes, seed=seed)
     found = diagnose_servo([case.log], arm, case.servo, threads=1)
+    # 0 is the joint of a cause of the whole arm
+    joints = {c.name: (0,) if 0 in c.parameters else c.joints for c in found.causes}
     return {
-        "robot": job.robot,
+        "robot": robot,
         "hidden": [list(x) for x in case.hidden],
-        "named": [[c.name, j] for c in found.causes for j in _joints(c)],
-        "verdict": found.verdict,
+        "named": [[name, j] for name, those in joints.items() for j in those],
         "nominal_rad": found.nominal_rms.tolist(),
         "extended_rad": found.extended_rms.tolist(),
     }
-
-
-def _joints(cause: NamedCause) -> tuple[int, ...]:
-    """Return the joints of a cause; 0 for one of the whole arm."""
-    return (0,) if 0 in cause.parameters else cause.joints
 
 
 def score(row: Row) -> tuple[int, int, int]:
@@ -116,35 +89,21 @@ def score(row: Row) -> tuple[int, int, int]:
 def page(found: Mapping[str, Row]) -> dict[str, Any]:
     """Return what the page's template asks for."""
     rows = list(found.values())
-    scores = [score(r) for r in rows]
-    hidden, families, exact, false = (
-        sum(x)
-        for x in ([len(r["hidden"]) for r in rows], *([s[k] for s in scores] for k in range(3)))
-    )
+    scores = np.array([score(r) for r in rows]).reshape(-1, 3).sum(axis=0)
     empty = [r for r in rows if not r["hidden"]]
-    named = sum(len(r["named"]) for r in rows)
+    header = ["seed", "arm", "hidden", "named", "error before [mrad]", "after [mrad]"]
+    lines = []
+    for key, r in found.items():
+        errors = (f"{1e3 * max(r[k]):.1f}" for k in ("nominal_rad", "extended_rad"))
+        lines.append([key, r["robot"], _said(r["hidden"]), _said(r["named"]), *errors])
     return {
         "cases": len(rows),
-        "hidden": hidden,
-        "families": families,
-        "exact": exact,
-        "wrong": false,
-        "named": named,
+        "hidden": sum(len(r["hidden"]) for r in rows),
+        "named": sum(len(r["named"]) for r in rows),
+        **dict(zip(("families", "exact", "wrong"), scores.tolist(), strict=True)),
         "empty": len(empty),
         "silent": sum(not r["named"] for r in empty),
-        "table": table_text(
-            ["seed", "arm", "hidden", "named", "error before [mrad]", "after [mrad]"],
-            [
-                [
-                    key,
-                    str(r["robot"]),
-                    _said(r["hidden"]),
-                    _said(r["named"]),
-                    *(f"{1e3 * max(r[k]):.1f}" for k in ("nominal_rad", "extended_rad")),
-                ]
-                for key, r in found.items()
-            ],
-        ),
+        "table": table_text(header, lines),
         "seconds": float(np.median([r["seconds"] for r in rows])) if rows else np.nan,
         "first": FIRST,
     }
@@ -159,14 +118,14 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=24)
     parser.add_argument("--processes", type=int, default=1)
     options = parser.parse_args()
-    jobs = [Job(FIRST + k) for k in range(options.cases)]
+    seeds = range(FIRST, FIRST + options.cases)
     found = STUDY.rows(options).fill(
-        {job.key: job for job in jobs},
+        {str(seed): seed for seed in seeds},
         search,
         processes=options.processes,
         minutes=options.minutes,
     )
-    STUDY.write_page(options, planned=len(jobs), **page(found))
+    STUDY.write_page(options, planned=len(seeds), **page(found))
 
 
 if __name__ == "__main__":

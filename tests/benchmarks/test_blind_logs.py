@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from benchmarks.accuracy.blind_logs import STUDY, Job, is_honest, plan
-from benchmarks.accuracy.blind_logs_page import page, scores
+from benchmarks.accuracy.blind_logs import STUDY, Job, Rows, page, plan, scores
 from stiction_envs.hidden.torque_effects import cause_of
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import inertial_parameters
@@ -47,16 +45,16 @@ OFF = [
 
 
 def test_bodies_that_are_not_hidden_are_counted() -> None:
-    found = scores(OFF, is_honest)
-    assert found["nothing is hidden, yet a cause is named"] == ("false", [True, True])
-    assert found["the same, a body (payload or link)"] == ("", [True, False])
-    assert found["causes are hidden, but no body, yet one is named"] == ("", [True])
-    assert found["two causes are hidden, and all are named"] == ("pairs", [True])
-    assert found["the model holds on a second motion"] == ("second", [False, True])
+    found = {text: hits for text, (_, hits) in scores(Rows(OFF)).items()}
+    assert found["nothing is hidden, yet a cause is named"] == [True, True]
+    assert found["the same, a body (payload or link)"] == [True, False]
+    assert found["causes are hidden, but no body, yet one is named"] == [True]
+    assert found["two causes are hidden, and all are named"] == [True]
+    assert found["the model holds on a second motion"] == [False, True]
 
 
-def test_links_that_are_off_are_a_column_where_there_are_rows() -> None:
-    values = page({0.0: KNOWN, 0.03: OFF, 0.1: []}, is_honest)
+def test_links_that_are_off_are_a_column_where_there_are_rows(tmp_path: Any) -> None:
+    values = page({0.0: KNOWN, 0.03: OFF, 0.1: []})
     lines = values["scores"].splitlines()
     assert lines[0] == "|  | target | links known | links 3 % and 3 mm off |"
     strongest = next(x for x in lines if "strongest" in x)
@@ -64,28 +62,18 @@ def test_links_that_are_off_are_a_column_where_there_are_rows() -> None:
     assert (values["cases"], values["broken"]) == (3, 1)
     first, second, third = values["links_off"]
     assert "torque_offset (" in first
-    assert "payload" in first
     assert "nothing (" in second
     assert "nothing (" in third
     assert all(x.endswith(", links 0.03 off") for x in values["links_off"])
-
-
-def test_the_template_takes_the_page(tmp_path: Any) -> None:
     options = STUDY.parser().parse_args(["--out", str(tmp_path)])
-    values = page({0.0: KNOWN, 0.03: OFF}, is_honest)
     text = STUDY.write_page(options, first=1, planned=4, **values)
     assert "In 1/1 = 100 % of simulated logs" in text
     assert "Links off, and another cause is named first, or none:" in text
-    assert "Links off, and another cause" not in STUDY.write_page(
-        options, first=1, planned=4, **page({0.0: KNOWN}, is_honest)
-    )
 
 
 def test_every_case_has_a_row_for_every_scatter() -> None:
-    jobs = plan(1, 500)
-    keys = {replace(x, scatter=s).key for x in jobs for s in (0, 0.03)}
-    assert len(keys) == 2 * len(jobs)
-    assert {x.key for x in jobs} <= keys
+    keys = {job.key for scatter in (0.0, 0.03) for job in plan(1, scatter)}
+    assert len(keys) == 2 * len(plan(1))
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.servo.blind_servo_logs import ROBOTS, STUDY, Job, page, robot_file, score, search
+from benchmarks.servo.blind_servo_logs import ROBOTS, STUDY, drawn, page, robot_file, score, search
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
@@ -18,7 +18,6 @@ def row(hidden: Any, named: Any) -> Any:
         "robot": "so101",
         "hidden": hidden,
         "named": named,
-        "verdict": "explained",
         "nominal_rad": [0.02, 0.01],
         "extended_rad": [0.001, 0.002],
         "seconds": 3.0,
@@ -47,7 +46,7 @@ def test_the_page_counts(tmp_path: Any) -> None:
 
 def test_every_robot_is_there_and_every_fourth_log_hides_nothing() -> None:
     assert all(load_arm(robot_file(name)).n >= 6 for name in ROBOTS)
-    causes = [Job(k).causes for k in range(40)]
+    causes = [drawn(k)[1] for k in range(40)]
     assert [not c for c in causes] == [k % 4 == 0 for k in range(40)]
     assert {len(c) for c in causes} == {0, 1, 2, 3}
 
@@ -69,8 +68,8 @@ def test_causes_that_stand_in_for_each_other_are_not_both_minor() -> None:
 @pytest.mark.slow
 def test_links_a_little_off_are_no_payload() -> None:
     """A body of 14 g would take off error, and spares no cause."""
-    found = search(Job(3012))
-    assert Job(3012).causes == ()
+    assert drawn(3012)[1] == ()
+    found = search(3012)
     assert found["named"] == []
 
 
