@@ -2,33 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Unpack
-
-from gymnasium.vector import AutoresetMode
-from numpy.typing import ArrayLike
-
-from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.settings import ImpedanceSettings
-from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs.gym_env import ArmArguments, ArmEnv, ArmVectorEnv
+from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.envs.render.gte_frames import PathRenderer
 from stiction_envs.experiments.gte.episodes import GTEEpisodes
-from stiction_envs.robots import Arm
-
-
-class GTEArguments(ArmArguments, total=False):
-    """Arguments of `GTEEnv`, which explains them."""
-
-    scatter_seed: int
-    settings: ImpedanceSettings | None
-    motion: MotionLimits | None
-    start: ArrayLike | None
-    tool: ArrayLike | None
-    compensation: str | Path | Compensation | None
-    controller_model: Arm | None
-    random_paths: int | None
-    settling_weight: float | None
 
 
 class GTEEnv(ArmEnv):
@@ -213,26 +189,9 @@ class GTEEnv(ArmEnv):
     episodes = GTEEpisodes
     renderer = PathRenderer
 
-    if TYPE_CHECKING:
-
-        def __init__(
-            self, *, render_mode: str | None = None, **arguments: Unpack[GTEArguments]
-        ) -> None: ...
-
 
 class GTEVectorEnv(ArmVectorEnv):
     """N arms of `GTEEnv`, stepped in one batch; see `ArmVectorEnv`."""
 
     episodes = GTEEpisodes
     renderer = PathRenderer
-
-    if TYPE_CHECKING:
-
-        def __init__(
-            self,
-            num_envs: int = 1,
-            *,
-            autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-            render_mode: str | None = None,
-            **arguments: Unpack[GTEArguments],
-        ) -> None: ...

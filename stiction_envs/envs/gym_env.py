@@ -10,8 +10,7 @@ import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
-from pathlib import Path
-from typing import Any, ClassVar, TypedDict, Unpack
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -20,12 +19,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stiction_envs.control.sensing import SensingLike
 from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
-from stiction_envs.friction.parameters import FrictionParameters
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
@@ -33,28 +30,6 @@ Info = dict[str, Any]
 """Of a step, as Gymnasium has it."""
 AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
-
-
-class ArmArguments(TypedDict, total=False):
-    """Arguments of every environment; its class explains them."""
-
-    robot: str | Path
-    payload: Sequence[float] | None
-    tilt: Sequence[float]
-    chain: Sequence[str] | None
-    scatter: bool
-    friction: str | Path | FrictionParameters | None
-    sensing: SensingLike
-    control_interval_s: float
-    power_weight: float | None
-    torque_rate_weight: float | None
-    shaking_weight: float | None
-    max_episode_steps: int
-    fixed_options: Options | None
-    randomise: Mapping[str, float] | None
-    friction_factor: float
-    waveform: str
-    threads: int
 
 
 class _Experiment:
@@ -111,9 +86,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
     metadata = {"render_modes": list(RENDER_MODES), "render_fps": 10}  # noqa: RUF012
 
-    def __init__(
-        self, *, render_mode: str | None = None, **arguments: Unpack[ArmArguments]
-    ) -> None:
+    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         """Make the environment; the class explains the arguments."""
         self._check_arguments(arguments)
         check_render_mode(render_mode)
@@ -183,7 +156,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
-        **arguments: Unpack[ArmArguments],
+        **arguments: Any,
     ) -> None:
         """Make the environments.
 

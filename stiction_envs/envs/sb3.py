@@ -11,7 +11,7 @@ Needs the extra `rl`: `pip install 'stiction-envs[rl]'`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,6 @@ from stiction_envs.errors import StictionError, missing_extra
 if TYPE_CHECKING:
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvStepReturn
 
-    from stiction_envs.envs.gte import GTEArguments
     from stiction_envs.envs.gym_env import Info
 
 try:
@@ -45,12 +44,8 @@ class SB3VecEnv(VecEnv):
     the next episode, as Stable-Baselines3 expects.
     """
 
-    def __init__(self, env: VectorEnv, *, rescale: bool = True) -> None:
-        """Adapt a vector environment.
-
-        Args:
-            env: with Box actions and observations, and the autoreset mode `SameStep`.
-            rescale: whether actions are in [-1, 1]; else they are those of the environment.
+    def __init__(self, env: VectorEnv) -> None:
+        """Adapt a vector environment with Box actions and observations, and mode `SameStep`.
 
         Raises:
             StictionError: another autoreset mode, or spaces other than Box.
@@ -66,13 +61,11 @@ class SB3VecEnv(VecEnv):
             raise StictionError("SB3VecEnv: expected Box actions and observations")
         self.env = env
         self.spec = env.unwrapped.spec
-        self._rescale = rescale
         self._low = actions.low.astype(float)
         self._high = actions.high.astype(float)
         self._actions: Numbers = np.zeros((env.num_envs, *actions.shape))
-        if rescale:
-            actions = Box(-1.0, 1.0, actions.shape, np.float32)
-        super().__init__(env.num_envs, env.single_observation_space, actions)
+        scaled = Box(-1.0, 1.0, actions.shape, np.float32)
+        super().__init__(env.num_envs, env.single_observation_space, scaled)
 
     def scale(self, actions: Numbers) -> NDArray[np.float64]:
         """Return actions in [-1, 1] in the units of the environment [N·m, Hz]."""
@@ -95,7 +88,7 @@ class SB3VecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         """Step all environments."""
-        actions = self.scale(self._actions) if self._rescale else self._actions
+        actions = self.scale(self._actions)
         observation, reward, terminated, truncated, batch = self.env.step(actions)
         done = terminated | truncated
         final = batch.pop("final_info", None)
@@ -162,18 +155,15 @@ def _row(batch: Info, i: int) -> Info:
     return out
 
 
-def make_sb3(
-    name: str, num_envs: int = 1, *, rescale: bool = True, **arguments: Unpack[GTEArguments]
-) -> SB3VecEnv:
+def make_sb3(name: str, num_envs: int = 1, **arguments: Any) -> SB3VecEnv:
     """Return a registered environment (``PandaSJE-v0``) as a `SB3VecEnv`.
 
     Args:
         name: registered name.
         num_envs: how many arms.
-        rescale: whether actions are in [-1, 1].
-        arguments: those of the environment; an SJE takes those of `SJEEnv` only.
+        arguments: of the environment.
     """
     if ":" not in name:
         name = f"stiction_envs:{name}"
     batch = gymnasium.make_vec(name, num_envs, autoreset_mode="SameStep", **arguments)
-    return SB3VecEnv(batch, rescale=rescale)
+    return SB3VecEnv(batch)
