@@ -26,8 +26,8 @@ from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
-from stiction_envs.measured.logs.servo_reader import read_servo_logs
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm

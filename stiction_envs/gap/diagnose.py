@@ -36,9 +36,8 @@ from stiction_envs.gap.validation.check import check_logs, check_model
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
+from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log, torque_side
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, override

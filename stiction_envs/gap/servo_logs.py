@@ -13,8 +13,8 @@ from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
-from stiction_envs.measured.logs.servo_reader import read_servo_logs
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm

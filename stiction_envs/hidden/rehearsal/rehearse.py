@@ -46,8 +46,8 @@ from stiction_envs.hidden.servo_effects import effect_of as servo_effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.servo_reader import drive_of
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
 from stiction_envs.reporting.json_text import write_json

@@ -18,9 +18,8 @@ from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.timing import IGNORED
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result

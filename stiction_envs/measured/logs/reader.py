@@ -1,8 +1,12 @@
-"""Read, check and correct joint logs of real robots; every correction is recorded.
+"""Read, check and correct logs of real robots; every correction is recorded.
 
-A log is a table ``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]; dq may be missing,
+A joint log is a table ``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]; dq may be missing,
 ``temperature1..n`` and ``tau_cmd1..n`` are taken along, a column ``run`` names recordings that
 were put into one file. ``tau`` drives the joint: M(q)q̈ + C(q,q̇)q̇ + g(q) = tau − tau_friction.
+
+A servo log is a table ``t,q_cmd1..n,q1..n[,dq1..n][,tau1..n][,current_abs1..n][,run]`` [s, rad,
+rad/s, N·m, any unit]. Its rows that repeat the one before are kept: encoders have steps, and
+joints that stick rest.
 """
 
 from __future__ import annotations
@@ -15,26 +19,40 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_channels, check_finite, check_units
+from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.corrections import (
+    SERVO_CORE,
     Correction,
     Rows,
     correct_stale,
     drop_repeats,
     fill_missing,
 )
-from stiction_envs.measured.logs.files import read_raw
-from stiction_envs.measured.logs.formats.base import RawLog
+from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.robot_log import JointLog
+from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
 from stiction_envs.measured.logs.timing import corrected, ignored, read_each
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
-__all__ = ["Correction", "JointLog", "read_logs", "read_poses"]
+__all__ = [
+    "Correction",
+    "JointLog",
+    "drive_of",
+    "read_logs",
+    "read_poses",
+    "read_servo_logs",
+]
 
 Path = str | os.PathLike[str]
+
+SLOWEST_CLOCK = 5e-3
+"""Rows of a servo log further apart keep their stamps [s]: a servo that sticks and slips moves too
+fast for the slopes over ±25 ms, five rows, that show a clock (`logs.clock`). Source: of 21 logs of
+an SO-101 at 50 Hz two seemed to jitter by 2 and 7 ms, their stamps by 0.7 ms."""
 
 
 def read_logs(
@@ -45,13 +63,13 @@ def read_logs(
     naming: Naming | None = None,
     motion: MotionThresholds | None = None,
 ) -> list[JointLog]:
-    """Read, check and correct the logs of one robot.
+    """Read, check and correct the joint logs of one robot.
 
     Args:
         paths: one or more of the files of `formats.registry`.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
-        naming: names of its joints, for bags.
+        naming: names of its joints, for kinds of files that have them.
         motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
 
     Raises:
@@ -61,7 +79,48 @@ def read_logs(
     thresholds = motion or measured_settings().motion
 
     def read(path: Path) -> JointLog:
-        return _corrected(read_raw(path, n_joints, naming=naming), limits, thresholds)
+        raw = read_raw(path, n_joints, naming=naming)
+
+        def check(rows: Rows) -> list[str]:
+            warnings = check_units(rows, raw.place, limits)
+            return warnings + check_channels(rows, raw.place, thresholds)
+
+        repeats = (drop_repeats, correct_stale)
+        common, data = corrected(raw, limits, thresholds, check, correct=repeats)
+        return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
+
+    return read_each(paths, read)
+
+
+def read_servo_logs(
+    paths: Sequence[Path],
+    n_joints: int,
+    *,
+    limits: Limits | None = None,
+    naming: Naming | None = None,
+    motion: MotionThresholds | None = None,
+) -> list[ServoLog]:
+    """Read, check and correct the servo logs of one robot; see `read_logs`."""
+    thresholds = motion or measured_settings().motion
+
+    def read(path: Path) -> ServoLog:
+        raw = read_raw(path, n_joints, naming=naming, drive=POSITION)
+
+        def check(rows: Rows) -> list[str]:
+            warnings = check_servo_units(rows, raw.place, limits)
+            return warnings + check_servo_channels(rows, raw.place, thresholds)
+
+        common, data = corrected(
+            raw, limits, thresholds, check, measured=SERVO_CORE, slowest=SLOWEST_CLOCK
+        )
+        current = data.pop("current_abs", None)
+        return ServoLog(
+            **common,
+            q_cmd=data.pop("q_cmd"),
+            tau=data.pop("tau", None),
+            current=None if current is None else np.abs(current),
+            extra=data,
+        )
 
     return read_each(paths, read)
 
@@ -100,9 +159,22 @@ def read_poses(
     )
 
 
-def _corrected(raw: RawLog, limits: Limits | None, motion: MotionThresholds) -> JointLog:
-    def check(rows: Rows) -> list[str]:
-        return check_units(rows, raw.place, limits) + check_channels(rows, raw.place, motion)
+def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
+    """Return what drives the joints of a log: torque, or position where it has no torque.
 
-    common, data = corrected(raw, limits, motion, check, correct=(drop_repeats, correct_stale))
-    return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
+    Args:
+        log: a file of `formats.registry`, or a log in memory.
+        naming: names of its joints, for kinds of files that have them.
+
+    Raises:
+        StictionError: it has neither torques nor commanded positions, or cannot be read.
+    """
+    if isinstance(log, RobotLog):
+        return log.drive
+    found = drives(log, naming)
+    if not found:
+        raise StictionError(
+            f"{os.fspath(log)}: neither torques nor commanded positions: expected t,q1..qn with "
+            "tau1..taun or q_cmd1..q_cmdn"
+        )
+    return TORQUE if TORQUE in found else POSITION

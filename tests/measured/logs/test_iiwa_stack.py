@@ -13,8 +13,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
+from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_servo_logs
 from tests.measured.logs.bad_logs import good_values
 from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains
 from tests.measured.logs.ros_bags import (

@@ -15,9 +15,8 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
-from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
 from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses

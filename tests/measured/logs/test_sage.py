@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import read_logs
+from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
-from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
 from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
 from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
-from stiction_envs.measured.logs.servo_reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.sources import log_sources
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import GOOD, header_of
