@@ -12,8 +12,7 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.examples import SHIPPED, main, write_example
 from stiction_envs.hidden.servo_logs import ENCODER
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import read_logs
-from stiction_envs.measured.logs.servo_reader import read_servo_logs
+from stiction_envs.measured.logs.reader import read_logs, read_servo_logs
 from stiction_envs.robots import load_arm
 from tests.hidden.make_examples import panda, so101
 
