@@ -13,8 +13,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -91,7 +92,7 @@ class Sensing:
         for field in fields(self):
             if field.name == "speed":
                 continue
-            value = _numbers(field.name, getattr(self, field.name), field.type == "Numbers")
+            value = _numbers(field.name, getattr(self, field.name), field.name in _per_joint())
             high = most.get(field.name, np.inf)
             good = (value >= 0) & np.isfinite(value) & (value <= high)
             if field.name in ("missed_cycles", "spread"):
@@ -129,9 +130,14 @@ class Sensing:
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""
-        for field in fields(self):
-            if field.type == "Numbers":
-                self.of_joint(field.name, n)
+        for name in _per_joint():
+            self.of_joint(name, n)
+
+
+@cache
+def _per_joint() -> tuple[str, ...]:
+    """Return the names of the fields that may have one number per joint."""
+    return tuple(k for k, kind in get_type_hints(Sensing).items() if kind == Numbers)
 
 
 SensingLike = str | Path | Sensing

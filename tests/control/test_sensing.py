@@ -304,3 +304,14 @@ def test_senses_that_are_not_known_are_refused(tmp_path):
     own = load_arm(write_arms(tmp_path) / "two.urdf")
     with pytest.raises(StictionError, match=r"no senses of .* are known, but of .*panda"):
         load_sensing(own, "robot")
+
+
+def test_fields_per_joint_are_known_by_their_type_however_it_is_written():
+    """A subclass whose annotations are types and not text has the same fields per joint."""
+    per_joint = [("angle_noise", float | tuple[float, ...], 0.0)]
+    kind = dataclasses.make_dataclass(
+        "OwnSensing", per_joint, bases=(Sensing,), frozen=True, kw_only=True
+    )
+    assert kind(angle_noise=(0.1, 0.2)).of_joint("angle_noise", 2).tolist() == [0.1, 0.2]
+    with pytest.raises(StictionError, match="sensing angle_noise of 2 joints: expected 3, or one"):
+        kind(angle_noise=(0.1, 0.2)).check(3)

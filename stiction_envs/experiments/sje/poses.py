@@ -8,6 +8,7 @@ upright arm) the tilting moment on its bearing.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -47,7 +48,7 @@ class PoseLoads:
     def __init__(self, sticking: StickingModel, settings: PoseSettings) -> None:
         self.settings = settings
         self.arm = sticking.arm
-        model = sticking.model
+        model = copy.copy(sticking.model)
         # contacts on: they tell self-collision
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.batch = Batch(model, _TOGETHER)

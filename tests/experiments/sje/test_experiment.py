@@ -12,7 +12,7 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.sje.poses import PoseLoads, find_poses
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
     Job,
@@ -20,6 +20,8 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from stiction_envs.robots import BUILTIN, Arm, load_arm
 
@@ -81,6 +83,17 @@ def test_poses_are_free_of_collision_over_the_swing(robot):
                 q = poses.q[joint, k].copy()
                 q[joint] += shift
                 assert contacts(arm, q) == 0, f"joint {joint + 1}, {k}, {shift}"
+
+
+def test_looking_for_poses_leaves_the_model_as_it_was():
+    """Contacts are switched on in a copy: the caller's plant has none."""
+    arm = load_arm("panda")
+    sticking = build(arm, load_friction("generic", arm.n).rigid())
+    before = int(sticking.model.opt.disableflags)
+    loads = PoseLoads(sticking, experiment_settings().poses)
+    assert int(sticking.model.opt.disableflags) == before
+    folded = np.array([[0.0, 1.7, 0.0, -3.0, 0.0, 3.7, 0.0], arm.rest])
+    assert loads(folded)[1].tolist() == [False, True]
 
 
 @pytest.mark.parametrize("robot", BUILTIN)
