@@ -121,10 +121,6 @@ def imports(path: Path) -> Iterator[tuple[str, bool]]:
         yield from ((name.partition(".")[0], id(node) not in late) for name in names)
 
 
-GUARDED = ("tuning/policies/callbacks.py",)
-"""Imported where what is missing has been said: by `tuning.policies.train`."""
-
-
 def test_every_import_is_declared():
     """What a module needs to be imported is a dependency; what a function needs, or an extra."""
     project, owner = PROJECT["project"], {**metadata.packages_distributions(), **ELSEWHERE}
@@ -138,7 +134,6 @@ def test_every_import_is_declared():
     used: dict[str, set[bool]] = {}
     for path in SOURCES:
         for module, at_once in imports(path):
-            at_once &= path.relative_to(TOP).as_posix() not in GUARDED
             if module not in sys.stdlib_module_names and module not in PACKAGES:
                 names = {distribution(x) for x in owner.get(module, [module])}
                 (name,) = names & (always | extras) or names

@@ -31,6 +31,7 @@ try:
     import torch
     from stable_baselines3 import PPO, SAC, TD3
     from stable_baselines3.common.base_class import BaseAlgorithm
+    from stable_baselines3.common.callbacks import CheckpointCallback, EvalCallback
     from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
     from stable_baselines3.common.noise import NormalActionNoise
     from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
@@ -40,6 +41,7 @@ try:
 except ImportError:
     raise missing_extra("stiction train", "stable-baselines3", "rl") from None
 
+__all__ = ["CheckpointCallback", "EvalCallback"]
 SB3 = Any
 """Its arguments and objects: they take and have more than the types that it declares."""
 Settings = PPOSettings | SACSettings | TD3Settings

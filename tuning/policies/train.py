@@ -13,8 +13,9 @@ the extra `rl`.
 from __future__ import annotations
 
 import csv
+import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -25,8 +26,10 @@ from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.atomic import naming
 from tuning.policies.algorithms import (
-    BaseAlgorithm,
+    CheckpointCallback,
+    EvalCallback,
     begin_with,
     export,
     least_steps,
@@ -36,13 +39,13 @@ from tuning.policies.algorithms import (
     make_model,
     settings_of,
 )
-from tuning.policies.callbacks import Checkpoints, Evaluations, newest
 from tuning.policies.policy import Policy
 from tuning.policies.settings import PolicySettings
 from tuning.policies.task import Task
 
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
-"""Contents of the folder of a training."""
+"""Contents of the folder of a training; the first is removed when it is finished."""
+_EVALUATIONS, _PART = "evaluations.npz", "next"  # what EvalCallback writes; a checkpoint in writing
 Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
 
@@ -57,8 +60,6 @@ class CurvePoint:
     """Mean return of the evaluation's episodes, without exploration."""
     evaluation_std: float
     """Standard deviation of these returns."""
-    evaluation_length: float
-    """Mean length of these episodes [steps]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,9 +120,11 @@ class Training:
         Args:
             out: an existing folder; what is in it was made by the same training.
             progress: see `Progress`.
+
+        Raises:
+            StictionError: a checkpoint that cannot be read.
         """
-        at = None
-        points = _read_curve(out / CURVE)
+        at, points = None, _read_curve(out / CURVE)
         if not points or points[-1].steps < self.steps:
             at = self._learn(out, progress)
             points = _read_curve(out / CURVE)
@@ -129,9 +132,10 @@ class Training:
         return Trained(policy=Policy.load(out / POLICY), points=points, resumed_at=at)
 
     def _learn(self, out: Path, progress: Progress | None) -> int | None:
-        """Train the rest; return the steps that were done before."""
+        """Train the rest; return the steps that were done before, None for none."""
         own, run = settings_of(self.algorithm, self.settings), self.settings.run
         env = make_env(self.task, own.envs, run, own.gamma)
+        evaluations = _Evaluations(self, out, progress)
         place = newest(out / CHECKPOINTS)
         if place is None:
             model = make_model(own, env, self.seed)
@@ -140,53 +144,121 @@ class Training:
         else:
             model = load_checkpoint(self.algorithm, place, env)
             # not the episodes and the noise of the beginning once more
-            model.set_random_seed(far_seed(self.seed, int(place.name)))
+            model.set_random_seed(far_seed(self.seed, model.num_timesteps))
+            shutil.copyfile(place / POLICY, out / POLICY)
+            evaluations.restore(place / _EVALUATIONS)
         log_to(model, out / "tensorboard")
-
-        def say(evaluations: Evaluations) -> None:
-            if progress is not None:
-                words = (
-                    f"{self.algorithm}: return {evaluations.last_mean_reward:.3f}, best "
-                    f"{evaluations.best_mean_reward:.3f}"
-                )
-                progress(words, min(1.0, model.num_timesteps / self.steps))
-
-        def evaluated(evaluations: Evaluations) -> None:
-            _write_curve(out / CURVE, evaluations)
-            if evaluations.improved:
-                self._export(model).save(out / POLICY)
-
-        evaluations = Evaluations(
-            make_env(self.task, run.evaluation_episodes, run, own.gamma),
-            out / CHECKPOINTS,
-            seed=far_seed(self.seed, 1),
-            every=max(1, run.evaluation_every // own.envs),
-            evaluated=evaluated,
-            say=say,
-        )
-        checkpoints = Checkpoints(
-            out / CHECKPOINTS,
-            every=max(1, self.checkpoint_every // own.envs),
-            more=(out / POLICY, evaluations.file),
-        )
-        if place is not None:
-            checkpoints.copy_back(place)
-            evaluations.restore()
+        checkpoints = _Checkpoints(out, max(1, self.checkpoint_every // own.envs))
         before = model.num_timesteps
         model.learn(
             self.steps - before, callback=[evaluations, checkpoints], reset_num_timesteps=not before
         )
         return before or None
 
-    def _export(self, model: BaseAlgorithm) -> Policy:
+
+class _Evaluations(EvalCallback):
+    """Evaluations on the same episodes each time, also before the first and after the last step.
+
+    Writes the curve, keeps the best policy and reports the progress.
+    """
+
+    def __init__(self, training: Training, out: Path, progress: Progress | None) -> None:
+        own, run = settings_of(training.algorithm, training.settings), training.settings.run
+        env = make_env(training.task, run.evaluation_episodes, run, own.gamma)
+        # it takes over the training's normalisation
+        env.training, env.norm_reward = False, False
+        super().__init__(
+            env,
+            n_eval_episodes=env.num_envs,
+            eval_freq=max(1, run.evaluation_every // own.envs),
+            log_path=str(out / CHECKPOINTS),
+            verbose=0,
+        )
+        self._training, self._out, self._progress = training, out, progress
+
+    def restore(self, file: Path) -> None:
+        """Go on from the evaluations in a checkpoint's file."""
+        with np.load(file) as found:
+            self.evaluations_timesteps = found["timesteps"].tolist()
+            # rows of single precision, whose means are those from before
+            self.evaluations_results = list(found["results"])
+            self.evaluations_length = list(found["ep_lengths"])
+        self.best_mean_reward = max(float(np.mean(x)) for x in self.evaluations_results)
+
+    def _on_training_start(self) -> None:
+        if not self.evaluations_timesteps:
+            self._on_step()
+
+    def _on_training_end(self) -> None:
+        if self.evaluations_timesteps[-1] != self.num_timesteps:
+            self.eval_freq = 1
+            self._on_step()
+
+    def _on_step(self) -> bool:
+        training, count, best = self._training, len(self.evaluations_results), self.best_mean_reward
+        self.eval_env.seed(far_seed(training.seed, 1))  # of the next reset
+        with naming(self._out / CHECKPOINTS / _EVALUATIONS):
+            goes_on = super()._on_step()
+        if len(self.evaluations_results) > count:
+            if self.best_mean_reward > best:
+                self._save_policy()
+            pairs = zip(self.evaluations_timesteps, self.evaluations_results, strict=True)
+            _write_curve(self._out / CURVE, pairs)
+        if self._progress is not None:
+            last = np.mean(self.evaluations_results[-1])
+            words = f"{training.algorithm}: return {last:.3f}, best {self.best_mean_reward:.3f}"
+            self._progress(words, min(1.0, self.num_timesteps / training.steps))
+        return goes_on
+
+    def _save_policy(self) -> None:
+        training = self._training
         described = {
-            "algorithm": self.algorithm,
-            "steps": int(model.num_timesteps),
-            "seed": self.seed,
-            "start": [repr(row) for row in self.start],
-            "arguments": {k: repr(v) for k, v in sorted(self.task.arguments.items())},
+            "algorithm": training.algorithm,
+            "steps": int(self.num_timesteps),
+            "seed": training.seed,
+            "start": [repr(row) for row in training.start],
+            "arguments": {k: repr(v) for k, v in sorted(training.task.arguments.items())},
         }
-        return export(model, self.task, described)
+        export(self.model, training.task, described).save(self._out / POLICY)
+
+
+class _Checkpoints(CheckpointCallback):
+    """Checkpoints of which the newest stays; a folder of one is complete or absent.
+
+    Networks with their optimisers, normalisation, the replay buffer if there is one, evaluations,
+    best policy. Stable-Baselines3 pickles the first three: a stranger's checkpoint can run code.
+    """
+
+    def __init__(self, out: Path, every: int) -> None:
+        part = str(out / CHECKPOINTS / _PART)
+        super().__init__(every, part, save_replay_buffer=True, save_vecnormalize=True)
+        self._out = out
+
+    def _on_step(self) -> bool:
+        if self.n_calls % self.save_freq:
+            return True
+        folder, part = self._out / CHECKPOINTS, Path(self.save_path)
+        old = [p for p in folder.iterdir() if p.is_dir()]
+        place = folder / f"{self.num_timesteps:09d}"
+        try:
+            with naming(place):
+                part.mkdir(exist_ok=True)
+                goes_on = super()._on_step()
+                shutil.copyfile(self._out / POLICY, part / POLICY)
+                shutil.copyfile(folder / _EVALUATIONS, part / _EVALUATIONS)
+                os.replace(part, place)
+        except (OSError, RuntimeError):
+            shutil.rmtree(part, ignore_errors=True)
+            raise
+        for other in old:
+            shutil.rmtree(other, ignore_errors=True)
+        return goes_on
+
+
+def newest(folder: Path) -> Path | None:
+    """Return the newest complete checkpoint in a folder; None if there is none."""
+    found = folder.iterdir() if folder.is_dir() else ()
+    return max((p for p in found if p.is_dir() and p.name != _PART), default=None)
 
 
 def first_action(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
@@ -207,22 +279,17 @@ def far_seed(seed: int, which: int) -> int:
     return int(np.random.SeedSequence([seed, which]).generate_state(1)[0]) % 2**31
 
 
-def _write_curve(path: Path, evaluations: Evaluations) -> None:
-    points = [
-        CurvePoint(
-            steps=steps,
-            evaluation_return=float(np.mean(returns)),
-            evaluation_std=float(np.std(returns)),
-            evaluation_length=float(np.mean(lengths)),
+def _write_curve(path: Path, evaluations: Iterable[tuple[int, list[float]]]) -> None:
+    rows = [
+        asdict(
+            CurvePoint(
+                steps=steps,
+                evaluation_return=float(np.mean(returns)),
+                evaluation_std=float(np.std(returns)),
+            )
         )
-        for steps, returns, lengths in zip(
-            evaluations.evaluations_timesteps,
-            evaluations.evaluations_results,
-            evaluations.evaluations_length,
-            strict=True,
-        )
+        for steps, returns in evaluations
     ]
-    rows = [asdict(p) for p in points]
     write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
 
 

@@ -17,9 +17,9 @@ from tuning.commands import evaluate
 from tuning.commands import train as command
 
 pytest.importorskip("stable_baselines3")
-from tuning.policies import algorithms, callbacks, evaluation, task
+from tuning.policies import algorithms, evaluation, task
+from tuning.policies import train as training
 from tuning.policies.settings import policy_settings
-from tuning.policies.train import Training
 
 QUICK = shlex.split(EPISODES)
 
@@ -74,16 +74,16 @@ def test_train_writes_what_the_contract_says(train, cli, work):
 
 @pytest.mark.slow
 def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
-    save = callbacks.Checkpoints._on_step
+    save = training._Checkpoints._on_step
 
     def interrupted(self):
-        if callbacks.newest(self._folder) is not None:
+        if training.newest(work / "parts" / "checkpoint") is not None:
             raise KeyboardInterrupt
         return save(self)
 
     often = ["--checkpoint-every", 32]
     with monkeypatch.context() as patched:
-        patched.setattr(callbacks.Checkpoints, "_on_step", interrupted)
+        patched.setattr(training._Checkpoints, "_on_step", interrupted)
         ran = train("--out", "parts", *often)
     assert ran.code == 1
     assert ran.lines[-1] == (
@@ -104,7 +104,7 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     assert ran.out.startswith("ppo, 64 steps: evaluated return ")
     assert [r["steps"] for r in rows(work / "parts" / "curve.csv")] == ["0", "32", "64"]
     # finished: it is only evaluated again
-    monkeypatch.setattr(Training, "_learn", lambda *_: pytest.fail("trained"))
+    monkeypatch.setattr(training.Training, "_learn", lambda *_: pytest.fail("trained"))
     before = (work / "parts" / "report.md").read_bytes()
     assert json.loads(train("--out", "parts", *often, "--json").out)["resumed_at"] is None
     assert (work / "parts" / "report.md").read_bytes() == before
@@ -210,7 +210,7 @@ def test_names_are_those_of_the_packages():
     """They are written out: `--help` loads neither environments nor Stable-Baselines3."""
     defaults = policy_settings().evaluation
     assert command.ALGORITHMS == algorithms.ALGORITHMS
-    assert Training.checkpoint_every == command.CHECKPOINT_EVERY
+    assert training.Training.checkpoint_every == command.CHECKPOINT_EVERY
     assert evaluate.EXPERIMENTS == task.EXPERIMENTS
     assert evaluate.NAMED == evaluation.NAMED
     assert (*TRAJECTORIES, RANDOM) == evaluate.TRAJECTORIES

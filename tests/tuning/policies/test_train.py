@@ -18,10 +18,9 @@ import torch
 from stable_baselines3.common.vec_env import VecNormalize
 
 from tuning.policies.algorithms import export, load_checkpoint, make_env, make_model
-from tuning.policies.callbacks import newest
 from tuning.policies.policy import Policy
 from tuning.policies.task import Task
-from tuning.policies.train import Trained, Training
+from tuning.policies.train import Trained, Training, newest
 
 ALGORITHMS = ("ppo", "sac", "td3")
 SMALL = small_settings()
