@@ -20,24 +20,15 @@ TIMESTEP = 1e-3
 """Time step of the model [s]; assumed."""
 
 
-_COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.
-     Controls are joint torques [N m] as in the logs: they carry gravity themselves, nothing is
-     compensated here. Friction is a LuGre bristle in each dcmotor, rotor inertia is armature,
-     viscous friction damping. Keep integrator Euler and a timestep of at most {timestep:g} s.
-     Contacts are off. What was found and MuJoCo cannot express:
-{missing} """
-
-
-def write_mjcf(
+def mjcf_tree(
     arm: Arm,
     friction: FrictionParameters,
     *,
-    pull: Array,
-    offset: Array,
+    pull: Array | None = None,
+    offset: Array | None = None,
     waves: Sequence[tuple[int, float, float, float]] = (),
-    missing: Sequence[str],
-) -> str:
-    """Return plain MJCF of an arm that sticks.
+) -> tuple[ET.Element, ET.Element]:
+    """Return plain MJCF of an arm that sticks, without gravity compensation, and its actuators.
 
     Args:
         arm: the arm with its payloads and gravity.
@@ -45,7 +36,6 @@ def write_mjcf(
         pull: (n, 2) stiffness [N·m/rad] and rest angle [rad] of a spring to the world.
         offset: (n,) constant torque that a motor must overcome [N·m].
         waves: joint (from 0), amplitude [N·m], periods per turn and phase [rad] of further cogging.
-        missing: effects that MuJoCo cannot represent, for the comment.
 
     Raises:
         StictionError: MuJoCo cannot represent the model.
@@ -59,6 +49,8 @@ def write_mjcf(
     joints = {e.get("name"): e for e in root.iter("joint")}
     actuators = root.find("actuator")
     assert actuators is not None
+    pull = np.zeros((arm.n, 2)) if pull is None else pull
+    offset = np.zeros(arm.n) if offset is None else offset
     for j, name in enumerate(arm.joint_names):
         stiffness, rest = pull[j]
         if stiffness > 0:
@@ -86,12 +78,25 @@ def write_mjcf(
             resistance="1",
             cogging=mjcf.numbers(wave),
         )
+    return root, actuators
+
+
+def mjcf_text(arm: Arm, root: ET.Element, comment: str, missing: Sequence[str]) -> str:
+    """Return a tree as text that MuJoCo reads.
+
+    Args:
+        arm: the arm.
+        root: from `mjcf_tree`.
+        comment: the comment at the top, with places for name, timestep and missing.
+        missing: effects that MuJoCo cannot represent.
+
+    Raises:
+        StictionError: MuJoCo does not read it.
+    """
     listed = [f"     - {m}" for m in missing] or ["     - nothing"]
-    comment = _COMMENT.format(
-        name=arm.name, timestep=TIMESTEP, missing="\n".join(listed).replace("--", "- -")
-    )
+    said = comment.format(name=arm.name, timestep=TIMESTEP, missing="\n".join(listed))
     ET.indent(root)
-    out = f"<!--{comment}-->\n{ET.tostring(root, encoding='unicode')}\n"
+    out = f"<!--{said.replace('--', '- -')}-->\n{ET.tostring(root, encoding='unicode')}\n"
     try:
         mujoco.MjModel.from_xml_string(out)
     except ValueError as error:

@@ -25,7 +25,7 @@ from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LEAST_FRICTION
-from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
+from stiction_envs.gap.extended_mjcf import TIMESTEP, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import ARMS, Arm
@@ -47,6 +47,12 @@ JOINT_DAMPING_RATIO = 0.15
 """ζ of a joint's spring without a nominal one [-]; assumed."""
 POSES = 200
 """Number of poses of the logs at which the joints' inertia is computed [-]; assumed."""
+_COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.
+     Controls are joint torques [N m] as in the logs: they carry gravity themselves, nothing is
+     compensated here. Friction is a LuGre bristle in each dcmotor, rotor inertia is armature,
+     viscous friction damping. Keep integrator Euler and a timestep of at most {timestep:g} s.
+     Contacts are off. What was found and MuJoCo cannot express:
+{missing} """
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -97,14 +103,8 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     loaded = changed_arm(arm, parts)
     friction, sources = _friction(draft, data, nominal.friction, loaded)
     plain = _for_mjcf(friction, draft, level)
-    xml = write_mjcf(
-        loaded,
-        plain,
-        pull=draft.pull,
-        offset=draft.offset,
-        waves=draft.waves,
-        missing=tuple(dict.fromkeys(draft.not_in_mjcf)),
-    )
+    missing = tuple(dict.fromkeys(draft.not_in_mjcf))
+    root, _ = mjcf_tree(loaded, plain, pull=draft.pull, offset=draft.offset, waves=draft.waves)
     left = np.zeros_like(data.q)
     for part in draft.left_out:
         cause = causes[part.cause]
@@ -112,11 +112,11 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         if (held := cause.held(draft, part, data)) is not None:
             left[:, part.joint - 1] -= held
     return Extension(
-        xml=xml,
+        xml=mjcf_text(loaded, root, _COMMENT, missing),
         friction=friction,
         sources=sources,
         nominal=nominal,
-        missing=tuple(dict.fromkeys(draft.not_in_mjcf)),
+        missing=missing,
         friction_missing=tuple(dict.fromkeys(draft.not_in_tables)),
         left_out=left,
     )

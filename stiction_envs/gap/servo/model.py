@@ -7,13 +7,12 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.extended_mjcf import TIMESTEP, write_mjcf
+from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.servo.arm import friction_of
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
 from stiction_envs.reporting.toml import toml_text
@@ -40,17 +39,8 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
         StictionError: MuJoCo cannot represent the model.
     """
     missing = tuple(_missing(parameters))
-    n = arm.n
-    text = write_mjcf(
-        arm,
-        _at_load(friction_of(arm, parameters, load), load),
-        pull=np.zeros((n, 2)),
-        offset=np.zeros(n),
-        missing=(),
-    )
-    root = ET.fromstring(text)
-    actuators = root.find("actuator")
-    assert actuators is not None
+    friction = _at_load(friction_of(arm, parameters, load), load)
+    root, actuators = mjcf_tree(arm, friction)
     for j, name in enumerate(arm.joint_names):
         servo = ET.SubElement(
             actuators,
@@ -62,15 +52,7 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
         limit = float(parameters[j, INDEX["torque_limit"]])
         if limit < FAR:
             servo.set("forcerange", f"{-limit!r} {limit!r}")
-    listed = [f"     - {m}" for m in missing] or ["     - nothing"]
-    comment = _COMMENT.format(name=arm.name, timestep=TIMESTEP, missing="\n".join(listed))
-    ET.indent(root)
-    out = f"<!--{comment.replace('--', '- -')}-->\n{ET.tostring(root, encoding='unicode')}\n"
-    try:
-        mujoco.MjModel.from_xml_string(out)
-    except ValueError as error:
-        raise StictionError(f"{arm.name}: the extended model cannot be built: {error}") from None
-    return out, missing
+    return mjcf_text(arm, root, _COMMENT, missing), missing
 
 
 def _at_load(friction: FrictionParameters, load: Array) -> FrictionParameters:
