@@ -1,14 +1,15 @@
 """Tracking error against shaking: which dither removes the one without the other.
 
-    python -m benchmarks.learning.dither_tradeoff [--iterations 3]
+    python -m benchmarks.learning.dither_tradeoff [--iterations 3] [--kept]
 
 Beyond the thesis: its final dither (Table 4.9) at 0.25 to 1.5 times the amplitude, with other
 waveforms, per-joint phases and gating by joint speed, on both of its paths at both stiffnesses.
+Writes dither_tradeoff.csv and the page of it; ``--kept`` reads the CSV.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,225 +24,183 @@ from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither, thesis_stiffness
 from stiction_envs.experiments.sje.plots import plain_axes
-from stiction_envs.reporting.markdown import percent, signed, table_text
+from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import percent, table_text
 from stiction_envs.reporting.png import save_full
 
 STUDY = Benchmark(__file__, __doc__)
 FINAL = thesis_final_dither()
 PLACES = [(t, k) for t in TRAJECTORIES for k in thesis_stiffness()]
 SCALES = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
-"""Over the thesis's amplitudes [-]; assumed."""
+"""Amplitudes over the thesis's [-]; assumed."""
 TOGETHER = 32
-"""Cases at once."""
+"""Number of cases in one batch."""
 GATES = (0.02, 0.05, 0.1, 0.2)
 """Speeds above which a gated dither is off [rad/s]; assumed."""
-FAMILIES = {
-    "sine (thesis)": ("#d1701a", "o", "-"),
-    "triangle": ("#2b7bba", "^", "-"),
-    "square": ("#4a9a4a", "s", "-"),
-    "random": ("#8c6bb1", "P", "-"),
-    "sine, phases 0": ("#8a5a2b", "v", ""),
-    "sine, phases spread": ("#8a5a2b", "D", ""),
-    "sine, gated": ("#c0285f", "*", ""),
-    "square, gated": ("#1a7a6a", "X", ""),
-    "sine, wrist only": ("#555555", "<", ""),
-    "sine, joints 1-4 only": ("#555555", ">", ""),
-}
-"""Colour, marker and line of each family of dithers."""
+ERRORS = ("position", "orientation", "window", "path")
+COLUMNS = ("dither", *(f"{name}_percent" for name in ERRORS), "vibration_mm", "at_rest_mm")
+COLUMNS += ("power_w",)
+NOTHING, THESIS = "no dither", "sine (thesis) × 1"
+Row = dict[str, float]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Kind:
     """One dither, made from the thesis's final one."""
 
     family: str
     scale: float = 1.0
-    gate: float = float("inf")
-    """v_gate [rad/s]."""
+    gate: float = np.inf
+    """Speed above which it is off [rad/s]."""
     waveform: str = "sine"
     phases: str = "random"
     joints: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7)
 
     @property
-    def label(self) -> str:
-        """What is particular about it within its family."""
+    def name(self) -> str:
+        """Family, and what is particular about the dither within its family."""
         gate = f", gate {self.gate:g} rad/s" if np.isfinite(self.gate) else ""
         return f"{self.family} × {self.scale:g}{gate}"
 
-    def case(self, trajectory: str, stiffness: tuple[float, float, float]) -> Case:
-        """Return the experiment's case."""
+    def cases(self) -> list[Case]:
+        """Return the experiment's cases, one of each place."""
         rows = tuple(
             replace(r, amplitude_nm=self.scale * r.amplitude_nm, waveform=self.waveform)
             for r in FINAL
             if r.joint in self.joints
         )
-        return Case(
-            trajectory=trajectory,
-            stiffness=stiffness,
-            dither=rows,
-            gate_velocity=self.gate,
-            phases=self.phases,
-        )
+        more: dict[str, Any] = {"gate_velocity": self.gate, "phases": self.phases}
+        return [Case(trajectory=t, stiffness=k, dither=rows, **more) for t, k in PLACES]
 
 
 def kinds() -> list[Kind]:
     """Return all dithers that are compared."""
-    out = [Kind("sine (thesis)", s) for s in SCALES]
+    out = [Kind(family="sine (thesis)", scale=s) for s in SCALES]
     for waveform in ("triangle", "square", "random"):
-        out += [Kind(waveform, s, waveform=waveform) for s in SCALES[1::2]]
-    out += [Kind(f"sine, phases {n}", phases=p) for n, p in (("0", "zero"), ("spread", "spread"))]
-    out += [Kind("sine, gated", s, g) for s in (1.0, 1.5) for g in GATES]
-    out += [Kind("square, gated", s, 0.05, "square") for s in (0.5, 1.0, 1.5)]
-    out.append(Kind("sine, wrist only", joints=(5, 6, 7)))
-    out.append(Kind("sine, joints 1-4 only", joints=(1, 2, 3, 4)))
+        out += [Kind(family=waveform, scale=s, waveform=waveform) for s in SCALES[1::2]]
+    for name, phases in (("0", "zero"), ("spread", "spread")):
+        out.append(Kind(family=f"sine, phases {name}", phases=phases))
+    out += [Kind(family="sine, gated", scale=s, gate=g) for s in (1.0, 1.5) for g in GATES]
+    square: dict[str, Any] = {"family": "square, gated", "gate": 0.05, "waveform": "square"}
+    out += [Kind(scale=s, **square) for s in (0.5, 1.0, 1.5)]
+    out.append(Kind(family="sine, wrist only", joints=(5, 6, 7)))
+    out.append(Kind(family="sine, joints 1-4 only", joints=(1, 2, 3, 4)))
     return out
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What a dither did, geometric means over paths, stiffnesses and axes."""
+def compared(found: list[Measures], plain: list[Measures]) -> tuple[str, ...]:
+    """Return the numbers of a dither over those without [%], geometric means over all places.
 
-    name: str
-    family: str
-    tracking: float
-    """RMS error along the path over that without dither [-]."""
-    window: float
-    """Sum of Table 4.11 over that without dither [-]."""
-    standing: float
-    """Error left 1 s after the last arrival over that without dither, its norm in position [-]."""
-    turned: float
-    """The same of the orientation [-]."""
-    vibration: float
-    """RMS of the flange above 8 Hz, turns times 0.1 m included, mean over the cases [m]."""
-    at_rest: float
-    """The same after the last arrival [m]."""
-    energy: float
-    """Dither energy per second [W]."""
+    Position and orientation are left 1 s after the last arrival; the window is that of Table 4.11;
+    the path's is the error's root mean square.
+    """
 
+    def errors(m: Measures) -> list[Any]:
+        left = [
+            np.linalg.norm(m.settling[:, -1, part], axis=1).mean()
+            for part in (slice(0, 3), slice(3, 6))
+        ]
+        return [*left, m.window_sum.mean(axis=0), m.rms.mean(axis=0)]
 
-def outcome(name: str, family: str, found: list[Measures], plain: list[Measures]) -> Outcome:
-    """Compare the measures of a dither with those without, one of each place."""
-
-    def ratio(of: Callable[[Measures], Any]) -> float:
-        values = [np.log(of(a) / of(b)) for a, b in zip(found, plain, strict=True)]
-        return float(np.exp(np.mean(values)))
-
-    def left(columns: slice) -> float:
-        return ratio(lambda m: np.linalg.norm(m.settling[:, -1, columns], axis=1).mean())
-
-    return Outcome(
-        name=name,
-        family=family,
-        tracking=ratio(lambda m: m.rms.mean(axis=0)),
-        window=ratio(lambda m: m.window_sum.mean(axis=0)),
-        standing=left(slice(0, 3)),
-        turned=left(slice(3, 6)),
-        vibration=float(np.mean([m.shaking.mean() for m in found])),
-        at_rest=float(np.mean([m.shaking_at_rest.mean() for m in found])),
-        energy=float(np.mean([(m.dither_energy / m.duration).mean() for m in found])),
-    )
+    logs = [
+        [np.mean(np.log(x / y)) for x, y in zip(errors(a), errors(b), strict=True)]
+        for a, b in zip(found, plain, strict=True)
+    ]
+    shaken = [
+        1e3 * np.mean([getattr(m, name).mean() for m in found])
+        for name in ("shaking", "shaking_at_rest")
+    ]
+    power = np.mean([(m.dither_energy / m.duration).mean() for m in found])
+    changes = (f"{100 * (np.exp(x) - 1):.1f}" for x in np.mean(logs, axis=0))
+    return (*changes, *(f"{x:.3f}" for x in shaken), f"{power:.2f}")
 
 
-def run_all(iterations: int) -> list[Outcome]:
-    """Return the outcomes of no dither, then of every kind."""
+def run_all(iterations: int) -> list[tuple[str, ...]]:
+    """Return the rows of the CSV: no dither, then every kind."""
     bench = GeneratedTrajectoryExperiment("panda")
     chosen, measured = kinds(), list[Measures]()
     cases = [Case(trajectory=t, stiffness=k) for t, k in PLACES]
-    cases += [kind.case(t, k) for kind in chosen for t, k in PLACES]
+    cases += [case for kind in chosen for case in kind.cases()]
     for k in tqdm(range(0, len(cases), TOGETHER)):
         runs = bench.run(cases[k : k + TOGETHER], iterations=iterations)
         measured += [measure(r, bench.protocol, bench.motion) for r in runs]
-    plain = measured[:4]
-    out = [outcome("no dither", "", plain, plain)]
-    for i, kind in enumerate(chosen):
-        out.append(outcome(kind.label, kind.family, measured[4 * i + 4 : 4 * i + 8], plain))
-    return out
+    groups = [measured[k : k + len(PLACES)] for k in range(0, len(measured), len(PLACES))]
+    names = (NOTHING, *(kind.name for kind in chosen))
+    return [(name, *compared(g, groups[0])) for name, g in zip(names, groups, strict=True)]
 
 
-def front(outcomes: list[Outcome], of: Callable[[Outcome], float]) -> set[str]:
-    """Return names of outcomes that no other beats in both error and shaking."""
+def read(path: Path) -> dict[str, Row]:
+    """Return the rows of the CSV by dither."""
+    with path.open(encoding="utf-8") as file:
+        lines = list(csv.DictReader(file))
+    return {x.pop("dither"): {name: float(value) for name, value in x.items()} for x in lines}
+
+
+def page(rows: dict[str, Row]) -> dict[str, Any]:
+    """Return what the page's template asks for."""
+    plain, thesis = rows[NOTHING], rows[THESIS]
+    limit = 0.5 * (thesis["vibration_mm"] + plain["vibration_mm"])
+    calm = [name for name, row in rows.items() if row["vibration_mm"] < limit]
+    quiet = min(calm, key=lambda name: rows[name]["position_percent"])
+    header = ["dither", "error left, position", "orientation", "window sum", "RMS along the path"]
+    header += ["vibration [mm]", "at rest [mm]", "dither power [W]"]
+    lines = [
+        [
+            name,
+            *(percent(row[f"{error}_percent"]) for error in ERRORS),
+            *(f"{row[key]:.3f}" for key in ("vibration_mm", "at_rest_mm")),
+            f"{row['power_w']:.2f}",
+        ]
+        for name, row in rows.items()
+    ]
     return {
-        a.name
-        for a in outcomes
-        if not any(
-            of(b) <= of(a)
-            and b.vibration <= a.vibration
-            and (of(b), b.vibration) != (of(a), a.vibration)
-            for b in outcomes
-        )
+        "quiet": quiet,
+        "changes": [percent(row["position_percent"]) for row in (rows[quiet], thesis)],
+        "added": [row["vibration_mm"] - plain["vibration_mm"] for row in (rows[quiet], thesis)],
+        "plain": plain["vibration_mm"],
+        "table": table_text(header, lines),
     }
 
 
-MEASURES = {
-    "error left 1 s after the last arrival (position)": lambda o: o.standing,
-    "RMS error along the path (all axes)": lambda o: o.tracking,
-}
-
-
-def draw(outcomes: list[Outcome], path: Path) -> None:
-    """Draw the error over that without dither, against vibration; the front is drawn through."""
+def draw(rows: dict[str, Row], path: Path) -> None:
+    """Draw the error over that without dither, against vibration."""
+    families: dict[str, list[Row]] = {NOTHING: [rows[NOTHING]]}
+    for kind in kinds():
+        families.setdefault(kind.family, []).append(rows[kind.name])
+    names = {
+        "position": "error left 1 s after the last arrival (position)",
+        "path": "RMS error along the path (all axes)",
+    }
     figure = Figure(figsize=(12.6, 6.2), layout="constrained")
-    panels = figure.subplots(1, 2, sharex=True)
-    plain = outcomes[0]
-    for axes, (name, of) in zip(panels, MEASURES.items(), strict=True):
-        on_front = front(outcomes, of)
-        best = sorted((o for o in outcomes if o.name in on_front), key=lambda o: o.vibration)
-        x, y = [1e3 * o.vibration for o in best], [100 * of(o) for o in best]
-        axes.step(x, y, where="post", color="0.8", lw=6, zorder=1, label="Pareto front")
-        style: dict[str, Any] = {"ms": 9, "mfc": "white", "mec": "0.2", "zorder": 4}
-        axes.plot(1e3 * plain.vibration, 100.0, "o", label="no dither", **style)
-        for family, (shade, marker, line) in FAMILIES.items():
-            mine = [o for o in outcomes if o.family == family]
-            x, y = [1e3 * o.vibration for o in mine], [100 * of(o) for o in mine]
-            style = {"ms": 11 if marker == "*" else 7, "lw": 1.2, "zorder": 3}
-            axes.plot(x, y, color=shade, marker=marker, ls=line, label=family, **style)
+    for axes, (error, title) in zip(figure.subplots(1, 2, sharex=True), names.items(), strict=True):
+        for k, (family, mine) in enumerate(families.items()):
+            x = [row["vibration_mm"] for row in mine]
+            y = [100 + row[f"{error}_percent"] for row in mine]
+            line = "-" if 0 < k < 5 else ""
+            axes.plot(
+                x, y, "oo^sPvD*X<>"[k], color=f"C{k}" if k < 10 else "k", ls=line, label=family
+            )
         axes.axhline(100, color="0.6", lw=0.8, ls=(0, (4, 3)), zorder=0)
-        axes.set_title(name, loc="left", fontsize=10.5)
+        axes.set_title(title, loc="left", fontsize=10.5)
         axes.set_xlabel("vibration of the flange above 8 Hz [mm RMS]")
         axes.set_ylabel("error, no dither = 100 [%]")
         plain_axes(axes)
-    handles, names = panels[0].get_legend_handles_labels()
-    figure.legend(handles, names, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
-    figure.suptitle(
-        "Panda: tracking error against shaking, mean of two paths at two stiffnesses", fontsize=12
-    )
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=6, frameon=False, fontsize=8.5)
     save_full(figure, path)
-
-
-def page(outcomes: list[Outcome]) -> dict[str, Any]:
-    """Return what the page's template asks for."""
-    plain, named = outcomes[0], {o.name: o for o in outcomes}
-    thesis = named["sine (thesis) × 1"]
-    limit = 0.5 * (thesis.vibration + plain.vibration)
-    best = front(outcomes, lambda o: o.standing)
-    header = ["dither", "error left, position", "orientation", "window sum", "RMS along the path"]
-    header += ["vibration [mm]", "added", "at rest [mm]", "dither power [W]", "front"]
-    rows = [
-        [
-            o.name,
-            *(percent(100 * (x - 1)) for x in (o.standing, o.turned, o.window, o.tracking)),
-            *(f"{1e3 * o.vibration:.3f}", signed(1e3 * (o.vibration - plain.vibration), 3)),
-            *(f"{1e3 * o.at_rest:.3f}", f"{o.energy:.2f}", "yes" if o.name in best else ""),
-        ]
-        for o in outcomes
-    ]
-    return {
-        "plain": plain,
-        "thesis": thesis,
-        "quiet": min((o for o in outcomes if o.vibration < limit), key=lambda o: o.standing),
-        "change": lambda x: percent(100 * (x - 1)),
-        "added": lambda o: f"{signed(1e3 * (o.vibration - plain.vibration), 3)} mm",
-        "table": table_text(header, rows),
-    }
 
 
 def main() -> None:
     parser = STUDY.parser()
     parser.add_argument("--iterations", type=int, default=3)
+    parser.add_argument("--kept", action="store_true", help="page of the CSV that is there")
     options = parser.parse_args()
-    outcomes = run_all(options.iterations)
-    STUDY.write_page(options, iterations=options.iterations, **page(outcomes))
-    draw(outcomes, options.out / "dither_tradeoff.png")
+    path = STUDY.folder / "dither_tradeoff.csv"
+    if not options.kept:
+        write_lines(path, COLUMNS, run_all(options.iterations))
+    rows = read(path)
+    draw(rows, options.out / "dither_tradeoff.png")
+    STUDY.write_page(options, iterations=options.iterations, **page(rows))
 
 
 if __name__ == "__main__":
