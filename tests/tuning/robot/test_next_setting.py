@@ -4,10 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from stiction_envs.errors import StictionError
 from tests.tuning.robot.made_up import (
     NOTHING,
     S,
@@ -17,15 +14,12 @@ from tests.tuning.robot.made_up import (
     posterior_of,
     read,
 )
-from tuning.robot.candidates import Candidates, Readings
 from tuning.robot.next_setting import (
     best_measured,
     chance_of_better,
     expected_improvement,
 )
 from tuning.robot.posterior import Posterior, discrepancy_kernel
-from tuning.robot.prediction import grid
-from tuning.search.bounds import Bounds
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 
@@ -120,57 +114,3 @@ def test_stopping_keeps_its_promise():
         broken += bool(rest and mean[best] - mean[rest].min() > S.tolerance)
     # 5 % of 60 is 3, with a standard deviation of 1.7
     assert broken <= 6
-
-
-@st.composite
-def joint_bounds(draw):
-    low = draw(st.floats(5.0, 60.0))
-    high = low * draw(st.floats(1.05, 20.0))
-    bands = draw(
-        st.lists(st.tuples(st.floats(1.0, 200.0), st.floats(1.01, 2.0)), max_size=3).map(
-            lambda found: tuple((a, a * width) for a, width in found)
-        )
-    )
-    most = draw(st.floats(0.1, 90.0))
-    least = draw(st.floats(0.0, 0.5)) * most
-    rate = draw(st.sampled_from([np.inf, 20.0, 200.0, 1000.0]))
-    return Bounds(
-        amplitude_nm=np.array([[least, most]]),
-        frequency_hz=np.array([[low, high]]),
-        torque_rate=np.array([rate]),
-        offset_nm=np.zeros(1),
-        forbidden_hz=(bands,),
-        displacement_rad=np.array([np.nan]),
-        vibration_m=(np.nan, np.nan),
-    )
-
-
-@settings(max_examples=60, deadline=None)
-@given(bounds=joint_bounds(), seed=st.integers(0, 2**32 - 1), count=st.integers(1, 4))
-def test_nothing_beyond_the_limits_is_ever_asked_for(bounds, seed, count):
-    """Random bounds, random studies: torque, torque rate, frequencies, forbidden bands."""
-    try:
-        rows = grid(bounds, 1, S)
-    except StictionError:
-        return  # they leave nothing
-    rng = np.random.default_rng(seed)
-    s = len(rows)
-    frequency = np.array([r.frequency_hz for r in rows])
-    c = Candidates(
-        joint=1,
-        frequency_hz=frequency,
-        amplitude_nm=repeated(np.array([r.amplitude_nm for r in rows])),
-        predicted=rng.uniform(0.3, 1.1, (s, 4)),
-        displacement=rng.uniform(1e-5, 1e-3, (s, 4)),
-    )
-    told = [
-        (int(rng.integers(s)), int(rng.integers(4)), float(rng.choice([rng.uniform(), np.nan])))
-        for _ in range(rng.integers(20))
-    ]
-    low, high = bounds.frequency_hz[0]
-    for setting in next_settings(c, Readings.of(told), count):
-        f, a = frequency[setting], float(c.amplitude_nm[setting, 0])
-        assert low <= f <= high
-        assert bounds.amplitude_nm[0, 0] <= a <= bounds.amplitude_nm[0, 1]
-        assert 2 * np.pi * f * a <= bounds.torque_rate[0] * (1 + 1e-12)
-        assert not any(b_low < f < b_high for b_low, b_high in bounds.forbidden_hz[0])

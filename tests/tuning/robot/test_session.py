@@ -86,15 +86,6 @@ def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
         tell(arm, options["out"] / "measure.csv", **options)
 
 
-def test_several_settings_have_a_column(session):
-    arm, options, _ = session
-    state = ask(arm, 3, **options)
-    rows = list(csv.DictReader((options["out"] / "ask.csv").open()))
-    assert [(r["joint"], r["setting"]) for r in rows] == [(j, k) for j in "12" for k in "123"]
-    assert len({tuple(r.values()) for r in rows}) == 6
-    assert len(state.to_json()["ask"]) == 6
-
-
 def test_it_finds_the_robots_best_and_stops(session):
     """A robot that the simulation's best frequency frees less, and all others more."""
     arm, options, state = session

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import multiprocessing
 import os
-import random
 import sqlite3
 import time
 from pathlib import Path
@@ -72,63 +70,15 @@ def trials(record):
     ]
 
 
-def write(searches, path):
-    """Write trials as a table, from the records."""
-    with Path(path).open("w", newline="") as file:
-        table = csv.writer(file)
-        for s in searches:
-            for number, state, values, params, attributes, _ in trials(s.record):
-                row = [s.record.name, number, state, values, *params.values(), attributes]
-                table.writerow([repr(x) for x in row])
-
-
-def fill_slowly(storage, out, *, names=SAMPLERS, evaluations=15, pause=0.01):
-    """Fill a study per sampler and write its table: what a test kills."""
+def fill_slowly(storage):
+    """Fill a study per sampler: what a test kills."""
     optuna.logging.set_verbosity(optuna.logging.ERROR)
-    found = [search(storage, name, evaluations=evaluations) for name in names]
 
     def slowly(wanted):
-        time.sleep(pause)
+        time.sleep(0.01)
         return evaluate(wanted)
 
-    run(found, slowly)
-    write(found, out)
-
-
-def killed(begin, finished, tmp_path, *, times, within, seed):
-    """Kill (-9) a process at random moments and go on, ``times`` in all.
-
-    A fast machine ends before that: then the next folder is begun.
-
-    Args:
-        begin: returns target and arguments of the process that works in a folder.
-        finished: called with a folder when its process has ended by itself.
-        tmp_path: where the folders are.
-        times: kills in all.
-        within: shortest and longest life of a process [s].
-        seed: of the moments.
-    """
-    moments, kills = random.Random(seed), 0
-    while kills < times:
-        torn = tmp_path / f"torn{kills}"
-        torn.mkdir()
-        while kills < times:
-            process = start(begin, torn)
-            process.join(moments.uniform(*within))
-            process.kill()
-            process.join()
-            if process.exitcode == 0:  # ended by itself, if only as the signal came
-                break
-            assert process.exitcode == -9
-            kills += 1
-        run_to_its_end(begin, torn)
-        finished(torn)
-
-
-def start(begin, folder):
-    """Start the process that works in a folder."""
-    target, arguments = begin(folder)
-    return launch(target, *arguments)
+    run([search(storage, name, evaluations=15) for name in SAMPLERS], slowly)
 
 
 def launch(target, *arguments, **options):
@@ -138,13 +88,6 @@ def launch(target, *arguments, **options):
     process = context.Process(target=target, args=arguments, kwargs=options)
     process.start()
     return process
-
-
-def run_to_its_end(begin, folder):
-    """Let the process that works in a folder end by itself."""
-    process = start(begin, folder)
-    process.join()
-    assert process.exitcode == 0
 
 
 # ---- shared by machines --------------------------------------------------------------------------

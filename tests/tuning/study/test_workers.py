@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import time
 
@@ -85,14 +84,6 @@ def test_it_is_filled_to_its_budget_by_the_draws_of_a_search_alone(alone):
     workers.run([alone()], lambda wanted: pytest.fail("a full study was evaluated"))
 
 
-def test_settings_known_beforehand_are_tried_first_and_once(alone):
-    first = ({"amplitude_nm": 1.0, "frequency_hz": 30.0}, {"amplitude_nm": 0.5, "frequency_hz": 40})
-    s = dataclasses.replace(alone("tpe", evaluations=4), first=first)
-    workers.run([s], evaluate)
-    assert [t.params for t in s.record.trials][:2] in (list(first), list(first)[::-1])
-    assert len({tuple(t.params.values()) for t in s.record.trials}) == 4
-
-
 def test_an_outcome_that_comes_too_late_is_dropped(alone):
     """Another worker heard no sign of life, and called the trial dead."""
     s = alone(evaluations=4)
@@ -118,17 +109,6 @@ def test_the_cell_of_a_worker_that_fails_or_dies_is_tried_again(alone):
         workers.run([s], broken)
     workers.run([s], evaluate)
     assert sorted(tuple(t.params.values()) for t in s.record.trials) == CELLS
-
-
-def test_the_storage_says_which_way(alone, monkeypatch):
-    ways = []
-    monkeypatch.setattr(workers, "run", lambda *_: ways.append("together"))
-    monkeypatch.setattr(record, "run", lambda *_: ways.append("alone"))
-    s = alone()
-    workers.fill([s], evaluate)
-    s.record.shared = True
-    workers.fill([s], evaluate)
-    assert ways == ["alone", "together"]
 
 
 # ---- many workers, on PostgreSQL -----------------------------------------------------------------
