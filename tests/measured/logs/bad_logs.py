@@ -125,6 +125,7 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "no header": (r"log\.csv: missing column 't'", GOOD.split("\n", 1)[1]),
     "semicolons": (r"log\.csv: missing column 't'", GOOD.replace(",", ";")),
     "text in a cell": (r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")),
+    "below blank lines": (r"line 52: q1 is 'x'", _cell(50, "q1", "x").replace("\n", "\n\n  \n", 1)),
     "underscore in a number": (r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
     "infinity": (r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
     "infinite time": (r"line 62: t is inf", _cell(62, "t", "inf")),

@@ -10,7 +10,7 @@ def _lines(columns: dict[str, list[str]], between: str) -> str:
     return "\n".join([between.join(columns), *(",".join(r) for r in rows)]) + "\n"
 
 
-def libfranka(values: np.ndarray, digits: int = 6, between: str = ", ") -> str:
+def libfranka(values: np.ndarray, between: str = ", ") -> str:
     """`franka::logToCSV` of ``t, q, dq, tau`` (T, 22): six digits, as a C++ stream prints them.
 
     Names are apart by a comma and a blank up to libfranka 0.13, by a comma since.
@@ -33,7 +33,7 @@ def libfranka(values: np.ndarray, digits: int = 6, between: str = ", ") -> str:
     columns = {"time": [f"{1000 * t:.0f}" for t in values[:, 0]], "success_rate": ["1"] * len(q)}
     for name, array in groups.items():
         for j, x in enumerate(array.T):
-            columns[f"{name}[{j}]"] = [f"{v:.{digits}g}" for v in x]
+            columns[f"{name}[{j}]"] = [f"{v:.6g}" for v in x]
     return _lines(columns, between)
 
 

@@ -143,13 +143,3 @@ def sweeps(
     segment = ["0"] * len(t)
     names = numbered(q=q, dq=dq, tau=tau)
     return write(path, {"run": runs, "segment": segment, "t": t[:, 0], **names})
-
-
-def static_poses(path: Path, count: int = 60) -> Path:
-    """Poses at rest of an iiwa 14 in three sessions, torques of the opposite sign."""
-    arm = load_arm("iiwa14")
-    low, high = arm.limits.position.T
-    q = low + (high - low) * np.random.default_rng(0).uniform(0.2, 0.8, (count, arm.n))
-    tau = -inverse_dynamics(arm.pinocchio(), q, 0 * q, 0 * q)
-    session = [f"day {1 + 3 * k // count}" for k in range(count)]
-    return write(path, {"session": session, **numbered(q=q, tau=tau)})

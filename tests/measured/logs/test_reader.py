@@ -84,21 +84,6 @@ def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read(tmp_path / "log.npz")
 
 
-def test_blank_lines_count_in_errors(tmp_path: Path) -> None:
-    lines = text_of(good_values()).splitlines()
-    lines.insert(40, "")
-    lines.insert(41, "  ")
-    cells = lines[180].split(",")
-    cells[3] = "x"
-    lines[180] = ",".join(cells)
-    with pytest.raises(StictionError, match=r"line 181: q3 is 'x'"):
-        read(put(tmp_path / "log.csv", "\n".join(lines)))
-    cells[3] = "inf"
-    lines[180] = ",".join(cells)
-    with pytest.raises(StictionError, match=r"line 181: q3 is inf"):
-        read(put(tmp_path / "log.csv", "\n".join(lines)))
-
-
 def test_a_limit_that_is_only_assumed_warns(tmp_path: Path) -> None:
     """An arm whose file says no torque limit may do 196 N·m; 0.2 N·m in mN·m it may not."""
     assumed = dataclasses.replace(LIMITS, torque=np.full(7, 100.0))

@@ -40,14 +40,6 @@ def test_libfranka(tmp_path: Path, between: str) -> None:
     ]
 
 
-def test_libfranka_with_all_digits_is_our_own_log(tmp_path: Path) -> None:
-    own = read(tmp_path / "own.csv", text_of(VALUES))
-    # the header of libfranka over the cells of ours, which have nine digits
-    log = read(tmp_path / "log.csv", libfranka(VALUES, digits=9))
-    for a, b in ((log.q, own.q), (log.dq, own.dq), (log.tau, own.tau), (log.t, own.t)):
-        np.testing.assert_array_equal(a, b)
-
-
 def test_franka_ros(tmp_path: Path) -> None:
     """Dates of 19 digits: a float of them is good to 0.3 µs."""
     log = read(tmp_path / "log.csv", rostopic(VALUES))
@@ -66,12 +58,6 @@ def test_they_are_told_and_checked_without_a_robot(tmp_path: Path, text: str) ->
     assert file_kind(path) == LOG
     assert check(path).defects == ()
     assert check(path, robot="panda").defects == ()
-
-
-def test_a_log_of_libfranka_without_torques(tmp_path: Path) -> None:
-    text = libfranka(VALUES).replace("state.tau_J[", "state.effort[")
-    with pytest.raises(StictionError, match=r"missing columns 'tau1', .*: expected t,q1"):
-        read(tmp_path / "log.csv", text)
 
 
 def test_side_of_the_torque(tmp_path: Path) -> None:

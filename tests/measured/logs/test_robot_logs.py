@@ -12,7 +12,7 @@ import pytest
 
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
-from tests.measured.logs.robot_logs import excitation, static_poses, sweeps
+from tests.measured.logs.robot_logs import excitation, sweeps
 from tests.measured.logs.test_corrections import corrected
 
 MEASURED = Path(__file__).parents[4] / "shared" / "measured"
@@ -90,13 +90,6 @@ def test_runs_of_one_file_stay_apart(tmp_path: Path) -> None:
 def test_iiwa_defects_are_found() -> None:
     path = real("iiwa14_joint_friction/joint2.csv.gz")
     assert_runs_of_a_joint(read_logs([path], 7, limits=IIWA)[0])
-
-
-def test_poses_of_several_sessions(tmp_path: Path) -> None:
-    log = read_poses(static_poses(tmp_path / "poses.csv"), 7, limits=IIWA)
-    assert log.static
-    assert log.q.shape == log.tau.shape == (60, 7)
-    assert log.warnings == ("columns not used: 'session'",)
 
 
 def test_iiwa_poses() -> None:

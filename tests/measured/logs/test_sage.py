@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import shutil
 from pathlib import Path
 
@@ -19,7 +18,6 @@ from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
 from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
 from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS
-from tests.measured.logs.test_robot_logs import real
 
 TIME = np.arange(ROWS) * 0.02006
 JAW = 1523
@@ -154,20 +152,6 @@ def test_fuzz_a_folder(tmp_path: Path, data: st.DataObject) -> None:
     for name in files:
         (path / name).write_bytes(damaged(data, (tmp_path / name).read_bytes(), most=3))
     reads_or_complains(lambda: read(path))
-
-
-def test_the_real_log_put_back_into_its_two_files(tmp_path: Path) -> None:
-    """The jaw's range comes from its steps, as the log's README found it."""
-    given = real("servo_logs/so101_multisine.csv.gz")
-    with gzip.open(given, "rt") as file:
-        v = np.loadtxt(file, delimiter=",", skiprows=1)
-    (log,) = read_servo_logs([given], 6)
-    parts = (v[:, 0], shares(v[:, 1:7]), shares(v[:, 7:13]), v[:, 13:])
-    again = read(write_sage(tmp_path / "multisine", *parts))
-    for a, b in zip(log.arrays, again.arrays, strict=True):
-        assert (a is None) == (b is None)
-        if a is not None:
-            assert b == pytest.approx(a, abs=2e-6)
 
 
 def test_pickles_are_refused_and_not_opened(tmp_path: Path) -> None:

@@ -70,35 +70,23 @@ def test_steps_of_the_encoder_and_rest_are_kept_to_the_bit(tmp_path: Path) -> No
 
 
 def test_channels_that_may_be_there(tmp_path: Path) -> None:
+    """Sizes of currents, which stay at 0 for long, are not called saturated."""
     v = servo_values()
-    rest = np.arange(v.shape[0] * N * 3, dtype=float).reshape(-1, 3 * N) / 1e4
     dq = np.gradient(v[:, 8:], v[:, 0], axis=0)
-    values = np.column_stack([v, dq, rest])
-    header = header_of("q_cmd", "q", "dq", "tau", "current_abs", "temperature")
+    tau = np.sin(3 * v[:, :1] + np.arange(N))
+    header = header_of("q_cmd", "q", "dq", "tau", "current_torque_abs", "temperature")
+    values = np.column_stack([v, dq, tau, np.maximum(tau, 0), 30 + tau])
     log = read(put(tmp_path / "log.csv", text_of(values, header)))
-    assert log.dq is not None
     assert log.dq == pytest.approx(dq, abs=1e-6)
-    assert log.tau == pytest.approx(rest[:, :N])
-    assert log.current == pytest.approx(rest[:, N : 2 * N])
-    assert log.extra["temperature"] == pytest.approx(rest[:, 2 * N :])
-
-
-def test_currents_have_no_sign_and_no_limit(tmp_path: Path) -> None:
-    """They stay at 0 for long: of a torque that would be called saturated."""
-    v = servo_values()
-    current = np.maximum(np.sin(3 * v[:, :1] + np.arange(N)), 0)
-    header = header_of("q_cmd", "q", "current_torque_abs")
-    log = read(put(tmp_path / "log.csv", text_of(np.column_stack([v, current]), header)))
+    assert log.tau == pytest.approx(tau, abs=1e-8)
+    assert log.current == pytest.approx(np.maximum(tau, 0), abs=1e-8)
+    assert log.extra["temperature"] == pytest.approx(30 + tau)
     assert log.warnings == ()
     (note,) = log.corrections
-    assert (note.kind, note.text) == (
-        "source",
-        "current_torque_abs1..n are taken as current_abs1..n",
-    )
-    assert log.current == pytest.approx(current, abs=1e-8)
+    assert note.text == "current_torque_abs1..n are taken as current_abs1..n"
     header = header_of("q_cmd", "q", "current_abs")
-    log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -current]), header)))
-    assert log.current == pytest.approx(current, abs=1e-8)
+    log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -tau]), header)))
+    assert log.current == pytest.approx(np.abs(tau), abs=1e-8)
     assert log.warnings == ("current_abs1 is negative in places: its size is used",)
 
 
