@@ -85,21 +85,16 @@ def together(
     """Fit shared parameters (P,) and each joint's own; both least squares, joints by their size."""
     scale = target[rows].std(axis=0) + 1e-9
     own = [_own(data, j, friction) for j in range(data.n)]
-    wide = shared.shape[2] + sum(x.shape[1] for x in own)
-    xx, xy = np.zeros((wide, wide)), np.zeros(wide)
-    at = shared.shape[2]
-    starts = []
+    ends = np.cumsum([shared.shape[2], *(x.shape[1] for x in own)])
+    xx, xy = np.zeros((ends[-1], ends[-1])), np.zeros(ends[-1])
     for j in range(data.n):
-        x = np.zeros((int(rows.sum()), wide))
-        x[:, : shared.shape[2]] = shared[rows, j]
-        x[:, at : at + own[j].shape[1]] = own[j][rows]
-        starts.append(at)
-        at += own[j].shape[1]
+        x = np.zeros((int(rows.sum()), ends[-1]))
+        x[:, : ends[0]], x[:, ends[j] : ends[j + 1]] = shared[rows, j], own[j][rows]
         xx += x.T @ x / scale[j] ** 2
         xy += x.T @ target[rows, j] / scale[j] ** 2
     # dependent parameters take the smallest values that do
     c = np.linalg.pinv(xx, rcond=1e-9, hermitian=True) @ xy
-    return c[: shared.shape[2]], [c[s : s + x.shape[1]] for s, x in zip(starts, own, strict=True)]
+    return c[: ends[0]], np.split(c[ends[0] :], ends[1:-1] - ends[0])
 
 
 def _own(data: Data, j: int, friction: bool) -> np.ndarray:
@@ -145,25 +140,19 @@ AXES = (
 
 def tx40_arm() -> Arm:
     """The TX40's axes, with next to no masses: none are published."""
-    bodies = []
+    text = '<mujoco model="tx40"><compiler angle="radian"/><worldbody>'
     for i, (a, alpha, d, theta) in enumerate(AXES, 1):
         place = pin.SE3(pin.utils.rotate("x", alpha), np.array([a, 0, 0])) * pin.SE3(
             pin.utils.rotate("z", theta), np.array([0, 0, d])
         )
         x, y, z, w = pin.Quaternion(place.rotation).coeffs()
         at = " ".join(f"{v:.9g}" for v in place.translation)
-        bodies.append(
+        text += (
             f'<body name="link{i}" pos="{at}" quat="{w:.9g} {x:.9g} {y:.9g} {z:.9g}">'
             '<inertial pos="0 0 0" mass="0.001" diaginertia="1e-6 1e-6 1e-6"/>'
             f'<joint name="joint{i}" axis="0 0 1" range="-4.8 4.8"/>'
         )
-    text = (
-        '<mujoco model="tx40"><compiler angle="radian"/><worldbody>'
-        + "".join(bodies)
-        + '<site name="flange"/>'
-        + "</body>" * len(AXES)
-        + "</worldbody></mujoco>"
-    )
+    text += '<site name="flange"/>' + "</body>" * len(AXES) + "</worldbody></mujoco>"
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "tx40.xml"
         path.write_text(text)

@@ -92,13 +92,11 @@ def _summary(rows: dict[str, Row]) -> tuple[str, dict[str, float]]:
 def _case(name: str, row: Row) -> dict[str, Any]:
     cells = []
     for cause in row["causes"]:
-        found = cause["parameters"]
-        by = found.get("by_joint", {str(cause["joints"][0]) if cause["joints"] else "arm": found})
+        by = cause["parameters"].get("by_joint", {"": cause["parameters"]})
         words = []
         for j, parameters in sorted(by.items()):
-            arm = len(by) == 1 and len(cause["joints"]) != 1
             inner = ", ".join(_parameter(k, v) for k, v in parameters.items() if k != "by_joint")
-            words.append(inner if arm or len(by) == 1 else f"{j}: {inner}")
+            words.append(inner if len(by) == 1 else f"{j}: {inner}")
         cells.append(
             [
                 cause["name"],
@@ -108,14 +106,11 @@ def _case(name: str, row: Row) -> dict[str, Any]:
                 ", ".join(cause["confused_with"]),
             ]
         )
-    checks = ""
-    if name in CHECKS:
-        said = [text for _, text in (*row["corrections"], *row["warnings"])] + row["notes"]
-        found = [(readme, [s for s in said if word in s]) for readme, word in CHECKS[name]]
-        checks = table_text(
-            ["the README says", "the tool says"],
-            [[readme, hits[0] if hits else "**not found**"] for readme, hits in found],
-        )
+    said = [text for _, text in (*row["corrections"], *row["warnings"])] + row["notes"]
+    checks = [
+        [readme, next((s for s in said if word in s), "**not found**")]
+        for readme, word in CHECKS.get(name, ())
+    ]
     return {
         "name": name,
         "verdict": row["verdict"],
@@ -124,7 +119,7 @@ def _case(name: str, row: Row) -> dict[str, Any]:
         "cutoff": f", cutoff {row['cutoff_hz']:.3g} Hz" if np.isfinite(row["cutoff_hz"]) else "",
         "seconds": row["seconds"],
         "causes": table_text(["cause", "joints", "gain", "parameters", "or"], cells),
-        "checks": checks,
+        "checks": table_text(["the README says", "the tool says"], checks) if checks else "",
     }
 
 

@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from benchmarks.thesis.nested_models import averaging
 from benchmarks.thesis.nested_models.averaging import Array, Complex, Value
 from benchmarks.thesis.nested_models.fit import ROBOT
-from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.experiments.sje.poses import find_poses
-from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
-from stiction_envs.friction.model import link_inertia
-from stiction_envs.friction.parameters import FrictionParameters, bristle_damping, load_friction
+from stiction_envs.experiments.sje.protocol import Configuration
+from stiction_envs.friction.parameters import bristle_damping, load_friction
+from stiction_envs.gap.tables.lone_joint import Bench
 from stiction_envs.measured import thesis_base
 from stiction_envs.robots import load_arm
 
@@ -28,12 +26,8 @@ spring."""
 
 
 @functools.cache
-def _nominal() -> tuple[FrictionParameters, float, Array]:
-    """Return the arm's friction, the low-pass's cut-off [Hz], link inertias (n, 2) [kg·m²]."""
-    arm = load_arm(ROBOT)
-    poses, one = find_poses(arm), np.arange(arm.n)
-    link = [link_inertia(arm, poses.q[:, k])[one, one] for k in range(2)]
-    return load_friction(ROBOT), TorqueInterface.of(arm).lowpass_hz or np.inf, np.stack(link, 1)
+def _bench() -> Bench:
+    return Bench.of(load_arm(ROBOT), thesis_base(ROBOT), load_friction(ROBOT))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +42,7 @@ class JointTheory:
     def parameter(self, name: str) -> float:
         """Return a parameter, SI units; the stiffness of a rigid joint is inf."""
         if name == "ramp_rate" and name not in self.parameters:
-            return load_protocol(ROBOT).ramp_rate
+            return _bench().protocol.ramp_rate
         return float(self.parameters.get(name, np.inf))
 
     @property
@@ -58,11 +52,15 @@ class JointTheory:
 
     def link(self, pose: int) -> float:
         """Return the link's inertia [kg·m²]."""
-        return float(_nominal()[2][self.joint - 1, pose])
+        return float(_bench().link[self.joint - 1, pose])
+
+    def friction(self, pose: int) -> float:
+        """Return half the difference of the two base torques, dry friction [N·m]."""
+        return float(_bench().base.friction[self.joint - 1, pose])
 
     def impedance(self, frequency: Value, pose: int) -> Complex:
         """Return the impedance at the rotor [N·m·s/rad]."""
-        ratio = float(_nominal()[0].joint_damping_ratio[self.joint - 1])
+        ratio = float(_bench().friction.joint_damping_ratio[self.joint - 1])
         rotor, stiffness = self.parameter("rotor_inertia"), self.parameter("joint_stiffness")
         return averaging.impedance(
             frequency,
@@ -74,14 +72,14 @@ class JointTheory:
 
     def lowpass(self, frequency: Value) -> Array:
         """Return the gain of the robot's low-pass [-]."""
-        return np.abs(averaging.lowpass(frequency, _nominal()[1]))
+        return np.abs(averaging.lowpass(frequency, _bench().interface.lowpass_hz or np.inf))
 
     def bristle_gain(self, frequency: Value, pose: int) -> Array:
         """Return the bristles' torque over the dither commanded, while the joint sticks [-].
 
         On the bristles hangs the rotor, with the link if the joint is rigid.
         """
-        friction = _nominal()[0]
+        friction = _bench().friction
         sigma0 = np.array([self.parameter("bristle_stiffness")])
         zeta = np.array([friction.bristle_damping_ratio[self.joint - 1]])
         inertia = self.parameter("rotor_inertia") + (0.0 if self.elastic else self.link(pose))
@@ -99,10 +97,6 @@ class JointTheory:
         f = np.geomspace(*SCAN_HZ, 800)
         g = self.bristle_gain(f, pose)
         return f[1:-1][(g[1:-1] > g[:-2]) & (g[1:-1] > g[2:])]
-
-    def friction(self, pose: int) -> float:
-        """Return half the difference of the two base torques, dry friction [N·m]."""
-        return float(thesis_base(ROBOT).friction[self.joint - 1, pose])
 
     def sticks(self, frequency: Value, amplitude: Value, pose: int) -> NDArray[np.bool_]:
         """Return whether the bristles' share of the dither is less than the friction."""
@@ -126,8 +120,8 @@ class JointTheory:
             amplitude: A [N·m].
         """
         j, pose, d = where.index
-        base, level = float(abs(thesis_base(ROBOT).tau[j, pose, d])), self.friction(pose)
-        rate, threshold = self.parameter("ramp_rate"), load_protocol(ROBOT).threshold
+        base, level = float(abs(_bench().base.tau[j, pose, d])), self.friction(pose)
+        rate, threshold = self.parameter("ramp_rate"), _bench().protocol.threshold
         peak, drop = level, 0.0
         inertia = self.parameter("rotor_inertia") + self.link(pose)
         gain = self.bristle_gain(frequency, pose)
