@@ -73,7 +73,7 @@ def scene_model(arm: Arm, width: int, height: int) -> mujoco.MjModel:
 class ArmScene:
     """Pictures of a posed arm; OpenGL is not touched before the first one."""
 
-    def __init__(self, arm: Arm, width: int, height: int) -> None:
+    def __init__(self, arm: Arm, width: int = 640, height: int = 480) -> None:
         """Prepare pictures of ``width`` and ``height`` [pixel]."""
         self.arm = arm
         self.model = scene_model(arm, width, height)

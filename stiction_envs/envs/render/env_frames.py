@@ -73,7 +73,9 @@ class Renderer(ABC, Generic[Shown]):
         self._arm.pose(state.position)
         camera = self._camera(state)
         scene = self._arm.picture(camera, lambda scene: self._decorate(scene, state))
-        return np.concatenate([scene, self._panel(state)], axis=1)
+        lines = self._lines(state)
+        panel = draw_panel(PANEL_WIDTH, HEIGHT, lines, lambda draw: self._plot(draw, state))
+        return np.concatenate([scene, panel], axis=1)
 
     @staticmethod
     @abstractmethod
@@ -92,10 +94,6 @@ class Renderer(ABC, Generic[Shown]):
     def _plot(self, draw: ImageDraw.ImageDraw, state: Shown) -> None:
         """Draw the plots."""
 
-    def _panel(self, state: Shown) -> NDArray[np.uint8]:
-        lines = self._lines(state)
-        return draw_panel(PANEL_WIDTH, HEIGHT, lines, lambda draw: self._plot(draw, state))
-
     def _camera(self, state: Shown) -> mujoco.MjvCamera:
         return self._arm.camera(self._arm.points)
 
@@ -111,7 +109,7 @@ class Renderer(ABC, Generic[Shown]):
         with viewer.lock():
             viewer.user_scn.ngeom = 0
             self._decorate(viewer.user_scn, state)
-        self._window.show(self._panel(state), self._lines(state)[0])
+        self._window.show(self._lines(state))
         # in real time if the machine is fast enough
         late = time.monotonic() - self._shown
         time.sleep(max(0.0, interval - late))

@@ -5,33 +5,26 @@ from __future__ import annotations
 import queue
 import sys
 import time
-from collections import deque
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
-from PIL import ImageDraw
 
 from stiction_envs.envs.render.arm_scene import ArmScene
-from stiction_envs.envs.render.panel import BLUE, ORANGE, SOFT, Plot, draw_panel, signed
 from stiction_envs.envs.render.sje_frames import draw_joint
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.plant import CONTROL_DT
+from stiction_envs.reporting.markdown import signed
 
-WIDTH, HEIGHT = 380, 430
-"""Of the panel [pixel]."""
 KEYS = "1-9 joint   up/down push   space or D dither   R reset"
 SPACE, D, R, DOWN, UP, ONE = 32, 68, 82, 264, 265, 49
 """As GLFW numbers its keys."""
 # what follows is assumed
 _ELEVATION = -35.0  # of the camera [°]
-_SPAN = 20.0  # of the plots [s]
 _LONGEST = 1.0  # most that is simulated between two pictures [s]
 _PAUSE = 0.01  # least time between two pictures [s]
-_SAMPLE = 0.05  # between two points of the plots [s]
 _SLIPPING = 0.1  # share of the threshold beyond which a joint counts as slipping [-]
 
 
@@ -43,12 +36,9 @@ class PushView:
         self.push = push
         self.time = 0.0
         """Simulated [s]."""
-        self.trace: deque[tuple[float, float, float]] = deque(maxlen=round(_SPAN / _SAMPLE))
-        """Time [s], torque [N·m] and angle [rad] of the joint that is pushed."""
         self.base: float | None = None
         """Torque at which this joint last broke away without dither [N·m]."""
-        self._sampled = -np.inf
-        self.arm = ArmScene(push.plant.sticking.arm, WIDTH, HEIGHT)
+        self.arm = ArmScene(push.plant.sticking.arm)
         self.arm.pose(push.plant.position[0])
 
     # ---- keys and time -----------------------------------------------------------------------
@@ -62,11 +52,9 @@ class PushView:
             push.switch_dither()
         elif key == R:
             push.reset()
-            self.trace.clear()
         elif 1 <= joint <= min(push.n, 9):
             push.choose(joint)
             self.base = None
-            self.trace.clear()
 
     def advance(self, seconds: float) -> float:
         """Simulate some time; returns how much it was, a multiple of the push's block [s]."""
@@ -77,12 +65,9 @@ class PushView:
         self.time += passed
         if push.let_go is not None and push.let_go != before and push.row is None:
             self.base = push.let_go
-        if self.time - self._sampled >= _SAMPLE - 1e-9:
-            self.trace.append((self.time, push.torque, push.angle))
-            self._sampled = self.time
         return passed
 
-    # ---- words and plots ---------------------------------------------------------------------
+    # ---- words and scene ---------------------------------------------------------------------
 
     @property
     def state(self) -> str:
@@ -96,7 +81,7 @@ class PushView:
         change, base = "", self.base
         if push.row is not None and base is not None and base * push.let_go > 0:
             change = f", {signed(100 * (push.let_go / base - 1), 0)} %"
-        return f"{text} (let go at {signed(push.let_go)} N·m{change})"
+        return f"{text} (let go at {signed(push.let_go, 2)} N·m{change})"
 
     @property
     def lines(self) -> list[str]:
@@ -112,34 +97,10 @@ class PushView:
         return [
             f"{push.plant.sticking.arm.title}  joint {push.joint}",
             dither,
-            f"torque {signed(push.torque)} N·m, going to {signed(push.target)} N·m",
-            f"{100 * share:.0f} % of the {signed(sign * holds)} N·m that friction holds alone",
+            f"torque {signed(push.torque, 2)} N·m, going to {signed(push.target, 2)} N·m",
+            f"{100 * share:.0f} % of the {signed(sign * holds, 2)} N·m that friction holds alone",
             self.state,
         ]
-
-    def panel(self) -> NDArray[np.uint8]:
-        """Return the panel (HEIGHT, WIDTH, 3): texts, torque and angle over time."""
-        return draw_panel(WIDTH, HEIGHT, self.lines, self._plot)
-
-    def _plot(self, draw: ImageDraw.ImageDraw) -> None:
-        push = self.push
-        samples = np.array(self.trace).reshape(-1, 3)
-        end = max(_SPAN, self.time)
-        holds = [push.holds_up_to(1.0), -push.holds_up_to(-1.0)]
-        shown = samples[samples[:, 0] >= end - _SPAN]
-        for top, bottom, column, title, levels, least, colour in (
-            (138, 240, 1, "torque, dither excluded [N·m]", holds, 1.4, BLUE),
-            (278, HEIGHT - 42, 2, "angle since it rested [rad]", [], 1.0, ORANGE),
-        ):
-            edges = np.multiply(least, levels or [push.threshold, -push.threshold])
-            limits = min([*edges, *shown[:, column]]), max([*edges, *shown[:, column]])
-            box = (58, top, WIDTH - 14, bottom)
-            plot = Plot(draw, box, (end - _SPAN, end), limits, title)
-            for level in levels:
-                plot.level(level, SOFT, "friction alone")
-            if len(shown) > 1:
-                plot.line(shown[:, 0], shown[:, column], colour)
-        plot.time_label()
 
     def draw(self, scene: mujoco.MjvScene) -> None:
         """Pose the arm, empty the scene, and draw the joint into it."""
@@ -197,7 +158,7 @@ class PushWindow:
             self.view.draw(self._viewer.user_scn)
             # the viewer has uses of its own for our keys: undo what they switched
             self._viewer.opt.flags[:], self._viewer.opt.geomgroup[:] = self._flags
-        self._window.show(self.view.panel(), KEYS, bottom=60)
+        self._window.show([*self.view.lines, KEYS])
 
     def close(self) -> None:
         """Close the window."""

@@ -17,7 +17,6 @@ from stiction_envs.envs.render.panel import BAND, BLUE, ORANGE, SOFT, Plot, roun
 from stiction_envs.envs.render.video import Picture, Video
 from stiction_envs.experiments.sje.episodes import RampTrace
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.plots import ramps
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, Protocol
 from stiction_envs.experiments.sje.results import is_base
 
@@ -174,6 +173,8 @@ def _run(
     experiment: SingleJointExperiment, m: Measurement, base: float, renderer: JointRenderer
 ) -> Callable[[float], Picture]:
     """Return what draws the first ramp of a measurement at a time [s]."""
+    from stiction_envs.experiments.sje.plots import ramps  # loads Matplotlib
+
     c, protocol = m.job.configuration, experiment.protocol
     along, angle = ramps(m, protocol.ramp_rate)[0]
     moved = angle - m.start[0]

@@ -6,17 +6,11 @@ import os
 import sys
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import mujoco
-import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, one_line
-
-# a panel covers part of the scene: camera's distance over the usual one, and its shift to the side
-# over the distance [-]; assumed
-_FARTHER, _ASIDE = 1.3, 0.2
 
 
 def has_display() -> bool:
@@ -80,7 +74,7 @@ def open_viewer(
 
 
 class Window:
-    """MuJoCo's viewer with a panel over the left of its scene."""
+    """MuJoCo's viewer with some lines of text."""
 
     def __init__(
         self,
@@ -90,34 +84,18 @@ class Window:
         camera: mujoco.MjvCamera,
         key_callback: Callable[[int], None] | None = None,
     ) -> None:
-        """Open it; it looks as ``camera`` does, with room for the panel.
-
-        The other arguments and errors are those of `open_viewer`.
-        """
+        """Open it, looking as ``camera`` does; other arguments and errors as `open_viewer`."""
         before = set(threading.enumerate())
         self.viewer = open_viewer(what, model, data, key_callback)
         self._threads = [t for t in threading.enumerate() if t not in before]
-        heading = np.deg2rad(camera.azimuth)
-        right = np.array([np.sin(heading), -np.cos(heading), 0.0])
-        distance = _FARTHER * camera.distance
         with self.viewer.lock():
             look = self.viewer.cam
-            look.lookat[:] = camera.lookat - _ASIDE * distance * right
-            look.distance = distance
+            look.lookat[:], look.distance = camera.lookat, camera.distance
             look.azimuth, look.elevation = camera.azimuth, camera.elevation
 
-    def show(self, panel: NDArray[np.uint8], text: str, *, bottom: int = 8) -> None:
-        """Show the scene as it is now, a panel (height, width, 3), and a text below.
-
-        Args:
-            panel: what is drawn over the scene.
-            text: must not be empty.
-            bottom: height of the panel's lower edge [pixel].
-        """
-        # MuJoCo 4.0 draws an image over a textured scene only where a text was drawn before it
-        self.viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_BOTTOMLEFT, text, ""))
-        height, width = panel.shape[:2]
-        self.viewer.set_images((mujoco.MjrRect(8, bottom, width, height), panel))
+    def show(self, lines: Sequence[str]) -> None:
+        """Show the scene as it is now, and lines of text."""
+        self.viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, "\n".join(lines), ""))
         self.viewer.sync()
 
     def close(self) -> None:

@@ -12,10 +12,8 @@ import pytest
 from stiction_envs.envs.render import push_window, window
 from stiction_envs.envs.render.push_window import (
     DOWN,
-    HEIGHT,
     SPACE,
     UP,
-    WIDTH,
     D,
     PushView,
     PushWindow,
@@ -46,14 +44,12 @@ def test_keys_push_a_joint_until_dither_lets_it_go(view):
     assert "dither off: 0.80 N·m at 15 Hz" in view.lines
     view.press(SPACE)
     assert "dither ON: 0.80 N·m at 15 Hz" in view.lines
-    before, seen = view.panel(), set()
+    seen = set()
     for _ in range(80):
         view.advance(0.05)
         seen.add(view.state.split(" (")[0])
     assert seen == {"holds", "slips", "rests"}
     assert "(let go at +0.51 N·m)" in view.state
-    assert before.shape == (HEIGHT, WIDTH, 3)
-    assert (view.panel() != before).any(axis=2).sum() > 100, "the plots have grown"
 
 
 def test_dither_is_held_against_the_push_without_it(view):
@@ -79,7 +75,6 @@ def test_the_other_keys(view):
     assert view.advance(0.52) == pytest.approx(0.5), "whole blocks"
     view.press(R)
     assert push.target == push.torque == 0.0
-    assert not view.trace
     for key in (ord("8"), ord("9"), ord("0"), ord("X"), 300):
         view.press(key)
     assert push.joint == 1
@@ -101,9 +96,6 @@ class Viewer:
 
     def set_texts(self, texts):
         self.text = texts[2]
-
-    def set_images(self, images):
-        self.image = images[1]
 
     def sync(self):
         self.groups = self.opt.geomgroup.copy()
@@ -151,7 +143,7 @@ def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatc
     assert view.push.joint == 2
     assert view.push.target > 0
     assert said == ["Panda  joint 2, rests", "Panda  joint 2, holds"]
-    assert viewer.image.shape == (HEIGHT, WIDTH, 3)
+    assert viewer.text.startswith("Panda  joint 2\nno dither for this joint\n")
     assert "space or D dither" in viewer.text
     assert viewer.user_scn.ngeom > 5, "the ring"
     assert np.allclose(viewer.data.qpos[:7], view.push.plant.position[0])
