@@ -43,8 +43,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--dither",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table (default: the robot's of the thesis, else the one that is shipped, "
-        "else one in proportion to the stiction)",
+        help="amplitude table (default: the one that is shipped for the robot, else one in "
+        "proportion to the stiction)",
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     parser.add_argument(
@@ -78,17 +78,14 @@ def run(args: argparse.Namespace) -> dict[str, object]:
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     """Return the default dither of an arm.
 
-    Table 4.9 of the thesis if that has the arm, else what ``stiction tune`` found for it, else in
-    proportion to the stiction at rest, as in `envs.agents`.
+    What ``stiction tune`` found for it, where that is shipped, else in proportion to the stiction
+    at rest, as in `envs.agents`.
     """
     from stiction_envs.dither.tables import HERE
     from stiction_envs.envs.agents import proportional_table
-    from stiction_envs.experiments.gte.rows import thesis_final_dither
-    from stiction_envs.measured import read_amplitudes, thesis_robots
+    from stiction_envs.measured import read_amplitudes
 
     arm = sticking.arm
-    if arm.registered_name in thesis_robots("4.9"):
-        return list(thesis_final_dither())
     shipped = HERE / f"{arm.registered_name}.csv"
     if shipped.is_file():
         return read_amplitudes(shipped, n_joints=arm.n)

@@ -10,7 +10,7 @@ from functools import partial
 import pytest
 
 from stiction_envs.cli import gte
-from stiction_envs.control import compensation, settings
+from stiction_envs.control import compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import experiment
@@ -106,7 +106,6 @@ def test_options_reach_the_experiment(cli, work, path, table):
         "gate": ["--gate-velocity", 0.01],
         "waveform": ["--waveform", "square"],
         "phases": ["--phases", "spread"],
-        "design": ["--damping-design", "mass"],
         "start": ["--start", 0, -0.6, 0, -2.2, 0, 1.6, 0.8],
         "tool": ["--tool", 0, 0, 0.1034],
         "payload": ["--payload", 0.5, 0, 0, 0.05],
@@ -212,4 +211,3 @@ def test_names_are_those_of_the_packages():
     assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
     assert gte.PHASES == gte_protocol.PHASES
     assert gte.COMPENSATIONS == compensation.KINDS
-    assert gte.DAMPING_DESIGNS == settings.DAMPING_DESIGNS

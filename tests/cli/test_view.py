@@ -11,7 +11,6 @@ from stiction_envs.cli import view
 from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.render import push_window, window
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.measured import thesis_table
 
 
 def test_without_a_display_it_is_one_clear_line(refused, monkeypatch):
@@ -71,8 +70,6 @@ def test_bad_input_is_one_line(refused, options, says, monkeypatch):
 
 
 def test_an_arm_without_a_table_gets_what_is_known_of_it(two):
-    panda = {r.joint: r.amplitude_nm for r in view.usual_dither(sticking_model("panda"))}
-    assert panda[2] == {r["joint"]: r["tau_final_Nm"] for r in thesis_table("4.9")}[2]
     lines = (HERE / "iiwa7.csv").read_text().splitlines()[1:]
     iiwa = view.usual_dither(sticking_model("iiwa7"))
     assert [r.amplitude_nm for r in iiwa] == [float(x.split(",")[2]) for x in lines]
