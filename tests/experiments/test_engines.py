@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments import engines
 from stiction_envs.experiments.conformance import conformance
 from stiction_envs.experiments.engines import ENGINES, Refused, base, engine_named
 from stiction_envs.experiments.engines.mujoco_c import MuJoCo
@@ -93,15 +92,6 @@ def test_a_model_is_what_export_writes_for_the_engine(copy):
     assert text == plain_mjcf(model, friction_name=model.arm.name, motor="voltage")
 
 
-def test_a_file_is_taken_as_it_is(copy, tmp_path):
-    path = tmp_path / "one.xml"
-    path.write_text(lugre(body='stiffness="50"'))
-    assert conformance(path, engine="copy", settings=SHORT).passed
-    bare = copy.asked[0]
-    assert bare.mjcf == path
-    assert bare.released.tolist() == [0]
-
-
 def test_a_refusal_is_a_row_with_the_engines_line(copy):
     report = conformance(lugre(), engine="picky", settings=SHORT)
     assert not report.passed
@@ -118,12 +108,6 @@ def test_a_missing_package_names_its_extra(monkeypatch):
         conformance(lugre(), engine="warp")
     with pytest.raises(StictionError, match="unknown engine 'bullet': expected one of mujoco"):
         engine_named("bullet")
-
-
-def test_every_engine_says_what_to_write():
-    assert list(ENGINES) == ["mujoco", "warp", "mjx", "newton"]
-    assert all(e.keep and e.name == name for name, e in ENGINES.items())
-    assert engines.ENGINES["newton"].motor == "voltage"
 
 
 def test_actuators_in_groups_that_are_off_are_silenced():
