@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -69,17 +67,6 @@ def test_a_row_is_what_the_single_environment_says(kind):
     assert (row["trajectory"], row["stiffness_translation"]) == ("triangle", 400.0)
 
 
-def test_agents_meet_the_same_episodes_and_differ():
-    env = GTE.make_batch(4)
-    seeds = range(4)
-    rows = [evaluate(env, agent, seeds) for agent in (NoDither(env), ConstantTable(env))]
-    for a, b in zip(*rows, strict=True):
-        for name in ("trajectory", "path", "stiffness_translation", "undithered_position_left_m"):
-            assert a[name] == b[name]
-        assert a["power"] == 0 < b["power"]
-        assert a["return"] != b["return"]
-
-
 def test_a_truncated_episode_has_no_error_left():
     env = GTE.make_batch(2, max_episode_steps=3)
     row = evaluate(env, NoDither(env), [0], TRIANGLE)[0]
@@ -104,20 +91,10 @@ def test_an_agent_with_a_state_is_told_where_episodes_start():
     assert starts.sum() == 3, "and again when the third episode takes the place of one"
 
 
-def test_rows_are_written(tmp_path):
-    env = SJE.make_batch(2)
-    rows = evaluate(env, NoDither(env), [0, 1], QUICK)
-    write_rows(tmp_path / "evaluation.csv", rows)
-    with open(tmp_path / "evaluation.csv", encoding="utf-8") as file:
-        read = list(csv.DictReader(file))
-    assert [float(r["return"]) for r in read] == [r["return"] for r in rows]
-    assert read[0]["direction"] == "+"
-
-
 def test_rows_are_written_by_name(tmp_path):
     path = tmp_path / "rows.csv"
-    write_rows(path, [{"a": 1, "b": 0.1}, {"b": 0.2, "a": 2}])
-    assert path.read_text() == "a,b\n1,0.1\n2,0.2\n"
+    write_rows(path, [{"a": 1, "b": 0.1 + 0.2}, {"b": 0.2, "a": 2}])
+    assert path.read_text() == "a,b\n1,0.30000000000000004\n2,0.2\n"
     for rows, words in (
         ([], "no rows: expected one or more"),
         ([{"a": 1}, {"a": 2}, {"b": 3}], "row 3: a is not in both"),

@@ -17,7 +17,7 @@ from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from stiction_envs.robots import load_arm
-from tests.envs.helpers import QUICK, TRIANGLE, make
+from tests.envs.helpers import PANDA, PANDA_GTE, QUICK, TRIANGLE, make
 from tests.envs.test_suite import IDS
 
 ONE = Configuration(6, "no_load", "+")
@@ -127,9 +127,7 @@ def test_whatever_a_base_torque_depends_on_is_in_its_key():
         assert sje_base.fingerprint(same) == sje_base.fingerprint(usual)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(x, marks=[pytest.mark.slow] * x.startswith("Iiwa")) for x in IDS]
-)
+@pytest.mark.parametrize("name", [PANDA, PANDA_GTE])
 def test_an_episode_is_the_same_bits_whether_looked_up_or_simulated(name, cache):
     seen = []
     for kept in (0, 2):  # poses, and base torques or undithered runs

@@ -10,7 +10,7 @@ from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.randomise import draw, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, QUICK, TRIANGLE, batch_and_singles, episode, mild, quiet, same
+from tests.envs.helpers import GTE, QUICK, TRIANGLE, episode, mild, quiet, same
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
 
@@ -23,10 +23,6 @@ def test_no_spread_is_the_nominal_arm_bit_for_bit(kind):
         runs[-1].append(env.reset())  # the stream goes on alike
     assert same(runs[0], runs[1])
     assert same(runs[0], runs[2])
-
-
-def test_a_batch_is_its_single_environments_bit_for_bit(kind):
-    batch_and_singles(kind, 4, randomise=SPREADS)
 
 
 def test_breakaway_torque_scales_with_the_friction_and_its_unit_does_not():

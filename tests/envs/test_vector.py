@@ -10,7 +10,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
-from stiction_envs.precomputed import store
 from tests.envs.helpers import TRIANGLE, same, tiled
 
 N = 5
@@ -123,19 +122,6 @@ def test_wrong_actions_name_what_was_expected(kind):
         kind.batch(2, render_mode="human")
 
 
-def test_the_unit_of_the_reward_does_not_depend_on_who_asked_for_it(kind, env, monkeypatch):
-    env.reset(seed=0, options=kind.options)
-    core = env.unwrapped.core
-    (case,) = core._cases(core._check_options(kind.options))
-    value = core._undithered([case])[case]
-    monkeypatch.setenv("STICTION_CACHE", "off")
-    store.forget()
-    batch = kind.make_batch(3, **FIXED[kind.name])
-    batch.reset(seed=0)
-    again = batch.core._undithered([case])[case]
-    assert same(getattr(again, "__dict__", again), getattr(value, "__dict__", value))
-
-
 # ---- tiles ---------------------------------------------------------------------------------------
 
 
@@ -155,16 +141,6 @@ def test_tiles_change_no_bit(kind, mode, monkeypatch):
         assert all(same(list(e.step(action)), list(expected)) for e in others)
         ended += expected[2] | expected[3]
     assert ended.min() >= 1
-
-
-def test_a_reset_mask_finds_its_tiles(kind, monkeypatch):
-    envs = [tiled(monkeypatch, kind, k, N, autoreset_mode="Disabled") for k in (N, 2)]
-    mask = np.array([False, False, False, True, True])
-    for env in envs:
-        env.reset(seed=3)
-        env.step(actions(env, 1)[0])
-    assert same(*(list(e.reset(seed=9, options={"reset_mask": mask})) for e in envs))
-    assert same(*(list(e.step(actions(e, 2)[1])) for e in envs))
 
 
 def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):

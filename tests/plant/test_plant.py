@@ -246,14 +246,6 @@ def test_servo_holds_against_torque():
     assert 5.0 - 0.6 < 500.0 * q < 5.0 + 0.6
 
 
-def test_scaled_friction():
-    plant = Plant(panda(), 2)
-    before = plant.stiction
-    plant.scale_friction(np.array([1]), np.full((1, 7), 1.4))
-    np.testing.assert_array_equal(plant.stiction[0], before[0])
-    np.testing.assert_allclose(plant.stiction[1], 1.4 * before[1], rtol=1e-14)
-
-
 def test_stiction_is_that_of_the_present_pose():
     """Right after a reset, before any step."""
     plant = posed()
