@@ -119,23 +119,12 @@ class NoDither(Agent):
 
 
 class RandomDither(Agent):
-    """Amplitudes and frequencies drawn uniformly within their bounds in every step."""
-
-    def __init__(self, env: AnyEnv, seed: int = 0) -> None:
-        """Make it; each draw is seeded by ``seed``, from 0, and the observation.
-
-        Raises:
-            StictionError: another environment, or a seed below 0.
-        """
-        super().__init__(env)
-        if seed < 0:
-            raise StictionError(f"RandomDither: seed {seed}: expected a whole number from 0")
-        self._seed = seed
+    """Amplitudes and frequencies drawn uniformly within their bounds, seeded by the observation."""
 
     def _act(self, observation: Observation) -> Array:
         share = np.empty((len(observation), 2 * self.n))
         for out, row in zip(share, np.ascontiguousarray(observation, np.float32), strict=True):
-            seed = [self._seed, *np.frombuffer(row.tobytes(), np.uint32)]
+            seed = [0, *np.frombuffer(row.tobytes(), np.uint32)]
             out[:] = np.random.default_rng(seed).uniform(size=2 * self.n)
         return self.low + share * (self.high - self.low)
 
@@ -239,31 +228,10 @@ class TorqueRule(GatedTable):
     where it should be is not dithered.
     """
 
-    def __init__(
-        self,
-        env: AnyEnv,
-        table: Table | None = None,
-        *,
-        speed: float | None = None,
-        settings: AgentSettings | None = None,
-    ) -> None:
-        """Make it; amplitudes are clipped to the environment's bounds.
-
-        Args:
-            env: the environment.
-            table: as for `ConstantTable`.
-            speed: as for `GatedTable`.
-            settings: None for the defaults.
-
-        Raises:
-            StictionError: as `GatedTable`.
-        """
-        super().__init__(env, table, speed=speed)
-        self.settings = agent_settings() if settings is None else settings
-
     def _factor(self, observation: Observation) -> Array:
-        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / self.settings.rule_share)
-        return self.settings.rule_factor * pushed * super()._factor(observation)
+        rule = agent_settings()
+        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / rule.rule_share)
+        return rule.rule_factor * pushed * super()._factor(observation)
 
 
 AGENTS: dict[str, type[Agent]] = {

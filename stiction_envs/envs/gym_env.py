@@ -186,14 +186,6 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         self._ended = np.zeros(num_envs, dtype=bool)
         self._renderers: dict[int, Renderer] = {}
 
-    @property
-    def generators(self) -> list[np.random.Generator]:
-        """Random generator of each environment that was reset.
-
-        Numbers are drawn from it when an episode starts, never within one.
-        """
-        return [rng for rng in self._rngs if rng is not None]
-
     def reset(
         self,
         *,
