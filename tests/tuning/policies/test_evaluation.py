@@ -9,13 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from tests.tuning.policies.small import SPRINT, made_up
-from tuning.policies import evaluation
-from tuning.policies.evaluation import check, evaluate_all, read_agent
-from tuning.policies.settings import policy_settings
-from tuning.policies.task import Task
+from tuning.policies.evaluation import evaluate_all, read_agent
 
 ROOT = Path(__file__).parents[3]
 
@@ -62,27 +58,11 @@ def test_every_policy_meets_the_same_episodes(policy, tmp_path):
 
 
 def test_random_paths_are_those_of_no_training():
-    quick = Task(robot="panda", experiment="gte", arguments={"control_interval_s": 0.2})
-    check(quick, ["none"], {"trajectory": "random"})
-    env = quick.make(1)
-    assert env.core.random_paths <= policy_settings().evaluation.test_paths
-    with pytest.raises(StictionError, match="unknown reset option 'colour'"):
-        check(quick, ["none"], {"colour": "red"})
-
-
-def test_held_out_paths_are_evaluated_by_number(monkeypatch):
-    """Seeds and numbers of paths follow one another, in batches of any size."""
-    asked = []
-
-    def evaluate(env, agent, seeds, options):
-        asked.append((env.num_envs, list(seeds), [o["path"] for o in options]))
-        return [{"seed": s, "return": 0.0} for s in seeds]
-
-    monkeypatch.setattr(evaluation, "evaluate", evaluate)
-    monkeypatch.setattr(evaluation, "_TOGETHER", 2)
-    random = {"trajectory": "random", "stiffness": (200, 20, 0)}
-    evaluate_all(SPRINT, ["none"], episodes=3, seed=7, options=random)
-    assert asked == [(2, [7, 8], [1000, 1001]), (2, [9], [1002])]
+    options = {"trajectory": "random", "stiffness": (200, 20, 0)}
+    evaluated = evaluate_all(SPRINT, ["none"], episodes=2, seed=7, options=options)
+    assert evaluated.values("none", "path").tolist() == [1000, 1001]
+    assert evaluated.values("none", "seed").tolist() == [7, 8]
+    assert SPRINT.make(1).core.random_paths <= 1000
 
 
 def test_the_shipped_table_is_the_best_of_the_search(env):
@@ -110,37 +90,3 @@ def test_gates_of_a_table_are_kept_to(env, tmp_path):
     action, _ = agent.predict(seen)
     assert action[5] == pytest.approx(0.5 * math.exp(-1), rel=1e-6)
     assert action[6] == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("best", "unknown policy 'best': expected one of none, gated, random, rule, a policy.zip"),
-        ("policy.pt", "unknown policy 'policy.pt'"),
-        ("missing.zip", "missing.zip: no such file"),
-        ("missing.csv", "missing.csv"),
-    ],
-)
-def test_no_such_policy(name, words):
-    with pytest.raises(StictionError) as error:
-        check(SPRINT, [name])
-    assert words in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("task", "words"),
-    [
-        (Task(robot="iiwa7", experiment="gte"), "GTE environment of panda: expected one for the G"),
-        (Task(robot="panda", experiment="sje"), "expected one for the SJE environment of panda"),
-        (Task(robot="panda", experiment="gte"), "control interval of 0.2 s: expected 0.1 s"),
-    ],
-)
-def test_a_policy_for_something_else(policy, task, words):
-    with pytest.raises(StictionError) as error:
-        check(task, [str(policy)])
-    assert words in str(error.value)
-
-
-def test_the_same_policy_twice():
-    with pytest.raises(StictionError, match="expected each once"):
-        check(SPRINT, ["none", "none"])

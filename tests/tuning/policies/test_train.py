@@ -178,8 +178,6 @@ def test_another_network_is_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"algorithm": "a2c"}, "unknown algorithm 'a2c': expected one of sac, ppo, td3"),
-        ({"steps": 31}, "31 steps: expected at least 32: one rollout of 4 arms, 8 steps each"),
         ({"algorithm": "sac", "steps": 19}, "19 steps: expected at least 20: 16 at random"),
         ({"start": [AmplitudeRow(2, 40.0, 50.0)]}, "joint 2: 50 N·m: expected 0 to"),
         (
@@ -201,10 +199,3 @@ def test_a_damaged_checkpoint_is_one_line(tmp_path):
     (place / "rl_model_48_steps.zip").write_bytes(b"damaged")
     with pytest.raises(StictionError, match=r"^checkpoint .*000000048: cannot be read: [^\n]*$"):
         train(tmp_path)
-
-
-def test_unknown_arguments_and_experiments():
-    with pytest.raises(StictionError, match="unknown argument of the gte environment 'gravity'"):
-        Task(robot="panda", experiment="gte", arguments={"gravity": 0})
-    with pytest.raises(StictionError, match="expected one of sje, gte"):
-        Task(robot="panda", experiment="push")
