@@ -135,63 +135,53 @@ def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
 
 _FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
 _SLOW = "slow motion through several poses, both ways, with rests"
+_VERY_SLOW = "very slow motion, both ways, with rests"
+_RESTS = "rests in poses of small and large gravity, reached from both sides"
+_LARGE, _SMALL = "large steps of the command", "small steps of the command, with rests"
+_FAST = "fast and large waves"
+_ALL_JOINTS = "slow motion of all joints through poses of large gravity"
+_BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
+_REVERSALS = "many slow reversals of a few mrad to some tens of mrad"
+_CURRENT = "motion whose ends differ, with the current logged"
 _LAG, _DRY = (SERVO_LAG,), ("coulomb_friction",)
 _EFFECTS = (
     ServoEffect(
-        name="servo_stiffness",
-        parameter="stiffness_nm_per_rad",
-        unit="N·m/rad",
-        what_to_record="rests in poses of small and large gravity, reached from both sides",
+        *("servo_stiffness", "stiffness_nm_per_rad", "N·m/rad", _RESTS),
         law=lambda joint, size: {"stiffness": joint["stiffness"] / (1.0 + size)},
         largest=4.0,
         usual=lambda joint: 2 / 3,
         under_gravity=True,
     ),
     ServoEffect(
-        name="damping",
-        parameter="damping_nms",
-        unit="N·m·s/rad",
-        what_to_record=_FREQUENCIES,
+        *("damping", "damping_nms", "N·m·s/rad", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"damping": joint["damping"] + size * joint["stiffness"]},
         largest=0.5,
         usual=lambda joint: 1.5 * joint["damping"] / joint["stiffness"],
     ),
     ServoEffect(
-        name="delay",
-        parameter="delay_s",
-        unit="s",
-        what_to_record=_FREQUENCIES,
+        *("delay", "delay_s", "s", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"delay": joint["delay"] + size},
         largest=0.15,
         usual=lambda joint: 0.03,
     ),
     ServoEffect(
-        name="armature",
-        parameter="armature_kgm2",
-        unit="kg·m²",
-        what_to_record=_FREQUENCIES,
+        *("armature", "armature_kgm2", "kg·m²", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"armature": joint["armature"] + size * joint["stiffness"]},
         largest=0.02,
         usual=lambda joint: 3.0 * joint.inertia / joint["stiffness"],
     ),
     ServoEffect(
-        name="coulomb_friction",
-        parameter="coulomb_nm",
-        unit="N·m",
-        what_to_record=_SLOW,
+        *("coulomb_friction", "coulomb_nm", "N·m", _SLOW),
         law=lambda joint, size: {"stiction": joint["stiction"] + size * joint["stiffness"]},
         shown_as=_sliding,
         largest=0.3,
         usual=lambda joint: 0.02,
     ),
     ServoEffect(
-        name="stribeck_friction",
-        parameter="stiction_nm",
-        unit="N·m",
-        what_to_record="very slow motion, both ways, with rests",
+        *("stribeck_friction", "stiction_nm", "N·m", _VERY_SLOW),
         expected=_DRY,
         law=_stribeck,
         shown_as=_extra_stiction,
@@ -199,10 +189,7 @@ _EFFECTS = (
         usual=lambda joint: 1.0,
     ),
     ServoEffect(
-        name="load_dependent_friction",
-        parameter="load_coefficient",
-        unit="1",
-        what_to_record=_SLOW,
+        *("load_dependent_friction", "load_coefficient", "1", _SLOW),
         expected=_DRY,
         law=lambda joint, size: {"load": joint["load"] + size},
         shown_as=lambda joint, size: size,
@@ -211,10 +198,7 @@ _EFFECTS = (
         under_gravity=True,
     ),
     ServoEffect(
-        name="torque_limit",
-        parameter="limit_nm",
-        unit="N·m",
-        what_to_record="large steps of the command",
+        *("torque_limit", "limit_nm", "N·m", _LARGE),
         law=lambda joint, size: {
             "torque_limit": max(_limit(joint.torque, size), CARRIES * joint.gravity)
         },
@@ -222,66 +206,45 @@ _EFFECTS = (
         usual=lambda joint: DEEPEST / 1.02,
     ),
     ServoEffect(
-        name="speed_limit",
-        parameter="limit_rad_s",
-        unit="rad/s",
-        what_to_record="fast and large waves",
+        *("speed_limit", "limit_rad_s", "rad/s", _FAST),
         law=lambda joint, size: {"speed_limit": _limit(joint.speed, size)},
         largest=1.0,
         usual=lambda joint: DEEPEST / 0.6,
     ),
     ServoEffect(
-        name="encoder_offset",
-        parameter="offset_rad",
-        unit="rad",
-        what_to_record="poses on both sides of where gravity's torque on the joint is zero",
+        *("encoder_offset", "offset_rad", "rad", _BOTH_SIDES),
         law=lambda joint, size: {"offset": size},
         largest=0.25,
         usual=lambda joint: 0.15,
         under_gravity=True,
     ),
     ServoEffect(
-        name="dead_zone",
-        parameter="width_rad",
-        unit="rad",
-        what_to_record="small steps of the command, with rests",
+        *("dead_zone", "width_rad", "rad", _SMALL),
         law=lambda joint, size: {"dead_zone": joint["dead_zone"] + size},
         shown_as=lambda joint, size: 2.0 * size,
         largest=0.05,
         usual=lambda joint: 0.02,
     ),
     ServoEffect(
-        name="payload",
-        parameter="mass_kg",
-        unit="kg",
-        what_to_record="slow motion of all joints through poses of large gravity",
+        *("payload", "mass_kg", "kg", _ALL_JOINTS),
         arm_wide=True,
         law=_nothing,  # the arm is another
         largest=20.0,
     ),
     ServoEffect(
-        name="presliding_hysteresis",
-        parameter="bristle_stiffness",
-        unit="N·m/rad",
-        what_to_record="many slow reversals of a few mrad to some tens of mrad",
+        *("presliding_hysteresis", "bristle_stiffness", "N·m/rad", _REVERSALS),
         expected=_DRY,
         law=lambda joint, size: {"bristle": joint["bristle"] + size},
         shown_as=lambda joint, size: joint.friction / (joint["bristle"] + size),
         largest=0.05,
     ),
     ServoEffect(
-        name="gravity_compensation_missing",
-        parameter="share",
-        unit="1",
-        what_to_record=_SLOW,
+        *("gravity_compensation_missing", "share", "1", _SLOW),
         law=lambda joint, size: {"compensation": size},
         largest=1.0,
     ),
     ServoEffect(
-        name="external_contact",
-        parameter="depth_rad",
-        unit="rad",
-        what_to_record="motion whose ends differ, with the current logged",
+        *("external_contact", "depth_rad", "rad", _CURRENT),
         law=_nothing,  # the angle stops at a wall, so far below the top of its motion
         shown_as=lambda joint, size: min(size, joint.above),
         largest=1.0,

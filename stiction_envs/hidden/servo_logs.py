@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -20,7 +19,7 @@ from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
-from stiction_envs.hidden.servo_simulation import simulate, weightless
+from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -107,7 +106,7 @@ def hide(
     rng = np.random.default_rng([seed, 11])
     t = np.arange(0.0, seconds, 1.0 / RATE_HZ)
     command = commands(arm, t, rng, start, only_slow=only_slow)
-    gravity = _largest_gravity(arm, command)
+    gravity = np.abs(weights(*weightless(arm), command)).max(axis=0)
     inertia = link_inertia(arm, command[:1])[0]
     stiffness = np.maximum(gravity / SAG, BANDWIDTH**2 * inertia)
     stiffness = np.maximum(stiffness, WEAKEST * stiffness.max())
@@ -149,17 +148,6 @@ def hide(
     return HiddenServoLog(
         log=log, stiffness=stiffness, damping=damping, hidden=tuple(hidden), payload=tool
     )
-
-
-def _largest_gravity(arm: Arm, q: Array) -> Array:
-    """Return the (n,) largest gravity along angles (T, n) [N·m]."""
-    model, data = weightless(arm)
-    out = np.zeros(arm.n)
-    for angle in q:
-        data.qpos[:] = angle
-        mujoco.mj_forward(model, data)
-        np.maximum(out, np.abs(data.qfrc_gravcomp), out=out)
-    return out
 
 
 def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:

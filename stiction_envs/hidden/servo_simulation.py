@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
+from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.hidden.worlds import add_to_flange
 from stiction_envs.robots import Arm
@@ -54,6 +55,16 @@ def weightless(
     return model, mujoco.MjData(model)
 
 
+def weights(model: mujoco.MjModel, data: mujoco.MjData, q: Array) -> Array:
+    """Return (T, n) gravity of an arm of `weightless` at angles (T, n) [N·m]."""
+    out = np.empty_like(q)
+    for k in range(len(q)):
+        data.qpos[:] = q[k]
+        mujoco.mj_forward(model, data)
+        out[k] = data.qfrc_gravcomp
+    return out
+
+
 def simulate(
     arm: Arm,
     parameters: Array,
@@ -71,20 +82,24 @@ def simulate(
         command: (T, n) [rad].
         start: (n,) first angles as the encoders show them [rad].
         payload: see `weightless`.
+
+    Raises:
+        ExperimentError: a simulation that diverged.
     """
     p = {name: np.array(parameters[:, k]) for name, k in INDEX.items()}
     model, data = weightless(arm, payload)
+    load = p["load"] * np.abs(weights(model, data, command)).mean(axis=0)
     data.qpos[:] = start - p["offset"]
     mujoco.mj_forward(model, data)
     mass = np.empty((arm.n, arm.n))
     mujoco.mj_fullM(model, data, mass)
     inertia = np.maximum(np.diag(mass) + p["armature"], LIGHTEST * p["stiffness"])
     model.dof_armature[:] = inertia - np.diag(mass)
-    model.dof_damping[:] = p["damping"]
     q, v, weight, force = data.qpos, data.qvel, data.qfrc_gravcomp, data.qfrc_applied
-    level = np.maximum(p["stiction"] + p["load"] * np.abs(weight), 1e-6)
-    bristle = np.minimum(level / p["bristle"], STIFFEST * inertia)
+    usual = np.maximum(p["stiction"] + load, 1e-6)
+    bristle = np.minimum(usual / p["bristle"], STIFFEST * inertia)
     damping = 2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * inertia)
+    model.dof_damping[:] = p["damping"] + damping  # MuJoCo's Euler takes damping implicitly
     names = ("stiffness", "torque_limit", "speed_limit", "dead_zone", "compensation")
     friction = ("stiction", "load", "drop", "stribeck_velocity")
     constants = np.stack([*(p[x] for x in (*names, *friction)), bristle, damping], axis=1)
@@ -95,6 +110,7 @@ def simulate(
     reference, deflection = told[0].copy(), np.zeros(arm.n)
     # at rest the bristles carry what they can
     _advance(told[0], reference, q, v, weight, deflection, constants, force)
+    level = np.maximum(p["stiction"] + p["load"] * np.abs(weight), 1e-6)
     deflection[:] = np.clip(force, -level, level) / bristle
     angle = np.empty((steps + 1, arm.n))
     angle[0] = q
@@ -102,6 +118,8 @@ def simulate(
         _advance(told[k], reference, q, v, weight, deflection, constants, force)
         mujoco.mj_step(model, data)
         angle[k + 1] = q
+    if data.warning.number.any():
+        raise ExperimentError(f"{arm.name}: MuJoCo's simulation of its servos diverged")
     grid = t[0] + STEP * np.arange(steps + 1)
     columns = [np.interp(t, grid, x) for x in angle.T]
     return np.stack(columns, axis=1) + p["offset"]
@@ -123,7 +141,7 @@ def _advance(  # type: ignore[no-untyped-def]
         level = max(stiction + load * abs(weight[j]), 1e-6)
         level *= 1.0 - drop + drop * np.exp(-((v[j] / stribeck) ** 2))
         rate = bristle * abs(v[j]) / level
-        friction = bristle * deflection[j] + damping * (v[j] - rate * deflection[j])
+        friction = (bristle - damping * rate) * deflection[j]  # and damping · v, see above
         force[j] = servo - (1.0 - compensated) * weight[j] - friction
         left = np.exp(-rate * STEP)
         passed = v[j] * STEP if rate < 1e-9 else v[j] * (1.0 - left) / rate

@@ -28,7 +28,7 @@ from tests.measured.logs.lerobot_datasets import SO101, write_calibration, write
 SERVOS = {
     "stiffness": (11.3, 12.5, 11.0, 10.0, 11.3, 11.3),
     "damping": (0.62, 1.1, 0.5, 0.57, 0.51, 0.9),
-    "stiction": (0.1, 0.05, 0.45, 0.15, 0.13, 0.1),
+    "stiction": (0.1, 0.05, 0.4, 0.15, 0.13, 0.1),
     "load": (0.0, 0.5, 0.0, 0.0, 0.0, 0.0),
 }
 """Parameters of the servos by joint (`gap.servo.parameters`), assumed: about those found of a real

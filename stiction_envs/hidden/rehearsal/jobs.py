@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, Protocol, TypedDict
 
 import numpy as np
@@ -30,7 +30,7 @@ class Run(TypedDict):
     minor: list[str]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Hideable:
     """A cause that a rehearsal hides, and how its rows call it."""
 
@@ -40,6 +40,7 @@ class Hideable:
     unit: str
     what_to_record: str
     """The motion that would show it."""
+    _: KW_ONLY
     expected: tuple[str, ...] = ()
     """Causes that are named rightly beside it."""
     part_of: tuple[str, ...] = ()
@@ -73,7 +74,7 @@ class Job:
         return (0,) if self.what.arm_wide else tuple(j + 1 for j in self.joints)
 
 
-NO_JOB = Job(what=Hideable(name=NOTHING, parameter="", unit="", what_to_record=""), joints=())
+NO_JOB = Job(what=Hideable(NOTHING, "", "", ""), joints=())
 """Nothing is hidden."""
 Reason = tuple[Hideable, int, str]
 """A cause on a joint (from 1; 0: the arm) that is in no job, and why."""

@@ -42,11 +42,7 @@ from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
 from stiction_envs.hidden.servo_effects import EFFECTS
-from stiction_envs.hidden.servo_effects import effect_of as servo_effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
-from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
@@ -195,15 +191,9 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    naming = Naming(
-        joints=tuple(options.get("joints", ())),
-        topic=options.get("topic"),
-        units=options.get("units"),
-        calibration=options.get("calibration"),
-    )
-    kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
-        servo_effect_of(name) if kind == POSITION else cause_named(name)
+        if name not in EFFECTS:
+            cause_named(name)
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )

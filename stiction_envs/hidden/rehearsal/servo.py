@@ -46,7 +46,7 @@ from stiction_envs.hidden.rehearsal.jobs import (
     Run,
 )
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
-from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
+from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint, effect_of
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.hidden.torque_effects import COM
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -65,10 +65,7 @@ SPARSE = 10
 FIXED = ("payload", "external_contact")
 """Causes of which `confused_with` says the same of every log."""
 BACKLASH = Hideable(
-    name="backlash",
-    parameter="gap_rad",
-    unit="rad",
-    what_to_record="none: push the joint by hand while it is told to rest",
+    "backlash", "gap_rad", "rad", "none: push the joint by hand while it is told to rest"
 )
 
 
@@ -100,7 +97,7 @@ class HiddenServos:
         jobs: list[Job] = [NO_JOB]
         reasons: list[Reason] = []
         for name in names:
-            effect = EFFECTS[name]
+            effect = effect_of(name)
             why_not = {j: self._why_not(name, j) for j in range(len(self.base))}
             left = tuple(j for j, why in why_not.items() if not why)
             if left:
