@@ -26,8 +26,6 @@ class MotionThresholds:
     lags [rad/s]."""
     moving_speed: Positive
     """Above this speed a joint certainly moves [rad/s]: ten times the width of a direction."""
-    near_stiction_speed: Positive
-    """Below this speed a joint is near stiction [rad/s]."""
     slow_speed: Positive
     """Below this speed motion shows friction that falls with speed [rad/s]."""
     speed_spread: Positive
