@@ -72,17 +72,6 @@ def test_progress_of_the_whole_off_a_terminal_is_a_line_per_stage(capsys):
     ]
 
 
-def test_progress_of_the_whole_on_a_terminal_is_one_bar(monkeypatch):
-    terminal_on_stderr(monkeypatch)
-    with Progress() as progress:
-        progress.whole("reading", 0.0)
-        bar = progress._bar
-        progress.whole("report", 0.75)
-        assert progress._bar is bar
-        assert (bar.desc, bar.n, bar.total) == ("report", 75.0, 100.0)
-        assert str(bar).startswith("report:  75 %|")
-
-
 @pytest.fixture
 def failing(cli, monkeypatch):
     """Run `stiction sje panda`, which raises an error from a cause."""

@@ -79,26 +79,10 @@ def test_with_dither(cli, work, path, table):
     assert [r["goal"] for r in read(out / "points.csv")] == ["1", "2"] * 2
 
 
-def test_senses_change_a_run_and_are_in_its_provenance(cli, work, path, inputs):
-    (inputs / "late.toml").write_text("[sensing]\nmeasurement_delay = 0.005\n")
-    shapes = {
-        "ideal": (),
-        "late": ("--sensing", inputs / "late.toml"),
-    }
-    for name, more in shapes.items():
-        options = [*STIFF, "--iterations", 1, *more, "--out", name]
-        assert cli("gte", "panda", "--trajectory", path, *options).code == 0
-    ideal, late = (read(work / name / "errors.csv") for name in shapes)
-    assert ideal != late
-    found = {name: json.loads((work / name / "provenance.json").read_text()) for name in shapes}
-    assert found["ideal"]["arguments"]["sensing"] == "ideal"
-    assert found["late"]["arguments"]["sensing"].endswith("late.toml")
-    assert "sensing" in found["late"]["inputs"]
-
-
 @pytest.mark.slow
-def test_options_reach_the_experiment(cli, work, path, table):
+def test_options_reach_the_experiment(cli, work, path, table, inputs):
     """Each changes the dithered run, and what it should leave alone it does."""
+    (inputs / "late.toml").write_text("[sensing]\nmeasurement_delay = 0.005\n")
     path.write_text("x,y,z\n0.02,0,0\n")
     own = ["--trajectory", path, *QUICK, "--no-scatter", "--dither", table]
     variants = {
@@ -111,6 +95,7 @@ def test_options_reach_the_experiment(cli, work, path, table):
         "payload": ["--payload", 0.5, 0, 0, 0.05],
         "controller_model": ["--compensate-payload", 0.5, 0, 0, 0.05],
         "tilt": ["--compensate-tilt", 0.05, -2e-2],
+        "sensing": ["--sensing", inputs / "late.toml"],
     }
     errors = {}
     for name, options in variants.items():

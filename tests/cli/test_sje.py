@@ -63,19 +63,6 @@ def test_same_run_gives_the_same_bytes(cli, work, dither):
     assert files[0] == files[1]
 
 
-def test_seed_and_scatter_matter(cli, work):
-    for name, options in (
-        ("a", ["--seed", 1]),
-        ("b", ["--seed", 2]),
-        ("c", ["--no-scatter", "--seed", 1]),
-        ("d", ["--no-scatter", "--seed", 2]),
-    ):
-        assert cli("sje", "panda", *QUICK, *ONE, *options, "--out", name).code == 0
-    a, b, c, d = (read_sje(work / k / "sje.csv")[0].tau_nm for k in "abcd")
-    assert len({a, b, c}) == 3
-    assert c == d
-
-
 def test_options_reach_the_experiment(cli, two, work):
     options = ["--iterations", 1, "--no-scatter", "--joint", 1, *ONE]
     cli("sje", two, *options, "--out", "a")

@@ -59,12 +59,6 @@ def test_results_are_the_same_bytes_with_and_without(cli, work, written, dither,
     assert before["arguments_sha256"] == after["arguments_sha256"]
 
 
-def test_a_file_of_its_own(cli, work, written):
-    assert cli(*SJE, "--out", "a", "--video", "mine.mp4").code == 0
-    assert (work / "mine.mp4").read_bytes() == b"mp4"
-    assert not (work / "a" / "sje.mp4").exists()
-
-
 @pytest.mark.parametrize(
     ("video", "says"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import importlib.util
 import io
 import json
 import re
@@ -88,19 +87,3 @@ def test_colab_installs_from_where_it_opened_the_notebook(monkeypatch: pytest.Mo
         assert found == "git+https://git.example/somebody/stiction@main"
     with pytest.raises(RuntimeError, match="write the repository's address into REPOSITORY"):
         _opened_from("fileId=1aB2c3", monkeypatch)
-
-
-def test_its_page_shows_code_output_and_pictures(tmp_path: Path) -> None:
-    file = ROOT / "docs" / "_ext" / "notebook_page.py"
-    spec = importlib.util.spec_from_file_location("notebook_page", file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    text = module.notebook_page(NOTEBOOK, tmp_path / "look.md")
-    shown = nbformat.read(NOTEBOOK, as_version=4)
-    assert all(x.rstrip() in text for x in printed(shown))
-    assert "REPOSITORY" not in text
-    for k, picture in enumerate(pictures(shown), 1):
-        assert f"![](look_{k}.png)" in text
-        assert (tmp_path / f"look_{k}.png").read_bytes() == picture

@@ -114,11 +114,6 @@ def test_every_line_of_prose_is_shown(site, pages):
 
 
 @pytest.mark.slow
-def test_equations_are_drawn_by_the_browser_itself(site, pages):
-    assert "math" in pages[site / "theory.html"].tags
-
-
-@pytest.mark.slow
 def test_everything_has_a_page(site):
     assert stiction_envs.__version__
     ours = [n for n, s in gymnasium.registry.items() if "stiction_envs" in str(s.entry_point)]

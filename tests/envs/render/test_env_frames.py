@@ -147,9 +147,3 @@ def test_without_opengl_only_rendering_fails():
     assert len(run.stdout.strip().splitlines()) == 1
     assert "rendering needs OpenGL" in run.stdout
     assert "Traceback" not in run.stderr
-
-
-def test_no_render_mode_no_frame():
-    env = SJEEnv()
-    env.reset(seed=0, options=QUICK)
-    assert env.render() is None
