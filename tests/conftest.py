@@ -16,7 +16,6 @@ os.environ.setdefault("STICTION_CACHE", str(HERE.parent / ".pytest_cache" / "sti
 LONGEST = (
     "test_readme.py",
     "gap/tables/test_diagnosis.py",
-    "cli/test_every_command.py",
     "gap/test_diagnosis.py",
     # after README's `make tune`, whose simulations it finds in the cache
     "docs/test_pages.py",
