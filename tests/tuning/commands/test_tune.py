@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import read_amplitudes
 from tests.cli.test_identify import check_sources
 from tests.robots.arms import chain
 from tuning.commands import tune as tune_command
@@ -41,23 +40,6 @@ def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, m
     check_sources(work / "t" / "friction.toml")
 
 
-@pytest.mark.slow
-def test_tune_goes_on_in_its_own_folder_only(cli, work, two):
-    ran = cli("tune", two, *TUNE, "--out", "t", "--json")
-    assert ran.code == 0
-    result = json.loads(ran.out)
-    final = read_amplitudes(work / "t" / "final.csv", n_joints=2)
-    assert [r["amplitude_nm"] for r in result["final"]] == [r.amplitude_nm for r in final]
-    assert read_amplitudes(work / "t" / "final.yaml", n_joints=2) == final
-    found = json.loads((work / "t" / "provenance.json").read_text())
-    assert found["finished"]
-    assert {"final.csv", "final.yaml"} <= set(found["files"])
-    assert cli("tune", two, *TUNE, "--out", "t").code == 0
-    other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
-    assert other.code == 2
-    assert "or force" in other.err
-
-
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     """The same run continues in its folder, with any number of threads."""
 
@@ -83,6 +65,9 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     assert one.frequencies == (15.0,)
     assert one.experiment.scatter is False
     assert one.experiment.threads == 1
+    other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
+    assert other.code == 2
+    assert "or force" in other.err
 
 
 def test_a_scale_beyond_its_bounds_is_refused(refused, two):

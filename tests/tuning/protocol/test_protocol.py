@@ -124,18 +124,6 @@ def test_the_tables_are_consistent(first):
     assert list(found.final) == final
 
 
-def test_another_run_in_the_folder_is_refused(small_arm, fast, tmp_path):
-    storage = f"sqlite:///{tmp_path / 'study.db'}"
-    run(small_arm, fast, tmp_path / "out", storage=storage)
-    before = contents(tmp_path / "out")
-    for other in ({"seed": 1}, {"settings": {"thesis.cap_half_widths": 0.5}}):
-        with pytest.raises(StictionError, match="a run of stiction tune"):
-            run(small_arm, fast, tmp_path / "out", storage=storage, **other)
-        with pytest.raises(StictionError, match="was made with other friction, bounds, settings"):
-            run(small_arm, fast, tmp_path / "new", storage=storage, **other)
-    assert contents(tmp_path / "out") == before
-
-
 def test_the_final_rule_reproduces_the_thesis_choices():
     """Applied to Table 4.9 the rule gives its finals; joint 2, set by hand there, within 10 %."""
     base = thesis_base("panda")

@@ -1,11 +1,8 @@
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from tests.tuning.robot.made_up import (
     NOTHING,
     S,
@@ -66,14 +63,6 @@ def test_the_interval_holds_what_it_says():
         apart = (truth.mean(axis=1) - posterior.mean) / posterior.sd
         inside.append(np.abs(apart[[1, 2, 3, 5, 6]]) < 1.96)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
-
-
-def test_candidates_are_checked():
-    good = joint(PREDICTED)
-    with pytest.raises(StictionError, match=r"displacement has shape \(4, 4\): expected \(5, 4\)"):
-        dataclasses.replace(good, displacement=np.ones((4, 4)))
-    with pytest.raises(StictionError, match="finite predictions"):
-        dataclasses.replace(good, predicted=np.full((5, 4), np.nan))
 
 
 def test_a_robot_unlike_the_simulation_is_not_believed_to_be_known():

@@ -154,20 +154,6 @@ def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_table_no_better_than_nothing_is_no_dither(small_arm, fast, tmp_path, monkeypatch):
-    monkeypatch.setattr("tuning.search.stages.score", lambda trial: 0.0)
-    found = search(
-        small_arm,
-        out=tmp_path / "out",
-        protocol=fast,
-        settings=QUICK,
-        objective="gte",
-        evaluations=2,
-    )
-    assert [r.amplitude_nm for r in found.final] == [0.0, 0.0]
-
-
-@pytest.mark.slow
 def test_treatments_are_compared_under_the_same_limits(small, tmp_path):
     """Each has its study and budget; the best that does not shake at rest is written."""
     found = small("out", treatment="observer", evaluations=2)

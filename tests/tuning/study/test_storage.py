@@ -16,7 +16,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 from tests.tuning.study.searches import evaluate, search, trials
 from tuning.settings import tuning_settings
 from tuning.study.record import run
-from tuning.study.storage import is_shared, open_storage, storage_file
+from tuning.study.storage import open_storage
 
 SECRET = "gr4vel"
 
@@ -77,14 +77,6 @@ def test_a_file_that_is_no_database_stays(tmp_path):
     file.write_text("robot,joint\n" * 100)
     assert "file is not a database" in refused(f"sqlite:///{file}")
     assert file.read_text() == "robot,joint\n" * 100
-
-
-def test_only_a_server_is_shared(tmp_path):
-    assert is_shared("postgresql+psycopg://host/name")
-    assert not is_shared("sqlite:///study.db")
-    assert storage_file("sqlite:///a/study.db").as_posix() == "a/study.db"
-    assert storage_file("sqlite://") is None
-    assert storage_file("postgresql+psycopg://host/name") is None
 
 
 def test_a_full_database_says_so_and_goes_on_with_room(tmp_path):
