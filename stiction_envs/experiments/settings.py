@@ -98,28 +98,6 @@ class CalibrationSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReachSettings:
-    """Goals under position servos, and how long each part of a move to one takes."""
-
-    move_time: Positive
-    """Of the command's move to the goal [s]."""
-    shaken_time: Positive
-    """After the move, in which dither goes on [s]."""
-    fade_time: Positive
-    """In which dither that is switched off fades [s]."""
-    still_time: Positive
-    """After that, before the error is read [s]."""
-    watched_time: Positive
-    """Over which angles are averaged and shaking is read [s]."""
-    margin: NotNegative
-    """Distance of goals from the joint limits [rad]."""
-    equilibrium_rounds: Count
-    """Rounds of the search for where an arm without friction would rest."""
-    equilibrium_tolerance: Positive
-    """Largest change of its last round [rad]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ExperimentSettings:
     """All settings of this package."""
 
@@ -129,8 +107,6 @@ class ExperimentSettings:
     """Load and no-load poses."""
     calibration: CalibrationSettings
     """Friction from base torques."""
-    reach: ReachSettings
-    """Goals under position servos."""
 
 
 @cache
