@@ -174,7 +174,8 @@ def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgor
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(place / f"rl_model_replay_buffer_{steps}_steps.pkl")
     except Exception as error:  # unpickling raises any
-        raise StictionError(f"checkpoint {place}: cannot be read: {error}") from error
+        why = str(error).partition("\n")[0]
+        raise StictionError(f"checkpoint {place}: cannot be read: {why}") from error
     return model
 
 
