@@ -57,6 +57,8 @@ class Job:
 
     what: Hideable
     joints: tuple[int, ...]
+    why_not: str = ""
+    """Why it is not hidden."""
 
     @property
     def cause(self) -> str:
@@ -76,8 +78,6 @@ class Job:
 
 NO_JOB = Job(what=Hideable(NOTHING, "", "", ""), joints=())
 """Nothing is hidden."""
-Reason = tuple[Hideable, int, str]
-"""A cause on a joint (from 1; 0: the arm) that is in no job, and why."""
 
 
 class Subject(Protocol):

@@ -36,13 +36,16 @@ from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Reason, Run, Subject, measure
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Run, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
-from stiction_envs.hidden.servo_effects import EFFECTS
+from stiction_envs.hidden.servo_effects import EFFECTS, effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
@@ -61,9 +64,6 @@ class Plan:
     robot: str
     subject: Subject
     jobs: tuple[Job, ...]
-    reasons: tuple[Reason, ...]
-    order: tuple[str, ...]
-    """Names of causes, in the order of their rows."""
     seed: int
     provenance: Provenance
 
@@ -86,21 +86,25 @@ class Plan:
         runs: dict[str, list[Run]] = {}
         if kept is not None and kept.exists():
             runs = json.loads(kept.read_text("utf-8"))
-        missing = [job for job in self.jobs if job.key not in runs]
+        asked = [job for job in self.jobs if not job.why_not]
+        missing = [job for job in asked if job.key not in runs]
         for job, found in _measured(missing, self.subject, self.seed, threads):
             runs[job.key] = found
             if kept is not None:
                 write_json(kept, runs)
-            say(f"hid {job.key} in the log", len(runs) / len(self.jobs))
-        judged = [j for j in self.jobs if j.cause != NOTHING]
-        rows = [row_of(job, row, runs[job.key]) for job in judged for row in job.rows]
-        rows += [row_of(Job(what=what, joints=()), row, [], why) for what, row, why in self.reasons]
-        order = {name: k for k, name in enumerate(self.order)}
+            say(f"hid {job.key} in the log", len(runs) / len(asked))
+        order = list(dict.fromkeys(job.cause for job in self.jobs))
+        rows = [
+            row_of(job, row, [] if job.why_not else runs[job.key])
+            for job in self.jobs
+            if job.cause != NOTHING
+            for row in job.rows
+        ]
         return Rehearsal(
             robot=self.robot,
-            rows=tuple(sorted(rows, key=lambda r: (order[r.cause], r.joint))),
+            rows=tuple(sorted(rows, key=lambda r: (order.index(r.cause), r.joint))),
             named_without=tuple(x[0] for x in runs[NOTHING][0]["named"]),
-            runs={job.key: runs[job.key] for job in self.jobs},
+            runs={job.key: runs[job.key] for job in asked},
             provenance=self.provenance,
         )
 
@@ -191,14 +195,20 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
+    naming = Naming(
+        joints=tuple(options.get("joints", ())),
+        topic=options.get("topic"),
+        units=options.get("units"),
+        calibration=options.get("calibration"),
+    )
+    kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
-        if name not in EFFECTS:
-            cause_named(name)
+        effect_of(name) if kind == POSITION else cause_named(name)
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
     settings = override(gap_settings(), options.get("settings"))
-    subject, jobs, reasons, order = _planned(own, causes, settings)
+    subject, jobs = _planned(own, causes, settings)
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
@@ -212,8 +222,6 @@ def plan(
         robot=own.robot,
         subject=subject,
         jobs=tuple(jobs),
-        reasons=tuple(reasons),
-        order=order,
         seed=seed,
         provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
     )
@@ -221,12 +229,11 @@ def plan(
 
 def _planned(
     own: DiagnosisResult, causes: Sequence[str] | None, settings: GapSettings
-) -> tuple[Subject, list[Job], list[Reason], tuple[str, ...]]:
-    """Return the logs of a diagnosis, the jobs, what is in none and why, and the rows' order."""
+) -> tuple[Subject, list[Job]]:
+    """Return the logs of a diagnosis, and the jobs."""
     if isinstance(own, ServoResult):
         servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts), settings)
-        return servos, *servos.jobs_of(causes or list(EFFECTS)), (*EFFECTS, "backlash")
+        return servos, servos.jobs_of(causes or EFFECTS)
     assert isinstance(own, LogDiagnosis)
-    hidden: Sequence[Cause] = registered() if causes is None else [cause_named(x) for x in causes]
-    torques = HiddenTorques(replay=replay_of(own.diagnosis))
-    return torques, *jobs_of(own.diagnosis, hidden), tuple(c.name for c in registered())
+    hidden = [c for c in registered() if causes is None or c.name in causes]
+    return HiddenTorques(replay=replay_of(own.diagnosis)), jobs_of(own.diagnosis, hidden)

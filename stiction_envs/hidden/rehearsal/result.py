@@ -53,11 +53,8 @@ class Row:
         return not math.isnan(self.smallest_named)
 
 
-def row_of(job: Job, row: int, runs: list[Run], why: str = "it changes nothing") -> Row:
-    """Return what the runs of a job say of a joint (from 1), or of the arm.
-
-    ``why`` is the reason why there may be none.
-    """
+def row_of(job: Job, row: int, runs: list[Run]) -> Row:
+    """Return what the runs of a job say of a joint (from 1), or of the arm."""
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
 
@@ -66,7 +63,7 @@ def row_of(job: Job, row: int, runs: list[Run], why: str = "it changes nothing")
 
     instead = ""
     if not judged:
-        instead = f"not visible in this motion: {why}"
+        instead = f"not visible in this motion: {job.why_not or 'it changes nothing'}"
     elif math.isnan(smallest(FOUND)):
         confused = [said.why for _, said in judged if said.verdict == CONFUSED]
         instead = confused[-1] if confused else judged[-1][1].why

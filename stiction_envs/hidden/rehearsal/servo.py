@@ -13,7 +13,7 @@ found, and are then named rightly.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,11 +42,10 @@ from stiction_envs.hidden.rehearsal.jobs import (
     NOTHING,
     Hideable,
     Job,
-    Reason,
     Run,
 )
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
-from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint, effect_of
+from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.hidden.torque_effects import COM
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -65,7 +64,8 @@ SPARSE = 10
 FIXED = ("payload", "external_contact")
 """Causes of which `confused_with` says the same of every log."""
 BACKLASH = Hideable(
-    "backlash", "gap_rad", "rad", "none: push the joint by hand while it is told to rest"
+    *("backlash", "gap_rad", "rad", "none: push the joint by hand while it is told to rest"),
+    arm_wide=True,
 )
 
 
@@ -92,22 +92,19 @@ class HiddenServos:
     """(n,) step of the angles [rad]."""
     settings: GapSettings
 
-    def jobs_of(self, names: Sequence[str]) -> tuple[list[Job], list[Reason]]:
-        """Return the jobs, and the causes on joints (from 1; 0: the arm) in none, and why."""
-        jobs: list[Job] = [NO_JOB]
-        reasons: list[Reason] = []
-        for name in names:
-            effect = effect_of(name)
-            why_not = {j: self._why_not(name, j) for j in range(len(self.base))}
+    def jobs_of(self, names: Collection[str]) -> list[Job]:
+        """Return the jobs of causes, in the order of their table."""
+        jobs = [NO_JOB]
+        for effect in (EFFECTS[x] for x in EFFECTS if x in names):
+            why_not = {j: self._why_not(effect.name, j) for j in range(len(self.base))}
             left = tuple(j for j, why in why_not.items() if not why)
             if left:
                 jobs.append(Job(what=effect, joints=left))
-            if not effect.arm_wide:
-                reasons += [(effect, j + 1, why) for j, why in why_not.items() if why]
-            elif not left:
-                reasons.append((effect, 0, why_not[0]))
+            if not (effect.arm_wide and left):
+                unseen = [Job(what=effect, joints=(j,), why_not=x) for j, x in why_not.items() if x]
+                jobs += unseen[:1] if effect.arm_wide else unseen
         why = "no log of positions tells it from dry friction or a dead zone"
-        return jobs, [*reasons, (BACKLASH, 0, why)]
+        return [*jobs, Job(what=BACKLASH, joints=(), why_not=why)]
 
     def _why_not(self, name: str, j: int) -> str:
         """Return why a cause cannot show on a joint (from 0), or nothing."""

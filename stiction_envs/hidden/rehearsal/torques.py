@@ -28,7 +28,6 @@ from stiction_envs.hidden.rehearsal.jobs import (
     NOTHING,
     Hideable,
     Job,
-    Reason,
     Run,
 )
 from stiction_envs.hidden.rehearsal.replay import Replay
@@ -60,26 +59,26 @@ def hideable(cause: Cause) -> Hideable:
     )
 
 
-def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> tuple[list[Job], list[Reason]]:
-    """Return the jobs, and what is in none."""
-    jobs: list[Job] = [NO_JOB]
-    reasons: list[Reason] = []
+def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[Job]:
+    """Return the jobs."""
+    jobs = [NO_JOB]
     for cause in causes:
         what = hideable(cause)
         no_law = ""
         if cause.name not in EFFECTS and (not cause.is_linear or cause.coupled):
             no_law = "no law is known by which to hide it"
-        asked = [0] if cause.arm_wide else range(own.data.n)
-        why_not = {j: cause.why_not_identifiable(own.data, j) or no_law for j in asked}
-        reasons += [
-            (what, 0 if cause.arm_wide else j + 1, why) for j, why in why_not.items() if why
-        ]
+        joints = tuple(range(own.data.n))
+        why_not = {
+            j: cause.why_not_identifiable(own.data, j) or no_law
+            for j in (joints[:1] if cause.arm_wide else joints)
+        }
+        jobs += [Job(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
         left = tuple(j for j, why in why_not.items() if not why)
         if cause.coupled:
             jobs += [Job(what=what, joints=(j,)) for j in left]
         elif left:
-            jobs.append(Job(what=what, joints=tuple(range(own.data.n)) if cause.arm_wide else left))
-    return jobs, reasons
+            jobs.append(Job(what=what, joints=joints if cause.arm_wide else left))
+    return jobs
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -98,13 +98,14 @@ def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan) -> None:
 def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
     """Whatever stiffness and lag they have is named rightly; what hides behind them is said."""
     asked = plan([seen.log], arm, causes=["coulomb_friction", "servo_stiffness", "payload"])
-    quick = replace(asked, jobs=(NO_JOB,)).run()
+    quick = replace(asked, jobs=tuple(j for j in asked.jobs if j.why_not or j is NO_JOB)).run()
     assert quick.named_without == ()
-    reasons = {(what.name, joint): why for what, joint, why in asked.reasons}
+    reasons = {(x.cause, row): x.why_not for x in asked.jobs for row in x.rows}
     assert reasons["servo_stiffness", 1] == "nobody said what it should be, so it is named as it is"
     assert "softer ones sag alike" in reasons["payload", 0]
-    assert [job.cause for job in asked.jobs] == ["nothing", "coulomb_friction"]
-    assert all(math.isnan(r.smallest_found) for r in quick.rows if r.cause == "servo_stiffness")
+    assert [job.cause for job in asked.jobs if not job.why_not] == ["nothing", "coulomb_friction"]
+    assert {r.cause for r in quick.rows} == {"servo_stiffness", "payload", "backlash"}
+    assert all(math.isnan(r.smallest_found) for r in quick.rows)
 
 
 def test_a_cause_of_other_logs_is_one_line(arm: Arm, seen: HiddenServoLog) -> None:
