@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 
 Array = NDArray[np.float64]
@@ -33,34 +32,11 @@ class Candidates:
     """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
     displacement: Array
     """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
-    deviation: Array = field(default_factory=lambda: np.zeros(0))
+    deviation: Array
     """(K, S, 4) by how much the predictions under each of K frictions differ from their mean, which
-    is ``predicted`` [-]; the default is one friction."""
-    eligible: NDArray[np.bool_] = field(default_factory=lambda: np.ones(0, dtype=bool))
-    """(S,) may be proposed and chosen; the others (too much vibration) only serve for learning. The
-    default is all."""
-
-    def __post_init__(self) -> None:
-        s = len(self.frequency_hz)
-        if not len(self.eligible):
-            object.__setattr__(self, "eligible", np.ones(s, dtype=bool))
-        if not self.deviation.size:
-            object.__setattr__(self, "deviation", np.zeros((1, s, 4)))
-        shapes: dict[str, tuple[int, ...]] = {
-            **dict.fromkeys(("amplitude_nm", "predicted", "displacement"), (s, 4)),
-            "deviation": (len(self.deviation), s, 4),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise StictionError(
-                    f"candidates of joint {self.joint}: {name} has shape "
-                    f"{getattr(self, name).shape}: expected {shape}"
-                )
-        if s == 0 or not np.isfinite(self.predicted).all() or not (self.displacement > 0).all():
-            raise StictionError(
-                f"candidates of joint {self.joint}: expected one or more, with finite predictions "
-                "and displacements above 0"
-            )
+    is ``predicted`` [-]."""
+    eligible: NDArray[np.bool_]
+    """(S,) may be proposed and chosen; the others (too much vibration) only serve for learning."""
 
     def __len__(self) -> int:
         return len(self.frequency_hz)

@@ -82,6 +82,7 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
             amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in mine]),
             predicted=predicted,
             deviation=deviation,
+            eligible=np.ones(len(mine), dtype=bool),
             displacement=np.stack([kept[row].oscillation.mean(axis=0) for row in mine]),
         )
     return out

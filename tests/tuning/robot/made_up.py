@@ -22,6 +22,8 @@ def joint(predicted: np.ndarray, frequencies: np.ndarray | None = None) -> Candi
         amplitude_nm=np.ones((s, 4)),
         predicted=np.repeat(np.asarray(predicted, dtype=float)[:, None], 4, axis=1),
         displacement=np.repeat(1e-4 / f[:, None], 4, axis=1),
+        deviation=np.zeros((1, s, 4)),
+        eligible=np.ones(s, dtype=bool),
     )
 
 

@@ -69,7 +69,9 @@ def test_a_reading_that_fits_one_friction_moves_all_settings_towards_it():
     c = unsure(LOW_FIRST, LOW_LAST)
     truth = np.repeat(LOW_FIRST[:, None], 4, axis=1)
     known = posterior_of(c, read(truth, [3])).mean
-    alone = posterior_of(dataclasses.replace(c, deviation=np.zeros(0)), read(truth, [3])).mean
+    alone = posterior_of(
+        dataclasses.replace(c, deviation=np.zeros((1, 4, 4))), read(truth, [3])
+    ).mean
     assert np.argmin(known) == 0
     assert abs(known[0] - 0.5) < 0.05
     assert alone[0] > 0.75, "without the ensemble the lowest frequency is not suspected"
