@@ -141,6 +141,7 @@ def test_base_drift_of_one_configuration_may_be_a_bad_base_torque(diagnose):
     assert "base" in first.told_apart_by["corrupted_cell"]
 
 
+@pytest.mark.slow
 def test_corrupted_cell_is_one_cell(diagnose):
     """As Table 4.7, joint 2 load −, 30 Hz of the thesis: −94 %."""
     found = diagnose(tables(JOINTS, Truth(joint=7, corrupted=BAD), seed=1))
@@ -151,6 +152,7 @@ def test_corrupted_cell_is_one_cell(diagnose):
     assert cause.evidence.startswith(f"joint 7 no_load +, 30 Hz, {size:.4g} N·m: ")
 
 
+@pytest.mark.slow
 def test_gravity_error_grows_with_the_load(diagnose):
     truth = Truth(joint=5, gravity_nm=0.08)
     found = diagnose(tables(JOINTS, truth, seed=1))
