@@ -16,7 +16,6 @@ from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams
 from stiction_envs.gap.linear.model_columns import ModelColumns
-from stiction_envs.gap.selection import heap
 from stiction_envs.gap.selection.joint_columns import JointColumns, Kept
 from stiction_envs.gap.selection.row_weights import (
     certain,
@@ -124,7 +123,9 @@ class RegressorLibrary:
         self.least_inflation = self.inflation.copy()
         """(n,) the same by what all linear causes together leave."""
         self._reweigh()
-        self.grams = self._sums([self._gram(j, self._columns.parts[j]) for j in range(data.n)])
+        self.grams = JointGrams(
+            [self._gram(j, self._columns.parts[j]) for j in range(data.n)], self.inflation
+        )
 
     def _cleaned(self, joint: int) -> Array:
         """Return (T,) residual after the causes that are `removed_first` were subtracted."""
@@ -178,7 +179,6 @@ class RegressorLibrary:
             some = [at for (t, joint), at in self._at.items() if joint == j and t in kept]
             self._columns.keep(j, some)
         self._models.clear()
-        heap.trim()
 
     def tried(self, term: Candidate) -> list[Shape]:
         """Return the nonlinear parameters of a cause that are tried on its joint."""
@@ -234,11 +234,7 @@ class RegressorLibrary:
         joints = self.grams.joints
         for j in range(self.data.n):  # those of before go one by one: all at once fill the memory
             joints[j] = self._grown(j)
-        self.grams = self._sums(joints)
-
-    def _sums(self, grams: list[Gram]) -> JointGrams:
-        heap.trim()  # the sums of before, and arrays from which these were made
-        return JointGrams(grams, self.inflation)
+        self.grams = JointGrams(joints, self.inflation)
 
     def _gram(self, joint: int, parts: Sequence[Kept]) -> Gram:
         """Return the sums of columns on a joint, in parts (k, T)."""
@@ -273,7 +269,7 @@ class RegressorLibrary:
         terms = [*self.random, *linear]
         model = self.model_columns(terms)
         parts = [self._parts(terms, j) for j in range(n)]
-        grams = self._sums([self._gram(j, parts[j]) for j in range(n)])
+        grams = JointGrams([self._gram(j, parts[j]) for j in range(n)], self.inflation)
         r = model.random
         among = tuple(tuple(range(r, r + len(at))) for at in model.columns)
         c = grams.fit(replace(model, columns=among))
@@ -287,7 +283,7 @@ class RegressorLibrary:
         """Return the library itself with another noise and size of the random effects."""
         self.inflation, self.scale = inflation, scale
         self._models.clear()  # thousands, most of them with the scale of before
-        self.grams = self._sums(self.grams.joints)
+        self.grams = JointGrams(self.grams.joints, self.inflation)
         return self
 
     def add_set_up(self, terms: Sequence[Candidate]) -> list[Candidate]:
