@@ -5,76 +5,46 @@ What is written by one command (`model.xml`, `trajectory.csv`) is read by the ne
 
 from __future__ import annotations
 
-import contextlib
-import io
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.cli import main as stiction
 from stiction_envs.hidden.excited_logs import direction, perturbed
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
+from tests.command_line import Ran
 
 WHEEL = "example-robot-data"
 ROBOTS = "cmeel.prefix/share/example-robot-data/robots"
 
 
-@dataclass(frozen=True)
-class Robot:
-    """A robot of the wheel."""
-
-    file: str
-    chain: tuple[str, str] | None = None
-    """Links at the base and the tip of the arm that is taken out of it; None where it is one."""
-
-
-ARMS = {
-    "ur5": Robot("ur_description/urdf/ur5_robot.urdf"),
-    "ur3_gripper": Robot("ur_description/urdf/ur3_gripper.urdf"),
-    "kinova": Robot("kinova_description/robots/kinova.urdf"),
-    "panda_collision": Robot("panda_description/urdf/panda_collision.urdf"),
-    "talos_left_arm": Robot("talos_data/robots/talos_left_arm.urdf"),
-    "double_pendulum": Robot("double_pendulum_description/urdf/double_pendulum.urdf"),
-    "anymal-kinova": Robot(
+ARMS: dict[str, tuple[str, tuple[str, str] | None]] = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", None),
+    "ur3_gripper": ("ur_description/urdf/ur3_gripper.urdf", None),
+    "kinova": ("kinova_description/robots/kinova.urdf", None),
+    "panda_collision": ("panda_description/urdf/panda_collision.urdf", None),
+    "talos_left_arm": ("talos_data/robots/talos_left_arm.urdf", None),
+    "double_pendulum": ("double_pendulum_description/urdf/double_pendulum.urdf", None),
+    "anymal-kinova": (
         "anymal_b_simple_description/robots/anymal-kinova.urdf",
         ("j2s6s200_link_base", "j2s6s200_end_effector"),
     ),
-    "b1-z1": Robot("b1_description/urdf/b1-z1.urdf", ("link00", "gripperStator")),
-    "baxter": Robot("baxter_description/urdf/baxter.urdf", ("torso", "left_gripper")),
+    "b1-z1": ("b1_description/urdf/b1-z1.urdf", ("link00", "gripperStator")),
+    "baxter": ("baxter_description/urdf/baxter.urdf", ("torso", "left_gripper")),
 }
-"""Serial arms, and arms of bigger robots."""
+"""File, and the links at base and tip of the arm that is taken out of a bigger robot."""
 
 
-def folder() -> Path:
-    """Return where the wheel's robots are.
+def file_of(name: str) -> Path:
+    """Return a robot's file.
 
     Raises:
-        importlib.metadata.PackageNotFoundError: it is not installed.
+        importlib.metadata.PackageNotFoundError: the wheel is not installed.
     """
-    return Path(str(metadata.distribution(WHEEL).locate_file(ROBOTS)))
-
-
-@dataclass(frozen=True)
-class Came:
-    """What came of a command line."""
-
-    code: int
-    """Exit code."""
-    said: str
-    """Last line on standard error; of a command that was done the empty text."""
-
-
-def run(argv: Sequence[object]) -> Came:
-    """Run a command line in this process."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        code = stiction([str(a) for a in argv])
-    said = [x for x in err.getvalue().splitlines() if x.startswith("error: ")]
-    return Came(code, said[-1].removeprefix("error: ") if said else "")
+    return Path(str(metadata.distribution(WHEEL).locate_file(ROBOTS))) / ARMS[name][0]
 
 
 def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
@@ -102,50 +72,43 @@ def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
 
 @dataclass(frozen=True)
 class Case:
-    """A robot and where its runs are."""
+    """A robot, and its runs in the working folder."""
 
     name: str
-    work: Path
+    cli: Callable[..., Ran]
 
     @property
     def robot(self) -> list[object]:
         """Arguments that name the arm."""
-        found = ARMS[self.name]
-        chain = [] if found.chain is None else ["--chain", *found.chain]
-        return [folder() / found.file, *chain]
+        chain = ARMS[self.name][1]
+        return [file_of(self.name), *(["--chain", *chain] if chain else [])]
 
-    def at(self, *place: str) -> Path:
-        """A file or folder of this robot's."""
-        return self.work.joinpath(self.name, *place)
+    def run(self, command: str, *more: object) -> Ran:
+        """Run a command into a folder of its name; after `excite`, write what the arm would log."""
+        once = ["--iterations", 1, "--no-scatter"]
+        log = ["log.csv", "--robot", *self.robot]
+        words: dict[str, list[object]] = {
+            "conformance": ["export/model.xml"],
+            "sje": [*self.robot, *once],
+            "gte": [*self.robot, "--trajectory", "triangle", "--stiffness", 200, 20, 0, *once],
+            "tune": [*self.robot, "--frequencies", 15, 30, "--scales", 1.0, *once],
+            "excite": [*self.robot, "--sweeps", "--rate", 200],
+            "identify": log,
+            "diagnose": log,
+        }
+        arguments = words.get(command, self.robot)
+        ran = self.cli(command, *arguments, *more, "--out", command, "--force")
+        if command == "excite" and ran.code == 0:
+            arm = load_arm(file_of(self.name), chain=ARMS[self.name][1])
+            log_of(arm, Path("excite/trajectory.csv"), Path("log.csv"))
+        return ran
 
-    def argv(self, command: str) -> list[object]:
-        """Return the command line."""
-        robot, once = self.robot, ["--iterations", 1, "--no-scatter"]
-        log = [self.at("log.csv"), "--robot", *robot]
-        return {
-            "export": ["export", *robot],
-            "conformance": ["conformance", self.at("export", "model.xml")],
-            "sje": ["sje", *robot, *once],
-            "gte": ["gte", *robot, "--trajectory", "triangle", "--stiffness", 200, 20, 0, *once],
-            "tune": ["tune", *robot, "--frequencies", 15, 30, "--scales", 1.0, *once],
-            "excite": ["excite", *robot, "--sweeps", "--rate", 200],
-            "identify": ["identify", *log],
-            "diagnose": ["diagnose", *log],
-            "sje of the diagnosis": [
-                *["sje", *robot, "--joint", 1, *once],
-                *["--friction", self.at("diagnose", "model.toml")],
-            ],
-            **{
-                f"export of {x}'s model.xml": ["export", self.at(x, "model.xml")]
-                for x in ("export", "identify", "diagnose")
-            },
-        }[command]
+    def done(self, command: str, *more: object) -> None:
+        """Run a command; it must come out."""
+        ran = self.run(command, *more)
+        assert ran.code == 0, f"{self.name}, {command}: {ran.err}"
 
-    def run(self, command: str, *more: object) -> Came:
-        """Run a command, with other options too."""
-        out = self.at(command.replace(" ", "_").replace("'", ""))
-        came = run([*self.argv(command), *more, "--out", out, "--force"])
-        if command == "excite" and came.code == 0:
-            arm = load_arm(folder() / ARMS[self.name].file, chain=ARMS[self.name].chain)
-            log_of(arm, out / "trajectory.csv", self.at("log.csv"))
-        return came
+    def exports(self, command: str) -> None:
+        """Export the model that a command has written."""
+        ran = self.cli("export", f"{command}/model.xml", "--out", f"export-{command}")
+        assert ran.code == 0, f"{self.name}, model.xml of {command}: {ran.err}"
