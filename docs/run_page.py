@@ -21,6 +21,7 @@ PICTURES = {
     "panda": {
         "panda.png": "runs/panda/verification.png",
         "panda_frequency.png": "runs/panda/frequency.png",
+        "sje.png": "runs/joint7/torques.png",
     },
     "log": {
         "log.png": "runs/why/plots/summary.png",

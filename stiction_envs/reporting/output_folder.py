@@ -68,7 +68,6 @@ class OutputFolder:
         """
         self.path = path
         self.provenance = found
-        self._force = force
         if path.exists() and not path.is_dir():
             raise StictionError(f"output {path}: is a file: expected a folder")
         check_place(path)
