@@ -136,26 +136,21 @@ def sampler(
     return numbered
 
 
-def grid(space: Space, points: int) -> dict[str, list[float]]:
-    """Return ``points`` values of every parameter, even on its scale, without a low end of 0."""
-    out: dict[str, list[float]] = {}
-    for name, d in space.items():
-        if not isinstance(d, FloatDistribution):
-            out[name] = list(d.choices)  # type: ignore[attr-defined]
-        elif d.log:
-            out[name] = [float(x) for x in np.geomspace(d.low, d.high, points)]
-        else:
-            values = np.linspace(d.low, d.high, points + (d.low == 0))
-            out[name] = [float(x) for x in values[int(d.low == 0) :]]
-    return out
-
-
 def cells(space: Space, points: int, seed: int) -> tuple[Parameters, ...]:
-    """Return the cells of a grid in a random order: a part of them represents the whole."""
-    out = [
-        dict(zip(space, values, strict=True))
-        for values in itertools.product(*grid(space, points).values())
-    ]
+    """Return the cells of a grid in a random order: a part of them represents the whole.
+
+    A parameter has ``points`` values, even on its scale, without a low end of 0.
+    """
+    values: list[list[Any]] = []
+    for d in space.values():
+        if not isinstance(d, FloatDistribution):
+            values.append(list(d.choices))  # type: ignore[attr-defined]
+        elif d.log:
+            values.append(np.geomspace(d.low, d.high, points).tolist())
+        else:
+            even = np.linspace(d.low, d.high, points + (d.low == 0))
+            values.append(even[int(d.low == 0) :].tolist())
+    out = [dict(zip(space, cell, strict=True)) for cell in itertools.product(*values)]
     np.random.default_rng(seed).shuffle(out)
     return tuple(out)
 
