@@ -220,14 +220,3 @@ def test_every_result_is_short_to_look_at_and_can_be_saved(results, tmp_path):
         assert made["finished"], name
         assert made["files"] == sorted(files(folder)), name
         json.dumps(result.to_json(), default=lambda x: x.tolist())
-
-
-def test_identify_and_excite_take_one_log_or_a_model(place, results, arm):
-    found = results["identify"]
-    assert found.nominal.name == "two"
-    again = st.identify([place / "log.csv"], arm.arm, torque="link")
-    np.testing.assert_array_equal(found.values, again.values)
-    with pytest.raises(st.StictionError, match="unknown torque side"):
-        st.identify(place / "log.csv", place / "two.xml", torque="both")
-    with pytest.raises(st.StictionError, match="expected a number above 0"):
-        st.excite(place / "two.xml", rate_hz=0.0)

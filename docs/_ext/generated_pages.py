@@ -9,7 +9,7 @@ import argparse
 import inspect
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import gymnasium
@@ -55,11 +55,6 @@ def contents(title: str, text: str, pages: Iterable[str]) -> str:
     return f"# {title}\n\n{text}\n\n{toctree}\n"
 
 
-def table(header: Sequence[str], rows: Iterable[Iterable[str]]) -> str:
-    """Return a Markdown table; `|` in a cell stays one."""
-    return table_text(header, [[x.replace("|", r"\|") for x in row] for row in rows])
-
-
 def environments() -> list[str]:
     """Return the names of our environments."""
     return [n for n, s in gymnasium.registry.items() if "stiction_envs" in str(s.entry_point)]
@@ -77,7 +72,7 @@ def environment_pages() -> dict[str, str]:
             f'# {name}\n\n`{single.__name__}` with `robot="{robot}"`.\n\n{text}\n'
         )
         rows.append([f"[{name}](environments/{name}.md)", robot, text.partition("\n")[0]])
-    text = table(["`gymnasium.make`", "arm", "task"], rows)
+    text = table_text(["`gymnasium.make`", "arm", "task"], rows)
     names = (f"environments/{name}" for name in environments())
     return {**pages, "environments.md": contents("Environments", text, names)}
 
@@ -96,7 +91,7 @@ def command_pages() -> dict[str, str]:
     commands = subcommands()
     pages = {f"commands/{name}.md": command_page(name, x) for name, x in commands.items()}
     rows = [[f"[{name}](commands/{name}.md)", x.description or ""] for name, x in commands.items()]
-    text = table(["`stiction` …", ""], rows)
+    text = table_text(["`stiction` …", ""], rows)
     names = (f"commands/{name}" for name in commands)
     return {**pages, "commands.md": contents("Commands", text, names)}
 
@@ -144,7 +139,7 @@ def cause_pages() -> dict[str, str]:
         "What `diagnose` can name, and how its parameters are called in `diagnosis.json`. "
         "[One of your own](../extending.md#a-cause) takes a class."
     )
-    return {"causes.md": f"# Causes\n\n{text}\n\n{table(header, rows)}\n"}
+    return {"causes.md": f"# Causes\n\n{text}\n\n{table_text(header, rows)}\n"}
 
 
 def parameters(cause: Cause) -> Iterator[str]:
@@ -164,7 +159,7 @@ def benchmark_pages() -> dict[str, str]:
         rows.append([f"[{title}]({name})"])
     text = (
         "What was measured, with what, and where a target was missed. Each page is written by a "
-        "program beside it in `benchmarks/`.\n\n" + table(["page"], rows)
+        "program beside it in `benchmarks/`.\n\n" + table_text(["page"], rows)
     )
     names = (name.removesuffix(".md") for name in pages)
     return {**pages, "benchmarks.md": contents("Benchmarks", text, names)}

@@ -31,17 +31,6 @@ def test_links_reach_headings_and_anchors(tmp_path):
     assert slug("Joint 1 (+)") == "joint-1-"
 
 
-def test_a_page_fits_a_phone(tmp_path):
-    page = to_html(["text"], tmp_path, "T")
-    assert '<meta name="viewport" content="width=device-width,initial-scale=1">' in page
-    assert "overflow-x:auto" in page
-
-
-def test_italics_are_not_products(tmp_path):
-    page = to_html(["*one word* and *two*, 2 * 3 * 4, joint_1_load"], tmp_path, "T")
-    assert "<p><em>one word</em> and <em>two</em>, 2 * 3 * 4, joint_1_load</p>" in page
-
-
 def test_a_name_with_markup_stays_text(tmp_path):
     lines = [
         "log <script>alert(1)</script>.csv",
