@@ -76,6 +76,8 @@ class ServoEffect(Hideable):
     """The parameter of a size, as the diagnosis has it; None: the law's first."""
     under_gravity: bool = False
     """Whether only joints under gravity show it."""
+    dry: float = 0.015
+    """Dry friction over the servo's stiffness that it refines in simulated logs [rad]; assumed."""
 
     def before(self, joint: ServoJoint) -> ServoJoint:
         """Return the joint without the cause: one that it refines has dry friction."""
@@ -196,6 +198,7 @@ _EFFECTS = (
         largest=MOST_LOAD,
         usual=lambda joint: MOST_LOAD,
         under_gravity=True,
+        dry=0.006,
     ),
     ServoEffect(
         *("torque_limit", "limit_nm", "N·m", _LARGE),
@@ -237,11 +240,14 @@ _EFFECTS = (
         law=lambda joint, size: {"bristle": joint["bristle"] + size},
         shown_as=lambda joint, size: joint.friction / (joint["bristle"] + size),
         largest=0.05,
+        usual=lambda joint: 0.015,
     ),
     ServoEffect(
         *("gravity_compensation_missing", "share", "1", _SLOW),
         law=lambda joint, size: {"compensation": size},
         largest=1.0,
+        usual=lambda joint: 0.5,
+        under_gravity=True,
     ),
     ServoEffect(
         *("external_contact", "depth_rad", "rad", _CURRENT),

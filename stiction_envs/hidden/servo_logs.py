@@ -40,8 +40,6 @@ WEAKEST = 0.1
 """Least stiffness of a joint's servo over that of the strongest [-]; assumed."""
 LAG = 0.05
 """Damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed."""
-FRICTION = 0.015
-"""Dry friction that a cause refines, over the servo's stiffness [rad]; assumed."""
 TOOL = 0.25
 """Largest gravity of a hidden payload over the arm's own [-], about; assumed."""
 CAUSES = (*(name for name, effect in EFFECTS.items() if effect.usual is not None), "payload")
@@ -126,7 +124,7 @@ def hide(
         j = int(rng.choice(heavy if effect.under_gravity else np.arange(arm.n)))
         joint = ServoJoint(
             parameters=parameters[j],
-            friction=FRICTION * stiffness[j],
+            friction=effect.dry * stiffness[j],
             gravity=gravity[j],
             torque=gravity[j] + stiffness[j] * 0.05,
             speed=speed[j],

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.parameters import HIGH, INDEX, LOW
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint, effect_of
 from stiction_envs.hidden.servo_logs import CAUSES, ENCODER, commands, hide
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.measured.logs.robot_log import ServoLog
-from stiction_envs.robots import Arm
+from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import parameters, two_links
 
 START = np.array([-0.6, 0.8])
@@ -89,6 +91,28 @@ def test_an_unknown_cause_is_one_line(arm: Arm) -> None:
     with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
         effect_of("viscous_friction")
     assert set(CAUSES) < set(EFFECTS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "cause", ["damping", "armature", "presliding_hysteresis", "gravity_compensation_missing"]
+)
+def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
+    """Missing compensation halves a sag, as a stiffer servo does: it is said to be alike."""
+    h = hide(arm, (cause,), seed=3, seconds=45.0, start=START)
+    ((_, joint),) = h.hidden
+    found = [c for c in diagnose_servo([h.log], arm, h.servo).causes if joint in c.joints]
+    alike = cause == "gravity_compensation_missing"
+    assert cause in {x for c in found for x in (c.name, *(c.confused_with if alike else ()))}
+
+
+@pytest.mark.slow
+def test_friction_that_grows_with_gravity_is_found_on_its_joint() -> None:
+    arm = load_arm(robot_file("so100"))
+    h = hide(arm, ("load_dependent_friction",), seed=4)
+    assert h.hidden == (("load_dependent_friction", 2),)
+    named = {(c.name, c.joints) for c in diagnose_servo([h.log], arm, h.servo).causes}
+    assert ("load_dependent_friction", (2,)) in named
 
 
 # ---- the table -----------------------------------------------------------------------------------
