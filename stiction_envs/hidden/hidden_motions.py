@@ -14,8 +14,6 @@ CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
 REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
 """How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
 the motion."""
-STRETCHED = np.array([0.0, 0.1, 0.0, -0.75, 0.0, 0.8, 0.5])
-"""Another middle, where the arm stands up nearly straight [rad]; assumed."""
 Motion = Callable[[np.random.Generator, Array], Array]
 
 
@@ -161,19 +159,9 @@ def one_speed(rng: np.random.Generator, t: Array) -> Array:
     return x
 
 
-def one_by_one(rng: np.random.Generator, t: Array) -> Array:
-    """Each joint in turn goes there and back about a stretched pose, while the others hold."""
-    turn = np.zeros((22, 7))
-    for j in range(7):
-        turn[3 * j + 1, j], turn[3 * j + 2, j] = REACH[j], -REACH[j]
-    move = (t[-1] - 0.8) / 21
-    at = np.asarray(0.4 + move * np.arange(21), np.float64)
-    return rest_to_rest(t, at, STRETCHED + rng.uniform(-0.05, 0.05, 7) + turn, move)
-
-
 MOTIONS: dict[str, Motion] = {
     f.__name__: f for f in (fourier, fast, chirp, reversals, sweeps, rests, poses)
 }
 """What a person would record."""
-BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way, one_speed, one_by_one)}
+BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way, one_speed)}
 """What cannot show everything."""

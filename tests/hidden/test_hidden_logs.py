@@ -12,7 +12,6 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.hidden_logs import make_case
-from stiction_envs.hidden.hidden_motions import REACH, one_by_one
 from stiction_envs.hidden.imperfect_arms import scattered
 from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World
@@ -108,14 +107,6 @@ def test_a_second_motion_has_the_same_hidden_and_leaves_the_first_alone() -> Non
 def test_what_no_log_tells_apart_excludes_each_other() -> None:
     for name, effect in EFFECTS.items():
         assert all(name in EFFECTS[other].excludes for other in effect.excludes)
-
-
-def test_one_joint_after_the_other_turns_while_the_others_hold() -> None:
-    q = one_by_one(np.random.default_rng(2), np.arange(0, 42, 0.02))
-    moving = np.abs(np.diff(q, axis=0)) > 1e-4
-    assert moving.sum(axis=1).max() == 1
-    assert moving.any(axis=0).all()
-    np.testing.assert_allclose(np.ptp(q, axis=0), 2 * REACH, rtol=1e-3)
 
 
 # ---- links that are a little off -----------------------------------------------------------------
