@@ -77,8 +77,8 @@ class Experiment:
 
     @property
     def sensing_record(self) -> dict[str, object]:
-        """What a provenance says of senses; nothing where they are ideal."""
-        return {} if self.sensing.is_ideal else {"sensing": dataclasses.asdict(self.sensing)}
+        """What a provenance says of senses."""
+        return {"sensing": dataclasses.asdict(self.sensing)}
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"

@@ -51,12 +51,10 @@ def fingerprint(
     e, s = experiment, experiment.sticking
     paths = {name: e.path(name) for name in (*TRAJECTORIES, *e.paths)}
     return store.digest(
-        "error left at each goal",
         *(s.arm.fingerprint, s.parameters, s.timestep, e.protocol, e.approach, e.settings),
         *(e.motion, e.interface, e.start, e.tool, paths, e.scatter, e.seed),
         None if e.controller_model is None else e.controller_model.fingerprint,
-        *(() if compensation is None else (compensation,)),
-        *(() if e.sensing.is_ideal else (e.sensing,)),
+        *(compensation, e.sensing),
     )
 
 

@@ -186,8 +186,8 @@ class SingleJointExperiment(SJESetup):
 
     @property
     def drive_record(self) -> dict[str, object]:
-        """What a provenance says of servos; nothing where torques drive."""
-        return {} if self.servos is None else {"servos": dataclasses.asdict(self.servos)}
+        """What a provenance says of servos."""
+        return {"servos": None if self.servos is None else dataclasses.asdict(self.servos)}
 
     def expected(self, job: Job) -> float:
         """Return the approximate size of a job's torque [N·m], to plan the work."""

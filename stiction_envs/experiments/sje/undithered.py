@@ -18,8 +18,7 @@ def fingerprint(experiment: SingleJointExperiment) -> str:
     return store.digest(
         *(s.arm.fingerprint, s.parameters, s.timestep),
         *(experiment.protocol, experiment.interface, experiment.poses),
-        *((experiment.servos,) if experiment.servos is not None else ()),
-        *(() if experiment.sensing.is_ideal else (experiment.sensing,)),
+        *(experiment.servos, experiment.sensing),
     )
 
 
