@@ -86,27 +86,22 @@ def test_a_constant_action_is_the_experiment_bit_for_bit():
     check_reproduction(env, "panda", case)
 
 
-def test_so_it_is_on_the_held_controller_and_with_another_seed():
-    env = make_gte(IIWA_GTE, scatter_seed=3, render_mode="rgb_array", control_interval_s=0.04)
-    case = Case(trajectory="pentagon", stiffness=(400, 40, 5), dither=rows_of(shaken(env)))
-    check_reproduction(env, "iiwa7", case, seed=3, motion=sprint())
-
-
-def test_so_it_is_with_compensation():
+def test_so_it_is_on_the_held_controller_with_compensation_and_another_seed():
     """Undithered runs are compensated as well, so that a reward of −1 still is no dither."""
-    env = make_gte(compensation="push", tool=(0.0, 0.0, 0.1), render_mode="rgb_array")
-    compensation = env.unwrapped.core.compensation
+    tool = (0.0, 0.0, 0.1)
+    more = {"scatter_seed": 3, "render_mode": "rgb_array", "control_interval_s": 0.04}
+    env = make_gte(IIWA_GTE, compensation="push", tool=tool, **more)
     case = Case(
-        trajectory="triangle",
-        stiffness=(200, 20, 0),
+        trajectory="pentagon",
+        stiffness=(400, 40, 5),
         dither=rows_of(shaken(env)),
-        compensation=compensation,
+        compensation=env.unwrapped.core.compensation,
     )
-    check_reproduction(env, "panda", case, motion=sprint(), tool=(0.0, 0.0, 0.1))
-    options = {"trajectory": "triangle", "stiffness": (200, 20, 0)}
+    check_reproduction(env, "iiwa7", case, seed=3, motion=sprint(), tool=tool)
+    options = {"trajectory": case.trajectory, "stiffness": case.stiffness}
     bases = [
         episode(e, quiet(e), seed=1, options=options)[-1][4]["undithered_error"]
-        for e in (env, make_gte(tool=(0.0, 0.0, 0.1)))
+        for e in (env, make_gte(IIWA_GTE, tool=tool, **more))
     ]
     assert not np.array_equal(*bases)
 

@@ -294,6 +294,7 @@ def test_refined_step_gives_the_same_base_torque():
     assert np.all(np.abs(coarse[2:]) < 0.99 * np.abs(coarse[:2]))  # the dither does something
 
 
+@pytest.mark.slow
 def test_slow_updates_are_fast_enough(monkeypatch):
     """Load and bias every `SLOW_STEPS` or every step: base torques differ by less than 0.2 %.
 
