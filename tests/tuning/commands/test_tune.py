@@ -153,28 +153,31 @@ def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_settings")
-def test_every_treatment_is_handed_over(cli, work, monkeypatch):
+def test_several_treatments_are_handed_over(cli, work, monkeypatch):
     """From its search to a run, by ``final.csv`` and by ``final.yaml``, to the bit."""
     (work / "two.xml").write_text(chain(2))
     monkeypatch.setattr("tuning.search.stages.best", lambda trials: trials[0])
     monkeypatch.setattr("tuning.search.stages.score", lambda trial: -1.0)
-    argv = ["tune", "two.xml", *SEARCH, "--treatment", "all", "--evaluations", 1]
+    argv = ["tune", "two.xml", *SEARCH, "--treatment", "observer", "--evaluations", 1]
     ran = cli(*argv, "--out", "found", "--threads", 1)
     assert ran.code == 0, ran.err
     kinds = [p.parent.name for p in sorted((work / "found").glob("*/final.csv"))]
-    assert kinds == sorted(options.TREATMENTS["all"])
+    assert kinds == sorted(options.TREATMENTS["observer"])
     path = ["--trajectory", "triangle", "--stiffness", 200, 20, 0, "--iterations", 1]
     for kind in kinds:
-        option = "--dither" if kind == "dither" else "--compensation"
         rows = []
         for name in ("final.csv", "final.yaml"):
             out = work / f"{kind}-{name}"
-            ran = cli("gte", "two.xml", *path, option, f"found/{kind}/{name}", "--out", out)
+            ran = cli(
+                "gte", "two.xml", *path, "--compensation", f"found/{kind}/{name}", "--out", out
+            )
             assert ran.code == 0, ran.err
             rows.append((out / "runs.csv").read_bytes())
         assert rows[0] == rows[1]
         assert rows[0].count(b"\n") == 3, "a header, without it, with it"
-    wrong = cli("gte", "two.xml", *path, "--dither", "found/push/final.csv", "--out", "no")
+    wrong = cli(
+        "gte", "two.xml", *path, "--dither", "found/lugre_observer/final.csv", "--out", "no"
+    )
     assert (wrong.code, len(wrong.lines)) == (2, 1)
     assert "frequency_hz" in wrong.lines[0]
 
