@@ -27,15 +27,7 @@ def share_of_stiction(push: Push, sign: float, share: float) -> float:
     return offset + share * (sign * push.holds_up_to(sign) - offset)
 
 
-QUICK = {(1, 1), (4, -1), (7, 1)}
-BOTH_WAYS = [
-    pytest.param(j, sign, marks=[] if (j, sign) in QUICK else pytest.mark.slow)
-    for j in range(1, 8)
-    for sign in (1, -1)
-]
-
-
-@pytest.mark.parametrize(("joint", "sign"), BOTH_WAYS)
+@pytest.mark.parametrize(("joint", "sign"), [(1, 1), (4, -1), (7, 1)])
 def test_a_joint_holds_at_90_percent_and_goes_at_115(push, joint, sign):
     push.choose(joint)
     push.target = share_of_stiction(push, sign, 0.9)
@@ -53,9 +45,7 @@ def test_a_joint_holds_at_90_percent_and_goes_at_115(push, joint, sign):
     assert push.torque == push.target == 0.0, "the push is over"
 
 
-@pytest.mark.parametrize(
-    "joint", [pytest.param(j, marks=[] if j in (2, 7) else pytest.mark.slow) for j in range(1, 8)]
-)
+@pytest.mark.parametrize("joint", [2, 7])
 def test_dither_lets_go_what_holds_at_90_percent(push, joint):
     push.choose(joint)
     push.harder(9)
