@@ -243,24 +243,6 @@ def test_a_log_that_took_no_part_is_in_every_file(cli, work, two, inputs, other)
     assert (work / "a/model.xml").read_bytes() == (work / "b/model.xml").read_bytes()
 
 
-@pytest.mark.slow
-def test_several_logs_are_left_out_one_by_one(cli, work, two, inputs, other):
-    paths = [inputs / f"log{k}.csv" for k in (1, 2)]
-    for k, path in enumerate(paths, 1):
-        write_csv(path, hidden(load_arm(two), dry, seed=k))
-    done = cli("diagnose", *paths, "--robot", two, "--check", other, "--out", "a")
-    assert done.code == 0, done.err
-    assert "the model holds" in done.out
-    found = json.loads((work / "a/diagnosis.json").read_text("utf-8"))
-    assert found["check"]["verdict"] == "holds"
-    left = found["left_out_motion"]
-    assert left["motions"] == ["log1.csv", "log2.csv"]
-    assert {(c["name"], c["verdict"]) for c in left["causes"]} == {
-        ("coulomb_friction", "transfers")
-    }
-    assert "### One motion left out" in (work / "a/report.md").read_text("utf-8")
-
-
 # ---- bad input -----------------------------------------------------------------------------------
 
 TEXTS = {

@@ -27,7 +27,6 @@ from stiction_envs.friction.plain_mjcf import differences
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.model_files import in_folder
 from tests.experiments.test_conformance import lugre, stock
-from tests.robots.arms import MJCF, TETRA
 
 
 def write_friction(path: Path, p: FrictionParameters) -> None:
@@ -78,17 +77,6 @@ def test_equals_our_model(cli):
     np.testing.assert_array_equal(model.actuator_ctrlrange[:, 1], arm.limits.torque)
     said = [j["stiction_nm"] for j in json.loads(ran.out)["joints"]]
     np.testing.assert_array_equal(said, model.actuator_biasprm[:, STICTION])
-
-
-def test_own_arm_with_defaults_frames_and_meshes(cli, inputs):
-    (inputs / "assets").mkdir()
-    (inputs / "assets" / "tetra.obj").write_text(TETRA)
-    (inputs / "three.xml").write_text(MJCF)
-    assert cli("export", inputs / "three.xml", "--out", "a").code == 0
-    arm = load_arm(inputs / "three.xml")
-    ours = build(arm, load_friction("generic", arm.n))
-    model = mujoco.MjModel.from_xml_path("a/model.xml")
-    assert max(differences(model, ours).values()) <= 1e-9
 
 
 def test_friction_from_a_folder(cli, inputs):
@@ -144,18 +132,6 @@ def test_kinds_and_engines(cli, two, work, options, kind, has):
     assert json.loads(ran.out)["kind"] == kind
     assert has in (work / "a" / "model.xml").read_text("utf-8")
     assert mujoco.MjModel.from_xml_path("a/scene.xml").nu == 2
-
-
-def test_a_kind_and_a_file_may_both_be_named(cli, two, inputs, work):
-    p = load_friction("generic", 2)
-    write_friction(inputs / "own.toml", p.replace(stiction=np.array([[0.7, 0.7], [0.6, 0.6]])))
-    named = ["--friction", inputs / "own.toml", "--friction", "frictionloss"]
-    assert cli("export", two, *named, "--out", "a").code == 0
-    model = mujoco.MjModel.from_xml_path("a/model.xml")
-    np.testing.assert_allclose(model.dof_frictionloss[model.dof_frictionloss > 0], [0.7, 0.6])
-    assert json.loads((work / "a" / "provenance.json").read_text())["arguments"]["kind"] == (
-        "frictionloss"
-    )
 
 
 def test_exported_frictionloss_does_not_creep_in_mujoco(cli, two):

@@ -130,28 +130,6 @@ def test_compensation_of_a_file(cli, work, path):
     assert [tuple(r.values()) for r in read(work / "kind" / "runs.csv")] == rows["final.yaml"]
 
 
-def test_compensation(cli, work, path, table, inputs):
-    """Nothing, dither, compensation, both; gains of the friction model or of a table."""
-    path.write_text("x,y,z\n0.02,0,0\n")
-    gains = inputs / "gains.csv"
-    gains.write_text("joint,gain_nm\n2,0.9\n")
-    found = {}
-    for name, options in {
-        "all": ["push", "--dither", table],
-        "factor": ["push", "--compensation-factor", 1.3],
-        "table": ["feedforward", "--compensation-table", gains],
-    }.items():
-        own = ["--trajectory", path, *QUICK, "--compensation", *options]
-        assert cli("gte", "panda", *own, "--out", name).code == 0
-        rows = read(work / name / "runs.csv")
-        found[name] = {r["case"]: tuple(r.values())[7:] for r in rows}
-    assert list(found["all"]) == ["no_dither", "dither", "push", "push_dither"]
-    assert list(found["factor"]) == ["no_dither", "push"]
-    assert list(found["table"]) == ["no_dither", "feedforward"]
-    assert len({rows["no_dither"] for rows in found.values()}) == 1
-    assert len({row for rows in found.values() for row in rows.values()}) == 6
-
-
 def test_same_run_gives_the_same_bytes(cli, work, path, table):
     own = ["--trajectory", path, *QUICK, "--dither", table, "--seed", 4]
     for name, options in (("a", []), ("b", ["--threads", 1])):

@@ -63,18 +63,6 @@ def test_same_run_gives_the_same_bytes(cli, work, dither):
     assert files[0] == files[1]
 
 
-def test_options_reach_the_experiment(cli, two, work):
-    options = ["--iterations", 1, "--no-scatter", "--joint", 1, *ONE]
-    cli("sje", two, *options, "--out", "a")
-    cli("sje", two, *options, "--ramp-rate", 0.3, "--out", "b")
-    cli("sje", two, *options, "--tilt", 0.5, -2e-1, "--payload", 1, 0, 0, "-1e-2", "--out", "c")
-    a, b, c = (read_sje(work / k / "sje.csv")[0] for k in "abc")
-    assert a.robot == "two"
-    assert len({a.tau_nm, b.tau_nm, c.tau_nm}) == 3
-    found = json.loads((work / "c" / "provenance.json").read_text())
-    assert found["arguments"]["payload"] == [1.0, 0.0, 0.0, -0.01]
-
-
 def test_other_run_is_replaced_only_by_force(cli, work):
     one = [*ONE, "--iterations", 1]
     assert cli("sje", "panda", "--joint", 6, *one, "--out", "a").code == 0

@@ -85,18 +85,6 @@ def test_no_opengl_is_said_before_the_work(refused, monkeypatch):
     assert "rendering needs OpenGL" in refused(*GTE, "--out", "a", "--video")
 
 
-def test_a_video_that_fails_leaves_the_results(cli, work, written, monkeypatch):
-    def write(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(videos.Video, "write", write)
-    ran = cli(*SJE, "--out", "a", "--video")
-    assert ran.code == 1
-    assert ran.lines[-1].startswith("error: no video: ")
-    assert ran.lines[-1].endswith("all else is written")
-    assert {"sje.csv", "provenance.json"} <= {p.name for p in (work / "a").iterdir()}
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
 def test_it_is_an_mp4(cli, work, dither, command):

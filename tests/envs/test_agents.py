@@ -11,15 +11,11 @@ from stiction_envs.envs.agents import (
     ConstantTable,
     GatedTable,
     NoDither,
-    RandomDither,
     TorqueRule,
     agent_settings,
-    usual_table,
 )
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow
-from tests.envs.helpers import IIWA_GTE, PANDA_GTE
 
 ROWS = (AmplitudeRow(1, 50.0, 0.5), AmplitudeRow(6, 20.0, 0.3, gate_rad_s=0.1))
 
@@ -51,16 +47,6 @@ def test_every_agent_stays_in_the_space_alone_and_in_a_batch(kind, agent):
 
 def test_no_dither_is_no_dither(env):
     assert np.array_equal(NoDither(env).predict(seen(env))[0], env.action_space.low)
-
-
-def test_random_dither_fills_the_space(env):
-    rng = np.random.default_rng(0)
-    rows = rng.normal(size=(500, *env.observation_space.shape)).astype(np.float32)
-    low, high = env.action_space.low, env.action_space.high
-    share = (RandomDither(env).predict(rows)[0] - low) / (high - low)
-    assert share.mean() == pytest.approx(0.5, abs=0.02)
-    assert (share.min(axis=0) < 0.02).all()
-    assert (share.max(axis=0) > 0.98).all()
 
 
 def test_a_constant_table_is_the_table(env, tmp_path):
@@ -98,16 +84,6 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
     assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * most)
     assert amplitude(0.5) == pytest.approx(most)
     assert amplitude(3.0, 0.2) == pytest.approx(most * np.exp(-1), rel=1e-5)
-
-
-def test_usual_tables():
-    assert usual_table(gym.make(PANDA_GTE)) == thesis_final_dither()
-    env = gym.make(IIWA_GTE)
-    rows = usual_table(env)
-    assert [r.joint for r in rows] == list(range(1, 8))
-    assert [r.amplitude_nm for r in rows] == pytest.approx(1.5 * env.unwrapped.core.stiction)
-    with pytest.raises(StictionError, match="usual table: PendulumEnv: expected an environment"):
-        usual_table(gym.make("Pendulum-v1"))
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.agents import ConstantTable, NoDither, RandomDither
-from stiction_envs.envs.evaluation import evaluate, write_rows
+from stiction_envs.envs.evaluation import evaluate
 from stiction_envs.errors import StictionError
 from tests.envs.helpers import GTE, KINDS, QUICK, SJE, TRIANGLE, episode, same
 
@@ -89,19 +89,6 @@ def test_an_agent_with_a_state_is_told_where_episodes_start():
     starts = np.array(Counter.starts)
     assert starts[0].all()
     assert starts.sum() == 3, "and again when the third episode takes the place of one"
-
-
-def test_rows_are_written_by_name(tmp_path):
-    path = tmp_path / "rows.csv"
-    write_rows(path, [{"a": 1, "b": 0.1 + 0.2}, {"b": 0.2, "a": 2}])
-    assert path.read_text() == "a,b\n1,0.30000000000000004\n2,0.2\n"
-    for rows, words in (
-        ([], "no rows: expected one or more"),
-        ([{"a": 1}, {"a": 2}, {"b": 3}], "row 3: a is not in both"),
-    ):
-        with pytest.raises(StictionError, match=words):
-            write_rows(path, rows)
-    assert path.read_text().count("\n") == 3, "nothing was written"
 
 
 def test_wrong_calls():

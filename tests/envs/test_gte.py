@@ -14,7 +14,6 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.random_paths import random_paths
-from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
@@ -104,21 +103,6 @@ def test_so_it_is_on_the_held_controller_with_compensation_and_another_seed():
         for e in (env, make_gte(IIWA_GTE, tool=tool, **more))
     ]
     assert not np.array_equal(*bases)
-
-
-def test_the_control_interval_does_not_matter_to_a_constant_action():
-    """Physics, sampling and the end of the episode's error do not know of the interval."""
-    finals = []
-    for interval in (0.1, 0.24):
-        env = make_gte(control_interval_s=interval, **QUIET)
-        steps = episode(env, shaken(env), seed=5, options=TRIANGLE)
-        finals.append(steps[-1][4])
-    assert np.array_equal(finals[0]["error"], finals[1]["error"])
-    assert finals[0]["duration"] == finals[1]["duration"]
-    for name in ("tracking_error", "shaking"):
-        assert finals[0][name] == finals[1][name]
-    assert np.array_equal(finals[0]["error_left"], finals[1]["error_left"])
-    assert finals[0]["settling_error"] == pytest.approx(finals[1]["settling_error"], rel=1e-12)
 
 
 def test_seeds_draw_every_option():
@@ -277,30 +261,9 @@ def test_an_undithered_episode_sums_to_about_minus_one(few_paths):
     assert final["settling_error"] == pytest.approx(1.0, abs=0.15)
 
 
-def test_paths_are_drawn_from_the_first_numbers_by_seed():
-    env = GTE.make_batch(24, random_paths=3, fixed_options={"trajectory": "random"})
-    _, infos = env.reset(seed=0)
-    assert set(infos["trajectory"]) == {"random"}
-    assert set(infos["path"]) == {0, 1, 2}
-    one = make_gte(random_paths=3)
-    _, info = one.reset(seed=5, options={"trajectory": "random"})
-    assert info["path"] == infos["path"][5]
-    assert np.array_equal(info["stiffness"], infos["stiffness"][5])
-
-
 def test_options_of_one_reset_come_before_the_fixed_ones():
     env = make_gte(fixed_options={"path": 101})
     assert env.reset(seed=0)[1]["path"] == 101
     assert env.reset(seed=0, options={"trajectory": "triangle"})[1]["trajectory"] == "triangle"
     env = make_gte(fixed_options=TRIANGLE)
     assert env.reset(seed=0, options={"path": 101})[1]["path"] == 101
-
-
-def test_the_thesiss_dither_helps_on_a_path_as_slow_as_its_own():
-    """Table 4.9 on a random path at 241 N/m: less error is left than without dither."""
-    env = gym.make(PANDA_GTE)
-    action = quiet(env)
-    for row in thesis_final_dither():
-        action[row.joint - 1], action[row.joint + 6] = row.amplitude_nm, row.frequency_hz
-    final = episode(env, action, seed=0, options={"path": 1})[-1][4]
-    assert final["settling_error"] < 0.9

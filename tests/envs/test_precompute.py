@@ -93,22 +93,6 @@ def test_a_first_contact_simulates_no_reference(name, tmp_path, monkeypatch):
 # ---- cached --------------------------------------------------------------------------------------
 
 
-def test_the_cache_gives_the_bits_that_were_simulated(cache, monkeypatch):
-    def torque() -> float:
-        store.forget()
-        e = SingleJointExperiment("panda", friction=softer("stiction"))
-        return sje_base.base_torques(e, [ONE])[ONE]
-
-    first = torque()
-    assert {p.name.partition("-")[0] for p in cache.iterdir()} == {"poses", "base_torques"}
-    with monkeypatch.context() as off:
-        off.setenv("STICTION_CACHE", "off")
-        assert torque() == first
-    with monkeypatch.context() as idle:
-        idle.setattr(SingleJointExperiment, "run", lambda *_, **__: iter(()))
-        assert torque() == first, "looked up: nothing could be simulated"
-
-
 def test_whatever_a_base_torque_depends_on_is_in_its_key():
     of = SingleJointExperiment
     usual = of("panda")

@@ -102,22 +102,6 @@ def test_wrong_spreads(kind, randomise, words):
         kind.single(randomise=randomise)
 
 
-def test_a_friction_that_nobody_knows_of():
-    """Bounds, units of observation and reward are the nominal arm's; what it does is not."""
-    p = load_friction("panda")
-    own = p.replace(stiction=1.3 * p.stiction, load_coefficient=1.3 * p.load_coefficient)
-    env, final = undithered(friction_factor=1.3)
-    (twin, other), (nominal, usual) = undithered(friction=own), undithered()
-    check_same_arm(final, other)
-    assert env.action_space == nominal.action_space != twin.action_space
-    assert np.array_equal(env.core.stiction, nominal.core.stiction)
-    assert np.array_equal(final["undithered_error_left"], usual["undithered_error_left"])
-    with_spread = GTEEnv(friction_factor=1.3, randomise={"friction": 0.1}, **GTE.arguments)
-    with_spread.reset(seed=2)
-    ratio = with_spread.core.rig.plant._p["stiction"][0] / p.stiction
-    assert 1.17 <= ratio.min() < ratio.max() <= 1.43
-
-
 @pytest.mark.parametrize("factor", [0, float("nan"), "much"])
 def test_friction_factors_that_are_none(factor):
     with pytest.raises(StictionError, match="friction_factor"):

@@ -60,18 +60,6 @@ def test_weights_can_be_zero():
     assert sum(s[1] for s in steps) == pytest.approx(steps[-1][4]["reduction"], abs=1e-12)
 
 
-def test_more_amplitude_shakes_more_and_another_joint_counts(panda):
-    shaking = [
-        episode(panda, mild(panda, j, share=s, frequency=12), seed=4, options=QUICK)[-1][4][
-            "shaking"
-        ]
-        for j, s in ((6, 0.0), (6, 0.2), (6, 0.4), (4, 0.4))
-    ]
-    still, little, much, other = shaking
-    assert 2 * still < little < 0.7 * much
-    assert other > 2 * still
-
-
 def test_observed_torques_are_the_ramp_and_what_holds_the_others(panda):
     """The servos stay within the stiction while the arm rests; dither is not among them."""
     names, core = panda.unwrapped.observation_names, panda.unwrapped.core

@@ -63,13 +63,3 @@ def test_the_interval_holds_what_it_says():
         apart = (truth.mean(axis=1) - posterior.mean) / posterior.sd
         inside.append(np.abs(apart[[1, 2, 3, 5, 6]]) < 1.96)
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
-
-
-def test_a_robot_unlike_the_simulation_is_not_believed_to_be_known():
-    """The widths of a Student-t process: (ν + dᵀ K⁻¹ d)/(ν + M), here of one reading by hand."""
-    k = S.offset**2 + S.configuration**2 + S.shape**2 + S.setting**2
-    usual = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.85)]))
-    strange = posterior_of(joint(PREDICTED), Readings.of([(2, 1, 0.35)]))
-    wider = (S.firmness + 0.5**2 / (k + S.noise**2)) / (S.firmness + 1)
-    assert wider > 2
-    np.testing.assert_allclose(strange.covariance, wider * usual.covariance, rtol=1e-9)

@@ -80,17 +80,6 @@ def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
         assert one.read_bytes() == other.read_bytes(), name
 
 
-def test_a_forbidden_band_is_never_simulated(small, tmp_path):
-    bounds = tmp_path / "bounds.toml"
-    bounds.write_text("[all]\nforbidden_hz = [[14, 40]]\n")
-    found = small("out", sampler="random", evaluations=10, bounds=bounds)
-    trials = rows(tmp_path / "out" / "trials.csv")
-    inside = [t for t in trials if float(t["parameter_frequency_hz"]) < 40.0]
-    assert inside
-    assert all(t["allowed"] == "0" and t["left"] == "" for t in inside)
-    assert all(r.frequency_hz >= 40.0 for r in found.final if r.amplitude_nm)
-
-
 @pytest.mark.parametrize("price", ["shaking", pytest.param("power", marks=pytest.mark.slow)])
 def test_two_objectives_make_a_front(small, tmp_path, price):
     small("out", pareto=price, sampler="random", evaluations=8)

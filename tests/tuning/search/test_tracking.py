@@ -90,26 +90,6 @@ def test_forbidden_bands_are_not_simulated(make):
     assert max(outcome.constraints) == pytest.approx(5.0)
 
 
-def test_no_compensation_is_none_at_all(make):
-    objective = make(joints=(), compensation="push")
-    parameters = {**objective.parameters(()), "compensation": 0.0}
-    assert objective.treatment(parameters).dither == ()
-    outcome = objective.evaluate([(0, parameters)])[0]
-    assert outcome.measures["position_left"] == 1.0
-    full = objective.evaluate([(0, {**parameters, "compensation": 1.0})])[0]
-    assert full.measures["position_left"] < 0.9
-
-
-def test_waveform_and_offset_reach_the_table(make):
-    free = make(free=("waveform", "offset"))
-    parameters = free.parameters(thesis_final_dither())
-    assert free.table(parameters) == make().table(make().parameters(thesis_final_dither()))
-    changed = {**parameters, "waveform_7": "square", "offset_nm_5": -0.1}
-    five, seven = free.table(changed)
-    assert (five.offset_nm, seven.offset_nm) == (-0.1, 0.0)
-    assert (five.waveform, seven.waveform) == ("sine", "square")
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_compensation_is_searched(make, kind):
     """Its parameters are within its space, and the middle of it is a treatment."""

@@ -101,19 +101,6 @@ def test_a_longer_search_goes_on_where_a_shorter_one_ended(tmp_path):
     assert trials(search(place, "cmaes").record) == trials(whole.record)
 
 
-def test_several_searches_are_evaluated_in_one_call(tmp_path):
-    searches = [search("sqlite://", name, evaluations=n) for name, n in (("tpe", 4), ("grid", 8))]
-    calls, seen = [], []
-
-    def watched(wanted):
-        calls.append([k for k, _ in wanted])
-        return evaluate(wanted)
-
-    run(searches, watched, lambda done, total: seen.append((done, total)))
-    assert calls == [[0, 0, 0, 1, 1, 1], [0, 1, 1, 1], [1, 1]]
-    assert seen == [(0, 12), (6, 12), (10, 12), (12, 12)]
-
-
 def test_what_cannot_be_measured_is_kept_as_a_failed_trial(tmp_path):
     place = f"sqlite:///{tmp_path}/study.db"
     s = search(place, "random", evaluations=20)
