@@ -10,23 +10,15 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, ModelScores
-from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje import plots
-from stiction_envs.experiments.sje.protocol import Configuration, configurations
+from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.reporting.png import save_full
 
-Array = NDArray[np.float64]
 SHOWN = ("inertia", "presliding", "elasticity", "offset", "drift", ARM)
 """Models drawn over each other."""
-THEORY = {
-    "creep": ("theory: bristles shaken, the joint creeps", (0, (4, 2))),
-    "slip": ("theory: bristles as a spring, first slip", (0, (1, 1.5))),
-}
-AVERAGED = "theory: averaging, speed with friction to speed without"
 TABLES = {
     "4.6": ("o", "Table 4.6 (scale 1.0), fitted"),
     "4.7": ("^", "Table 4.7 (scale 1.2), held out"),
@@ -34,7 +26,7 @@ TABLES = {
     "4.10 intermediate": ("s", "Table 4.10 repeats, held out"),
     "4.10 final": ("D", "Table 4.10 final amplitude, held out"),
 }
-MEASURED, THEORY_COLOUR = "#c2410c", "0.45"
+MEASURED = "#c2410c"
 TICKS = sorted(FREQUENCIES)
 
 
@@ -97,14 +89,7 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
         tables = ("4.6", "4.7", "4.8")
         over_f = sorted((c.row.frequency_hz, i) for i, c in mine if c.row.table in tables)
         over_a = sorted((c.row.amplitude_nm, i) for i, c in mine if c.row.frequency_hz == chosen)
-        one = np.geomspace(13, 95, 160), np.full(160, abs(base))
-        most = 1.08 * max(x for x, _ in over_a)
-        other = np.full(160, chosen), np.linspace(0, most, 160)
-        for axes, points, (f, a), x in (
-            (column[0], over_f, one, one[0]),
-            (column[1], over_a, other, other[1]),
-        ):
-            _theory(axes, scores.theory(j), where, f, a, x)
+        for axes, points in zip(column, (over_f, over_a), strict=True):
             for key in SHOWN:
                 # above only scale 1.0, which is the fitted table
                 at = [
@@ -123,7 +108,7 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
         column[0].set_xlim(13, 95)
         column[0].set_xlabel("frequency at scale 1.0 [Hz]")
         column[1].set_xlabel(f"amplitude at {chosen:g} Hz [N·m]")
-        column[1].set_xlim(left=0)
+        column[1].set_xlim(0, 1.08 * max(x for x, _ in over_a))
     drawn = scores.sound & (scores.joint == j)
     for axes, rows in zip(grid[:, 0], (True, scores.frequency == chosen), strict=True):
         axes.set_ylabel("change of the torque\nthat moves the joint [% of base]")
@@ -136,11 +121,6 @@ def joint(scores: ModelScores, j: int, path: Path) -> None:
             Line2D([], [], color=c, lw=2.4 if k == ARM else 1.4, label=scores.models[k].name)
             for k, c in colours.items()
         ),
-        *(
-            Line2D([], [], color=THEORY_COLOUR, ls=style, lw=1.2, label=text)
-            for text, style in THEORY.values()
-        ),
-        Line2D([], [], color="0.5", alpha=0.25, lw=7, label=AVERAGED),
         *(
             Line2D([], [], marker=m, ls="", ms=6, label=text, **_face(name == "4.6"))
             for name, (m, text) in TABLES.items()
@@ -168,16 +148,3 @@ def _cells(axes: Axes, scores: ModelScores, points: list[tuple[float, int]]) -> 
         else:
             marker = TABLES[c.column][0]
             axes.plot(x, 100 * c.change, marker, ms=5.5, zorder=6, **_face(not c.held_out))
-
-
-def _theory(
-    axes: Axes, theory: JointTheory, where: Configuration, f: Array, a: Array, x: Array
-) -> None:
-    """Draw what theory says of frequencies [Hz] and amplitudes [N·m], over one of them."""
-    free, sliding = (100 * theory.change(kind, where, f, a) for kind in ("free", "sliding"))
-    axes.fill_between(x, free, sliding, color="0.5", alpha=0.16, lw=0, zorder=1)
-    for kind, (_, style) in THEORY.items():
-        y = 100 * theory.change(kind, where, f, a)
-        if kind == "creep":  # of a joint that sticks
-            y = np.where(theory.sticks(f, a, where.index[1]), y, np.nan)
-        axes.plot(x, y, color=THEORY_COLOUR, ls=style, lw=1.2, zorder=2)

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models import figures
 from benchmarks.thesis.nested_models.cells import JOINTS, cells
@@ -31,7 +30,6 @@ from stiction_envs.reporting.html import to_html
 from stiction_envs.reporting.markdown import number, percent, short, signed, table_text
 from stiction_envs.reporting.templates import render
 
-Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).with_name("gap.md.j2")
 IIWA = Path(__file__).with_name("iiwa.png")
 """Simulated once: the phase between dither and controller."""
@@ -162,21 +160,14 @@ def _causes(s: ModelScores) -> str:
     return table_text(["statement", *(f"joint {j}" for j in JOINTS)], rows)
 
 
-# ---- theory --------------------------------------------------------------------------------------
-
-
 def _joints(s: ModelScores) -> str:
-    rows = []
-    for j in JOINTS:
-        theory = s.theory(j)
-        share = np.mean([theory.bristle_gain(np.array(FREQUENCIES), k) for k in range(2)], axis=0)
-        peaks = sorted({round(f) for k in range(2) for f in theory.resonances(k)})
-        changes = [", ".join(signed(s.at(j, f, k)) for f in FREQUENCIES) for k in (None, ARM)]
-        shares = ", ".join(number(100 * x, 0) for x in share)
-        rows.append([str(j), *changes, ", ".join(map(str, peaks)) or "–", shares])
-    header = ["joint", f"measured at {', '.join(f'{f:g}' for f in FREQUENCIES)} Hz [%]"]
-    header += ["last model [%]", "resonances [Hz]", "share of the dither at the friction [%]"]
-    return table_text(header, rows)
+    """Return what frequency does to every joint, as measured and by the last model."""
+    rows = [
+        [str(j), *(", ".join(signed(s.at(j, f, key)) for f in FREQUENCIES) for key in (None, ARM))]
+        for j in JOINTS
+    ]
+    measured = f"measured at {', '.join(f'{f:g}' for f in FREQUENCIES)} Hz [%]"
+    return table_text(["joint", measured, "last model [%]"], rows)
 
 
 # ---- the fit -------------------------------------------------------------------------------------

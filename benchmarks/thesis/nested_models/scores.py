@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from benchmarks.thesis.nested_models.cells import RESAMPLES, Cell, repeat_floor, score
 from benchmarks.thesis.nested_models.fit import PHYSICAL, ROBOT, drift_factors, with_drift
 from benchmarks.thesis.nested_models.models import NestedModel
-from benchmarks.thesis.nested_models.theory import JointTheory
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 
 Array = NDArray[np.float64]
@@ -158,12 +157,6 @@ class ModelScores:
         change = with_drift(self.cells, np.zeros(len(self.cells)))
         mask = self.held_out & (self.joint == joint)
         return float(100 * np.abs(change - self.measured)[mask].mean())
-
-    def theory(self, joint: int) -> JointTheory:
-        """Return a joint with the parameters of the last model."""
-        model = self.models[ARM]
-        parameters = {**model.fixed, **model.found[str(joint)][0]["parameters"]}
-        return JointTheory(joint=joint, parameters=parameters)
 
     # ---- identification --------------------------------------------------------------------------
 

@@ -10,31 +10,12 @@ import numpy as np
 import pytest
 
 from benchmarks.thesis.nested_models.cells import JOINTS, cells, repeat_floor, score
-from benchmarks.thesis.nested_models.fit import JointFit, with_drift
+from benchmarks.thesis.nested_models.fit import with_drift
 from benchmarks.thesis.nested_models.models import NestedModels, lookup, nothing, preferred
 from benchmarks.thesis.nested_models.page import page
 from benchmarks.thesis.nested_models.scores import ModelScores
-from benchmarks.thesis.nested_models.theory import THEORIES, JointTheory
-from stiction_envs.experiments.sje.protocol import Configuration
-from stiction_envs.friction.parameters import load_friction
-from stiction_envs.gap.tables.lone_joint import Bench
-from stiction_envs.measured import thesis_base
-from stiction_envs.robots import load_arm
 
 SHIPPED = Path(__file__).parents[3] / "benchmarks" / "thesis" / "nested_models"
-JOINT_4 = {
-    "rotor_inertia": 0.3,
-    "bristle_stiffness": 1500.0,
-    "coulomb_ratio": 0.85,
-    "stribeck_velocity": 0.003,
-    "joint_stiffness": 15000.0,
-}
-JOINT_7 = {
-    "rotor_inertia": 0.09,
-    "bristle_stiffness": 1500.0,
-    "coulomb_ratio": 0.9,
-    "stribeck_velocity": 0.004,
-}
 
 
 @pytest.fixture(scope="module")
@@ -189,52 +170,3 @@ def test_identification_marks(models, all_cells):
     assert "| 0.240 [0.240, 0.252] † |" in table
     assert "| 1500 [1500, 9000] ‡ |" in table
     assert "| 5 of 6 |" in table
-
-
-# ---- theory --------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def bench():
-    return Bench.of(load_arm("panda"), thesis_base("panda"), load_friction("panda"))
-
-
-@pytest.mark.parametrize(("joint", "parameters"), [(4, JOINT_4), (7, JOINT_7)])
-def test_shaken_bristles_predict_the_simulation(bench, joint, parameters):
-    """Law checked: LuGre averaged over the shaking, to 3 points where the joint sticks."""
-    mine = [c for c in cells() if c.row.joint == joint and c.row.table == "4.6"]
-    simulated = JointFit(joint, mine, bench).predict([parameters])[0]
-    theory = JointTheory(joint=joint, parameters=parameters)
-    gaps = [
-        abs(theory.change("creep", c.configuration, c.row.frequency_hz, c.row.amplitude_nm) - s)
-        for c, s in zip(mine, simulated, strict=True)
-        if theory.sticks(c.row.frequency_hz, c.row.amplitude_nm, c.configuration.index[1])
-    ]
-    assert len(gaps) >= 8
-    assert np.median(gaps) < 0.03
-
-
-def test_no_dither_changes_nothing_and_bristles_take_their_share_off():
-    where = Configuration(7, "load", "+")
-    theory = JointTheory(joint=7, parameters=JOINT_7)
-    f = np.array([15.0, 80.0])
-    for kind in THEORIES:
-        assert theory.change(kind, where, f, 0.0) == pytest.approx([0.0, 0.0], abs=1e-9)
-    slip = theory.change("slip", where, f, 0.1)
-    share = 0.1 * theory.bristle_gain(f, 0) / abs(thesis_base("panda").get(7, "load", "+"))
-    np.testing.assert_allclose(slip, -share)
-    all_of_it = theory.friction(0) / abs(thesis_base("panda").get(7, "load", "+"))
-    assert theory.change("slip", where, 15.0, 100.0) == pytest.approx(-all_of_it)
-
-
-def test_resonances_are_those_of_one_mass_and_of_two():
-    """Rigid: √(σ0/J)/2π of rotor and link. Elastic: the rotor on its spring, √(K/J_r)/2π, too."""
-    rigid = JointTheory(joint=7, parameters=JOINT_7)
-    (peak,) = rigid.resonances(0)
-    expected = np.sqrt(1500.0 / (0.09 + rigid.link(0))) / (2 * np.pi)
-    assert peak == pytest.approx(expected, rel=0.3)  # damping lowers it
-    assert rigid.bristle_gain(peak, 0) > 1
-    elastic = JointTheory(joint=4, parameters=JOINT_4)
-    upper = elastic.resonances(0)[-1]
-    alone = np.sqrt(15000.0 * (1 / 0.3 + 1 / elastic.link(0))) / (2 * np.pi)
-    assert upper == pytest.approx(alone, rel=0.15)
