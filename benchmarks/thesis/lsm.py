@@ -10,9 +10,7 @@ names them. `rosdyn` has the other method, the links by least squares.
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured import thesis_base, thesis_robots
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm, load_arm
 
@@ -124,24 +122,18 @@ def simulated_log(
         k = np.exp(-1 / RATE / lag)
         logged = lfilter([1 - k], [1, -k], logged, axis=0, zi=k * logged[:1])[0]
     tau = tau + TORQUE_NOISE * rng.normal(size=tau.shape)
-    with tempfile.TemporaryDirectory() as folder:
-        np.savez(Path(folder) / "log.npz", t=t, q=q, dq=logged, tau=tau)
-        return read_logs([Path(folder) / "log.npz"], arm.n, limits=arm.limits)[0]
+    return JointLog(source="simulated", t=t, q=q, dq=logged, tau=tau)
 
 
-def raw_friction(log: JointLog, arm: Arm, every: int = 1) -> tuple[Array, Array]:
+def raw_friction(log: JointLog, arm: Arm) -> tuple[Array, Array]:
     """Return speed and friction torque as the thesis had them, both (K, n) [rad/s, N·m].
 
-    Measured torque less rigid-body dynamics; accelerations are differences of logged speeds.
-
-    Args:
-        log: the log.
-        arm: as the model has it.
-        every: of so many samples one.
+    Measured torque less rigid-body dynamics, of one sample in `EVERY`; accelerations are
+    differences of logged speeds.
     """
     assert log.dq is not None
     ddq = np.gradient(log.dq, log.t, axis=0)
-    at = np.arange(2, len(log.t) - 2, every)
+    at = np.arange(2, len(log.t) - 2, EVERY)
     rigid = inverse_dynamics(arm.pinocchio(), log.q[at], log.dq[at], ddq[at])
     return log.dq[at], log.tau[at] - rigid
 
@@ -224,13 +216,13 @@ def fit_lines(robot: str, wrong: str, *, seed: int = 0) -> LineFit:
     """
     arm = load_arm(robot)
     log = simulated_log(robot, seed=1 + seed, **WRONG[wrong])
-    speed, torque = raw_friction(log, arm, EVERY)
+    speed, torque = raw_friction(log, arm)
     return LineFit(
         robot=robot,
         speed=speed,
         torque=torque,
         lines=lines_of(speed, torque),
-        links=rosdyn([log], arm) if robot in LINKS else None,
+        links=rosdyn(log, arm) if robot in LINKS else None,
     )
 
 
