@@ -16,8 +16,6 @@ from stiction_envs.reporting.json_text import JsonRecord
 
 GAP = "gap"
 """The target that is no table or figure of the thesis."""
-SEEDS = 5
-"""Assumed."""
 
 
 def add_parser(subparsers: Any) -> None:
@@ -46,13 +44,6 @@ def add_parser(subparsers: Any) -> None:
         default=[],
         metavar="ID",
         help="without a target: some tables and figures, such as 4.6, F.1, table-4.6",
-    )
-    parser.add_argument(
-        "--seeds",
-        type=common.whole(1),
-        default=SEEDS,
-        metavar="K",
-        help="gap: seeds of the optimiser, from --seed on (default: %(default)s)",
     )
     common.add_experiment_options(parser)
     common.add_shared_options(
@@ -116,7 +107,7 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     fit.optimiser()  # before anything is written
     inputs = inputs_of(Path(fit.__file__).with_name("dither_fit.toml"))
     folder = common.output_folder(args, GAP, inputs, resumable=True)
-    seeds = range(args.seed, args.seed + args.seeds)
+    seeds = [args.seed + k for k in models.SEEDS]
     with common.working(), Progress("steps") as progress, folder:
         nested = models.NestedModels(folder.path, seeds=seeds, processes=args.threads)
         nested.fit(progress.set)

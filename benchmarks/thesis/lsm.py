@@ -154,13 +154,15 @@ class Line:
     """Coefficient of determination [-]."""
 
 
-def line(speed: Array, torque: Array) -> tuple[float, float, float]:
-    """Return (m, b, R²) of equation 3.1 for N samples.
+def line(joint: int, direction: str, speed: Array, torque: Array) -> Line:
+    """Return the line of equation 3.1 through N samples.
 
         m = (N Σ(q̇ τ_f) − Σq̇ Στ_f) / (N Σq̇² − (Σq̇)²)
         b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
 
     Args:
+        joint: from 1.
+        direction: + or -.
         speed: (N,) [rad/s].
         torque: (N,) friction torque [N·m].
     """
@@ -170,7 +172,8 @@ def line(speed: Array, torque: Array) -> tuple[float, float, float]:
     b = float(torque.sum() * (speed @ speed) - speed.sum() * (speed @ torque)) / below
     left = torque - m * speed - b
     about = torque - torque.mean()
-    return m, b, 1.0 - float(left @ left) / float(about @ about)
+    r2 = 1.0 - float(left @ left) / float(about @ about)
+    return Line(joint=joint, direction=direction, intercept=b, slope=m, r2=r2)
 
 
 def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
@@ -180,12 +183,11 @@ def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
         speed: (K, n) [rad/s].
         torque: (K, n) friction torque [N·m].
     """
-    out = []
-    for j in range(speed.shape[1]):
-        for name, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0)):
-            m, b, r2 = line(speed[rows, j], torque[rows, j])
-            out.append(Line(joint=j + 1, direction=name, intercept=b, slope=m, r2=r2))
-    return tuple(out)
+    return tuple(
+        line(j + 1, direction, speed[rows, j], torque[rows, j])
+        for j in range(speed.shape[1])
+        for direction, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0))
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

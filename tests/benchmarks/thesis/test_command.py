@@ -195,7 +195,7 @@ def test_gap_goes_on_where_it_was_interrupted(thesis, work, monkeypatch):
     found = json.loads((work / "a" / "provenance.json").read_text())
     assert {"dither_fit", "panda_friction", "table_4_6"} <= set(found["inputs"])
     # other seeds are another run
-    assert thesis("gap", "--out", "a", "--seeds", 1).code == 2
+    assert thesis("gap", "--out", "a", "--seed", 1).code == 2
 
 
 # ---- input ---------------------------------------------------------------------------------------
@@ -207,7 +207,6 @@ def test_gap_goes_on_where_it_was_interrupted(thesis, work, monkeypatch):
         (["--only", "4.12"], "unknown table or figure '4.12': expected one of 2.3, 4.1"),
         (["gap", "--only", "2.3"], "--only 2.3: expected without a target (gap)"),
         (["dance"], "'dance'"),
-        (["--seeds", "many"], "'many'"),
     ],
 )
 def test_bad_input(thesis, work, argv, says):
