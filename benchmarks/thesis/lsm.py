@@ -224,7 +224,7 @@ def fit_lines(robot: str, wrong: str, *, seed: int = 0) -> LineFit:
         speed=speed,
         torque=torque,
         lines=lines_of(speed, torque),
-        links=rosdyn(log, arm) if robot in LINKS else None,
+        links=rosdyn([log], arm) if robot in LINKS else None,
     )
 
 

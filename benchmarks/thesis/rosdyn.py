@@ -10,6 +10,7 @@ logged speeds, as in the thesis (section 5.1: "the acceleration was quite noisy"
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +22,7 @@ from stiction_envs.robots.regressor import consistent, inertial_parameters, torq
 
 Array = NDArray[np.float64]
 MOST_ROWS = 10_000
-"""Samples of a log; more are thinned out evenly; assumed."""
+"""Samples of all logs together; more are thinned out evenly; assumed."""
 STATES = 1000
 """Random states, as there."""
 ZERO = 1e-10
@@ -50,6 +51,10 @@ class Unconstrained:
         """Links (from 1) that no body can be."""
         return np.flatnonzero(~consistent(self.phi)) + 1
 
+    def parameters(self) -> Array:
+        """Return (12 n,): links, Coulomb, viscous."""
+        return np.concatenate([self.phi.ravel(), self.coulomb, self.viscous])
+
 
 def _columns(arm: Arm, q: Array, dq: Array, ddq: Array) -> Array:
     """Return (T n, 12 n) columns of links, Coulomb and viscous friction."""
@@ -61,11 +66,11 @@ def _columns(arm: Arm, q: Array, dq: Array, ddq: Array) -> Array:
     return np.asarray(whole.reshape(-1, 12 * arm.n))
 
 
-def rosdyn(log: JointLog, arm: Arm) -> Unconstrained:
+def rosdyn(logs: Sequence[JointLog], arm: Arm) -> Unconstrained:
     """Return links and friction of an arm by RosDyn's least squares on raw signals.
 
     Args:
-        log: of the arm, with speeds.
+        logs: of the arm.
         arm: its nominal links fill up what the torques do not show.
     """
     rng = np.random.default_rng(0)
@@ -73,11 +78,19 @@ def rosdyn(log: JointLog, arm: Arm) -> Unconstrained:
     triangle = np.linalg.qr(_columns(arm, *states), mode="r")
     _, sizes, vectors = np.linalg.svd(triangle)
     seen = vectors[: int((sizes > ZERO * sizes[0]).sum())].T
-    assert log.dq is not None
-    some = slice(None, None, max(1, len(log.t) // MOST_ROWS))
-    ddq = np.gradient(log.dq, log.t, axis=0)
-    x = _columns(arm, log.q[some], log.dq[some], ddq[some]) @ seen
-    both = np.asarray(np.linalg.qr(np.column_stack([x, log.tau[some].ravel()]), mode="r"))
+    step = max(1, sum(len(x.t) for x in logs) // MOST_ROWS)
+    rows, torques = [], []
+    for log in logs:
+        for part in log.segments:
+            if part.stop - part.start < 3:
+                continue
+            t, q = log.t[part], log.q[part]
+            dq = np.gradient(q, t, axis=0) if log.dq is None else log.dq[part]
+            ddq = np.gradient(dq, t, axis=0)
+            rows.append(_columns(arm, q[::step], dq[::step], ddq[::step]) @ seen)
+            torques.append(log.tau[part][::step].ravel())
+    x, y = np.concatenate(rows), np.concatenate(torques)
+    both = np.asarray(np.linalg.qr(np.column_stack([x, y]), mode="r"))
     u, s, v = np.linalg.svd(both[:-1, :-1])
     base = v.T @ ((u.T @ both[:-1, -1]) / s)
     nominal = np.concatenate([inertial_parameters(arm.pinocchio()).ravel(), np.zeros(2 * arm.n)])
