@@ -93,81 +93,65 @@ def torque_text(value: float, digits: int) -> str:
 # ---- rows ----------------------------------------------------------------------------------------
 
 
+def simulated_columns(m: Measurement, change_pct: float, difference: float) -> dict[str, float]:
+    """Return the simulation's columns of the CSV; one iteration has no standard deviation."""
+    return {
+        "simulated_tau_Nm": m.mean,
+        "simulated_std_Nm": m.std if len(m.tau) > 1 else math.nan,
+        "simulated_change_pct": change_pct,
+        "difference_points": difference,
+    }
+
+
 @dataclass(frozen=True, kw_only=True)
 class TorqueRow:
-    """One printed torque and the simulation's."""
+    """One printed torque with dither and the simulation's."""
 
-    robot: str
-    job: Job
     printed: Mapping[str, Any]
     """The row as the thesis has it."""
-    dithered: DitheredRow | None
-    """The same as a cell; None for a base torque."""
+    cell: DitheredRow
+    """The same as a cell."""
     simulated: Measurement
     """Its mean torque is NaN if an iteration was stuck."""
     base: Measurement
     """Without dither."""
 
     @property
-    def measured_nm(self) -> float:
-        """The printed torque."""
-        return float(self.printed["tau_sje_Nm" if self.dithered else "tau_base_Nm"])
-
-    @property
     def column(self) -> str:
         """Column on the page: the frequency, or in Table 4.10 the set of amplitudes."""
-        r = self.dithered
-        return r.amplitude_set if r and r.table == "4.10" else f"{self.job.frequency_hz:g} Hz"
-
-    @property
-    def outlier(self) -> bool:
-        """Whether it is the one printed value that its own repeat refutes."""
-        return self.dithered is not None and self.dithered.outlier
-
-    @property
-    def measured_change_pct(self) -> float:
-        """Against the measured base torque [%]; 0 without dither."""
-        return self.dithered.change_pct if self.dithered else 0.0
+        r = self.cell
+        return r.amplitude_set if r.table == "4.10" else f"{r.frequency_hz:g} Hz"
 
     @property
     def simulated_change_pct(self) -> float:
         """Against the simulated base torque [%]."""
-        return change(self.simulated, self.base) if self.dithered else 0.0
+        return change(self.simulated, self.base)
 
     @property
     def difference(self) -> float:
-        """Simulated less measured, in points of the base torque; in % of it where no dither is."""
-        if self.dithered:
-            return self.simulated_change_pct - self.measured_change_pct
-        return 100.0 * (self.simulated.mean / self.measured_nm - 1.0)
+        """Simulated less measured change, in points of the base torque."""
+        return self.simulated_change_pct - self.cell.change_pct
 
-    def line(self, **more: float) -> dict[str, Any]:
-        """Return the CSV's line; one iteration has no standard deviation."""
-        m = self.simulated
-        return {
-            **self.printed,
-            **more,
-            "simulated_tau_Nm": m.mean,
-            "simulated_std_Nm": m.std if len(m.tau) > 1 else math.nan,
-            "simulated_change_pct": self.simulated_change_pct,
-            "difference_points": self.difference,
-        }
+    def line(self) -> dict[str, Any]:
+        """Return the CSV's line."""
+        columns = simulated_columns(self.simulated, self.simulated_change_pct, self.difference)
+        return {**self.printed, "simulated_tau_base_Nm": self.base.mean, **columns}
 
 
 def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -> list[TorqueRow]:
-    """Return the rows of Table 4.3, 4.5 to 4.8 or 4.10, in its order."""
-    out = []
-    dithered = {robot: [r for r in thesis_dithered(robot) if r.table == table] for robot in ROBOTS}
-    # Table 4.10's printed rows alternate between the sets of amplitudes, as ours do
-    for printed in thesis_table(table):
-        robot = our_name(printed["robot"]) if "robot" in printed else TUNED
-        c = Configuration(printed["joint"], printed["load"], printed["direction"])
-        row = None if table == "4.3" else dithered[robot].pop(0)
-        job = Job(c) if row is None else job_of(row)
-        assert job.configuration == c
-        found = {"simulated": measured[robot, job], "base": measured[robot, Job(c)]}
-        out.append(TorqueRow(robot=robot, job=job, printed=printed, dithered=row, **found))
-    return out
+    """Return the rows of Table 4.5 to 4.8 or 4.10, in its order."""
+    (robot,) = thesis_robots(table)
+    cells = [r for r in thesis_dithered(robot) if r.table == table]
+    # Table 4.10's printed rows alternate between the sets of amplitudes, as the cells do
+    return [
+        TorqueRow(
+            printed=printed,
+            cell=cell,
+            simulated=measured[robot, job_of(cell)],
+            base=measured[robot, Job(job_of(cell).configuration)],
+        )
+        for printed, cell in zip(thesis_table(table), cells, strict=True)
+    ]
 
 
 # ---- tables --------------------------------------------------------------------------------------
@@ -175,43 +159,42 @@ def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -
 
 def table_4_3(found: Found) -> Table:
     """Return Table 4.3."""
-    rows = rows_of_table("4.3", found["sje"])
-    names = [configuration_name(r.job.configuration, thesis_robots()[r.robot].title) for r in rows]
-    off = np.array([r.difference for r in rows])
+    lines, shown, names, off = [], [], [], []
+    for r in thesis_table("4.3"):
+        robot = our_name(r["robot"])
+        c, torque = Configuration(r["joint"], r["load"], r["direction"]), r["tau_base_Nm"]
+        m = found["sje"][robot, Job(c)]
+        names.append(configuration_name(c, thesis_robots()[robot].title))
+        off.append(100.0 * (m.mean / torque - 1.0))
+        lines.append({**r, **simulated_columns(m, 0.0, off[-1])})
+        texts = signed(torque, 4), torque_text(m.mean, 4), f"{torque_text(off[-1], 2)} %"
+        shown.append([names[-1], *texts])
     size, stuck = np.abs(off), np.isnan(off).sum()
     mean = f"{number(float(np.nanmean(size)))} %"
     sentence = (
-        f"Stiction is calibrated to this table: the {len(rows)} base torques are off by {mean} in "
+        f"Stiction is calibrated to this table: the {len(lines)} base torques are off by {mean} in "
         f"the mean, by {number(float(np.nanmax(size)))} % at most "
         f"({names[int(np.nanargmax(size))]}); {stuck} never moved."
     )
     return Table(
-        rows=[r.line() for r in rows],
+        rows=lines,
         header=["robot, joint, pose, direction", "measured [N·m]", "simulated [N·m]", "difference"],
-        shown=[
-            [
-                name,
-                signed(r.measured_nm, 4),
-                torque_text(r.simulated.mean, 4),
-                f"{torque_text(r.difference, 2)} %",
-            ]
-            for name, r in zip(names, rows, strict=True)
-        ],
+        shown=shown,
         numbers=(f"{mean} off (calibrated)", sentence),
     )
 
 
 def compare(rows: Sequence[TorqueRow]) -> Numbers:
     """Return how dithered rows compare; the one broken cell counts nowhere."""
-    sound = [r for r in rows if not r.outlier]
+    sound = [r for r in rows if not r.cell.outlier]
     good = [r for r in sound if math.isfinite(r.difference)]
     if not good:
         return "never moved", f"All {len(sound)} joints stayed stuck."
     gap = np.abs([r.difference for r in good])
-    measured = np.array([r.measured_change_pct for r in good])
+    measured = np.array([r.cell.change_pct for r in good])
     right = np.sign([r.simulated_change_pct for r in good]) == np.sign(measured)
     nothing, repeats = np.abs(measured).mean(), repeat_floor(cells())[0]
-    largest = configuration_name(good[int(gap.argmax())].job.configuration)
+    largest = configuration_name(good[int(gap.argmax())].simulated.job.configuration)
     brief = f"{number(gap.mean())} points off"
     return f"{brief} (no effect: {number(nothing)}, repeats: {number(repeats)})", (
         f"Changes by dither are {brief} in the mean of {len(sound)} cells (most "
@@ -225,11 +208,11 @@ def compare(rows: Sequence[TorqueRow]) -> Numbers:
 def dithered_table(number: str, found: Found) -> Table:
     """Return Table 4.5, 4.6, 4.7, 4.8 or 4.10."""
     rows = rows_of_table(number, found["sje"])
-    base = thesis_base(rows[0].robot)
+    base = thesis_base(rows[0].cell.robot)
     columns = list(dict.fromkeys(r.column for r in rows))
     by_configuration: dict[Configuration, dict[str, TorqueRow]] = {}
     for r in rows:
-        by_configuration.setdefault(r.job.configuration, {})[r.column] = r
+        by_configuration.setdefault(r.simulated.job.configuration, {})[r.column] = r
     shown = []
     for c, mine in by_configuration.items():
         measured = signed(base.get(c.joint, c.load, c.direction), 3)
@@ -241,8 +224,8 @@ def dithered_table(number: str, found: Found) -> Table:
                 continue
             r = mine[column]
             line += [
-                f"{signed(r.measured_nm, 3)} ({signed(r.measured_change_pct, 1)})"
-                + (" †" if r.outlier else ""),
+                f"{signed(r.cell.tau_sje_nm, 3)} ({signed(r.cell.change_pct, 1)})"
+                + (" †" if r.cell.outlier else ""),
                 f"{torque_text(r.simulated.mean, 3)} ({torque_text(r.simulated_change_pct, 1)})",
                 torque_text(r.difference, 1),
             ]
@@ -250,8 +233,7 @@ def dithered_table(number: str, found: Found) -> Table:
     header = ["joint, pose, direction", "base [N·m]: measured", "simulated"]
     for column in columns:
         header += [f"{column}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
-    lines = [r.line(simulated_tau_base_Nm=r.base.mean) for r in rows]
-    return Table(rows=lines, header=header, shown=shown, numbers=compare(rows))
+    return Table(rows=[r.line() for r in rows], header=header, shown=shown, numbers=compare(rows))
 
 
 # ---- chosen settings -----------------------------------------------------------------------------

@@ -100,9 +100,9 @@ def test_a_weaker_dither_is_as_far_off_as_it_is_weak(effect, off):
 def test_a_broken_cell_counts_nowhere_and_stuck_ones_are_counted():
     found = torques("4.7")["sje"]
     rows = rows_of_table("4.7", found)
-    assert sum(r.outlier for r in rows) == 1
+    assert sum(r.cell.outlier for r in rows) == 1
     assert "mean of 83 cells" in compare(rows)[1]
-    stuck = [dataclasses.replace(r, simulated=measurement(r.job, math.nan)) for r in rows]
+    stuck = [dataclasses.replace(r, simulated=measurement(r.simulated.job, math.nan)) for r in rows]
     assert compare(stuck)[0] == "never moved"
     assert "1 cells never moved" in compare([stuck[0], *rows[1:]])[1]
 
