@@ -121,13 +121,12 @@ class JointFit(LoneJointTorques):
         if "elasticity" in effects and bench.friction.elastic[joint - 1]:
             self.names.append("joint_stiffness")
         self._bounds = np.log([bounds(n, joint) for n in self.names])
-        wheres = list(dict.fromkeys(c.configuration for c in self.cells))
-        self._level = {w: self._of(w) for w in wheres}
-        keys = {(*self._level[w], 0.0, 0.0) for w in wheres}
-        keys |= {self._key(c) for c in self.cells}
-        # joints that differ in nothing are simulated once
-        self._columns = sorted(keys)
-        self._at = {key: i for i, key in enumerate(self._columns)}
+        levels = [self._of(c.configuration) for c in self.cells]
+        self._undithered = [(*level, 0.0, 0.0) for level in levels]
+        self._dithered = [
+            (*level, c.row.frequency_hz, c.row.amplitude_nm)
+            for level, c in zip(levels, self.cells, strict=True)
+        ]
 
     def _of(self, where: Configuration) -> tuple[float, float]:
         """Return (stiction [N·m], link inertia [kg·m²]) of a configuration.
@@ -143,9 +142,6 @@ class JointFit(LoneJointTorques):
             table = np.abs(b.base.tau[j, poses, d]).mean()
             level *= float(table / b.base.friction[j, poses].mean())
         return level, float(b.link[j, k])
-
-    def _key(self, c: Cell) -> tuple[float, float, float, float]:
-        return (*self._level[c.configuration], c.row.frequency_hz, c.row.amplitude_nm)
 
     def _without(self) -> dict[str, float]:
         """Return the parameters that effects set, whatever is fitted: most stand for their lack."""
@@ -165,18 +161,17 @@ class JointFit(LoneJointTorques):
             population: parameters by name; what is not named is nominal.
         """
         sets = [{**self.fixed, **p, **self._without()} for p in population]
-        tau = self.breakaway(self._columns, sets, None if "path" in self.effects else 1)
-        out = np.empty((len(population), len(self.cells)))
-        for i, c in enumerate(self.cells):
-            dithered = tau[:, self._at[self._key(c)]]
-            undithered = tau[:, self._at[(*self._level[c.configuration], 0.0, 0.0)]]
-            if "offset" in self.effects:
-                out[:, i] = (dithered - undithered) / abs(
-                    self.bench.base.tau[c.configuration.index]
-                )
-            else:
-                out[:, i] = dithered / undithered - 1.0
-        return out
+        # joints that differ in nothing are simulated once
+        columns = sorted({*self._undithered, *self._dithered})
+        tau = self.breakaway(columns, sets, None if "path" in self.effects else 1)
+        dithered, undithered = (
+            tau[:, [columns.index(key) for key in keys]]
+            for keys in (self._dithered, self._undithered)
+        )
+        if "offset" not in self.effects:
+            return dithered / undithered - 1.0
+        base = [abs(self.bench.base.tau[c.configuration.index]) for c in self.cells]
+        return (dithered - undithered) / np.array(base)
 
     def parameters(self, x: Array) -> dict[str, float]:
         """Return parameters from the unit cube, logarithmic between the bounds."""
@@ -209,36 +204,33 @@ class JointFit(LoneJointTorques):
             total += float(away**2 / 2)
         measured = np.array([c.change for c in self.cells])
         if "drift" in self.effects:
-            factor = drift_factors(self.cells, predicted, [True] * len(self.cells))
+            factor = drift_factors(self.cells, predicted)
             scale = np.array([factor[c.configuration] for c in self.cells])
             predicted = scale * (1.0 + predicted) - 1.0
             total += sum(((f - 1.0) / noise["drift_sd"]) ** 2 / 2 for f in factor.values())
         return float(total + np.abs(predicted - measured).sum() / noise["cell_sd"])
 
 
-def drift_factors(
-    cells: Sequence[Cell], predicted: Array, used: Sequence[bool]
-) -> dict[Configuration, float]:
+def drift_factors(cells: Sequence[Cell], predicted: Array) -> dict[Configuration, float]:
     """Return one factor per configuration on its base between measuring days.
 
-    The median over its cells of measured over predicted torque: a base that has moved shifts all
-    its dithered torques alike, a single bad reading does not.
+    The median over its fitted cells of measured over predicted torque: a base that has moved shifts
+    all its dithered torques alike, a single bad reading does not.
 
     Args:
         cells: measured.
         predicted: (cells,) change [-].
-        used: which cells may be looked at.
     """
     ratio: dict[Configuration, list[float]] = {}
-    for c, p, u in zip(cells, predicted, used, strict=True):
-        if u:
+    for c, p in zip(cells, predicted, strict=True):
+        if not c.held_out:
             ratio.setdefault(c.configuration, []).append((1.0 + c.change) / (1.0 + p))
     return {k: float(np.median(v)) for k, v in ratio.items()}
 
 
 def with_drift(cells: Sequence[Cell], predicted: Array) -> Array:
     """Return predictions (cells,) with the drift that the fitted cells show."""
-    factor = drift_factors(cells, predicted, [not c.held_out for c in cells])
+    factor = drift_factors(cells, predicted)
     return np.array(
         [factor[c.configuration] * (1 + p) - 1 for c, p in zip(cells, predicted, strict=True)]
     )

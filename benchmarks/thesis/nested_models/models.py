@@ -12,6 +12,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +140,6 @@ class NestedModels:
         self.cells = cells()
         self.processes = processes or os.cpu_count() or 1
         self.models: dict[str, NestedModel] = {}
-        self._bench: Bench | None = None
         self._print = self._fingerprint()
         if self.path.exists():
             saved = json.loads(self.path.read_text(encoding="utf-8"))
@@ -186,6 +186,12 @@ class NestedModels:
         if "arm" not in self.models:
             self._fit_arm(tell)
 
+    @cached_property
+    def _start(self) -> Bench:
+        """The arm from which every fit starts, calibrated."""
+        friction, _ = whole_arm(start_friction(), [])
+        return Bench.of(load_arm(ROBOT), thesis_base(ROBOT), friction)
+
     def _fit(
         self,
         about: tuple[str, str, str],
@@ -211,18 +217,12 @@ class NestedModels:
             seeds: of the search.
         """
         key, name, statement = about
-        if bench is None:
-            if self._bench is None:
-                tell("calibrating the start", 0, 1)
-                friction, _ = whole_arm(start_friction(), [])
-                self._bench = Bench.of(load_arm(ROBOT), thesis_base(ROBOT), friction)
-            bench = self._bench
         fitted = np.array([not c.held_out for c in self.cells])
         of = {j: np.array([c.row.joint == j for c in self.cells]) for j in ORDER}
         tasks = [
             (
                 joint,
-                bench,
+                bench or self._start,
                 effects,
                 seeds,
                 None if around is None else around.found[str(joint)][0]["parameters"],

@@ -183,5 +183,4 @@ class ModelScores:
 
     def drift(self) -> dict[Configuration, float]:
         """Return each configuration's factor on its base, of the whole arm without drift."""
-        fitted = [not c.held_out for c in self.cells]
-        return drift_factors(self.cells, self.predicted["arm"], fitted)
+        return drift_factors(self.cells, self.predicted["arm"])
