@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from benchmarks.thesis.items import Found, Needs, Numbers, Picture, Table
 from benchmarks.thesis.lsm import (
     ALL_WRONG,
-    LINES,
-    LINKS,
+    IIWA,
+    PANDA,
     WRONG,
     FrictionCurve,
     LineFit,
@@ -33,7 +33,6 @@ from stiction_envs.reporting.markdown import number, short, signed, span, table_
 from stiction_envs.robots import arm_title, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters
 
-(PANDA,), (IIWA,) = LINES, LINKS
 NOTHING = "nothing"
 QUANTITIES = {
     "intercept": ("intercept_Nm", "intercept [N·m]"),
@@ -73,7 +72,7 @@ def _printed_intercepts() -> dict[tuple[int, str], float]:
 def compare_lines(found: Found) -> Numbers:
     """Return how the lines of the log with all defects compare with the thesis's."""
     b = _printed_intercepts()
-    wrong = {k: found["lsm"][PANDA, ALL_WRONG].of(*k).intercept for k in b}
+    wrong = {k: found["lsm"][PANDA, ALL_WRONG].lines[k].intercept for k in b}
     same = sum(np.sign(b[k]) == np.sign(wrong[k]) for k in b)
     most = [short(max(map(abs, x.values())), 2) for x in (wrong, b)]
     brief = (
@@ -93,7 +92,7 @@ def compare_joints(found: Found, joints: tuple[int, ...]) -> Numbers:
 
     def off(wrong: str) -> str:
         fit: LineFit = found["lsm"][PANDA, wrong]
-        gaps = [[abs(fit.of(j, d).intercept - printed[j, d]) for d in "+-"] for j in joints]
+        gaps = [[abs(fit.lines[j, d].intercept - printed[j, d]) for d in "+-"] for j in joints]
         means = zip(joints, np.mean(gaps, axis=1), strict=True)
         return ", ".join(f"{number(gap, 2)} N·m (joint {j})" for j, gap in means)
 
@@ -114,7 +113,7 @@ def _line_name(printed: Mapping[str, Any]) -> str:
 
 def _simulated(found: Found, printed: Mapping[str, Any], name: str) -> tuple[float, float]:
     """Return a number of a line, of the log with all defects and of that with none."""
-    lines = (found["lsm"][PANDA, w].of(printed["joint"], printed["direction"]) for w in WORDS)
+    lines = (found["lsm"][PANDA, w].lines[printed["joint"], printed["direction"]] for w in WORDS)
     now, best = (float(getattr(line, name)) for line in lines)
     return now, best
 
@@ -168,11 +167,11 @@ def _defects(found: Found) -> str:
     bands, rows = bands_of(PANDA), []
     for wrong in WRONG:
         fit: LineFit = found["lsm"][PANDA, wrong]
-        plus, minus = np.array([[fit.of(j, d).intercept for j in range(1, 8)] for d in "+-"])
+        plus, minus = np.array([[fit.lines[j, d].intercept for j in range(1, 8)] for d in "+-"])
         off = 100 * np.abs((plus - minus) / 2 / bands - 1)
-        signs = _wrong_signs({(x.joint, x.direction): x.intercept for x in fit.lines})
+        signs = _wrong_signs({k: x.intercept for k, x in fit.lines.items()})
         middle = float(np.abs(plus + minus).max() / 2)
-        r2 = [x.r2 for x in fit.lines]
+        r2 = [x.r2 for x in fit.lines.values()]
         values = [f"{np.median(off):.0f} % ({off.max():.0f} %)", f"{middle:.2f}", str(signs)]
         rows.append([wrong, *values, f"{np.median(r2):.2g} ({min(r2):.1g})"])
     header = ["wrong with the log", "band off by, median (worst)", "bands' middle, worst [N·m]"]
@@ -286,7 +285,7 @@ def _panel(axes: Axes, fit: LineFit, joint: int, title: str) -> None:
     step = max(1, len(speed) // SHOWN_POINTS)
     axes.plot(speed[::step], torque[::step], ".", ms=2.2, color="0.6", mew=0)
     for direction, sign in (("+", 1), ("-", -1)):
-        mine = fit.of(joint, direction)
+        mine = fit.lines[joint, direction]
         x = np.array([0.0, sign * np.percentile(np.abs(speed), 99.5)])
         text = f"({direction.replace('-', '−')}) {signed(mine.intercept, 2)} N·m, R² {mine.r2:.2g}"
         axes.plot(x, mine.slope * x + mine.intercept, color=LINE, lw=2, label=text)

@@ -1,7 +1,7 @@
 """The thesis's identification (section 4.1) on simulated logs, and friction at constant speeds.
 
     fit = fit_lines("panda", "gravity error")
-    fit.lines[0].intercept
+    fit.lines[1, "+"].intercept
 
 Equation 3.1 lays a straight line through friction torque against speed, per joint and direction,
 all of it raw. Here the friction is known and one thing at a time is wrong with the log: `WRONG`
@@ -11,7 +11,7 @@ names them. `rosdyn` has the other method, the links by least squares.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,7 +57,7 @@ WRONG: dict[str, dict[str, Any]] = {
     ALL_WRONG: {"noise": SPEED_NOISE, "hand": True, "fast": True, "lag": SPEED_LAG},
 }
 """What is wrong with a log: arguments of `simulated_log`."""
-LINES, LINKS = thesis_robots("A.1"), thesis_robots("4.1")
+(PANDA,), (IIWA,) = thesis_robots("A.1"), thesis_robots("4.1")
 """The arm whose lines the thesis prints, and that whose links."""
 
 
@@ -67,7 +67,7 @@ def bands_of(robot: str) -> Array:
     Raises:
         StictionError: an arm the thesis has not measured.
     """
-    if robot in LINES:
+    if robot == PANDA:
         return np.array(BANDS)
     return np.asarray(np.abs(thesis_base(robot).tau).mean(axis=(1, 2)))
 
@@ -138,31 +138,24 @@ def raw_friction(log: JointLog, arm: Arm) -> tuple[Array, Array]:
     return log.dq[at], log.tau[at] - rigid
 
 
-@dataclass(frozen=True, kw_only=True)
-class Line:
+class Line(NamedTuple):
     """One joint in one direction."""
 
-    joint: int
-    """From 1."""
-    direction: str
-    """+ or -."""
-    intercept: float
-    """b [N·m]."""
     slope: float
     """m [N·m·s/rad]."""
+    intercept: float
+    """b [N·m]."""
     r2: float
     """Coefficient of determination [-]."""
 
 
-def line(joint: int, direction: str, speed: Array, torque: Array) -> Line:
+def line(speed: Array, torque: Array) -> Line:
     """Return the line of equation 3.1 through N samples.
 
         m = (N Σ(q̇ τ_f) − Σq̇ Στ_f) / (N Σq̇² − (Σq̇)²)
         b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
 
     Args:
-        joint: from 1.
-        direction: + or -.
         speed: (N,) [rad/s].
         torque: (N,) friction torque [N·m].
     """
@@ -172,22 +165,21 @@ def line(joint: int, direction: str, speed: Array, torque: Array) -> Line:
     b = float(torque.sum() * (speed @ speed) - speed.sum() * (speed @ torque)) / below
     left = torque - m * speed - b
     about = torque - torque.mean()
-    r2 = 1.0 - float(left @ left) / float(about @ about)
-    return Line(joint=joint, direction=direction, intercept=b, slope=m, r2=r2)
+    return Line(m, b, 1.0 - float(left @ left) / float(about @ about))
 
 
-def lines_of(speed: Array, torque: Array) -> tuple[Line, ...]:
-    """Return the lines of equation 3.1, of every joint + before −.
+def lines_of(speed: Array, torque: Array) -> dict[tuple[int, str], Line]:
+    """Return the lines of equation 3.1 by joint (from 1) and direction, + before −.
 
     Args:
         speed: (K, n) [rad/s].
         torque: (K, n) friction torque [N·m].
     """
-    return tuple(
-        line(j + 1, direction, speed[rows, j], torque[rows, j])
+    return {
+        (j + 1, direction): line(speed[rows, j], torque[rows, j])
         for j in range(speed.shape[1])
         for direction, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0))
-    )
+    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,13 +191,10 @@ class LineFit:
     """(K, n) as logged [rad/s]."""
     torque: Array
     """(K, n) friction torque, raw [N·m]."""
-    lines: tuple[Line, ...]
+    lines: dict[tuple[int, str], Line]
+    """By joint (from 1) and direction."""
     links: Unconstrained | None
     """Links by RosDyn's least squares, of the arm of Table 4.1."""
-
-    def of(self, joint: int, direction: str) -> Line:
-        """Return a joint's line; joints from 1."""
-        return next(x for x in self.lines if (x.joint, x.direction) == (joint, direction))
 
 
 def fit_lines(robot: str, wrong: str, *, seed: int = 0) -> LineFit:
@@ -224,7 +213,7 @@ def fit_lines(robot: str, wrong: str, *, seed: int = 0) -> LineFit:
         speed=speed,
         torque=torque,
         lines=lines_of(speed, torque),
-        links=rosdyn([log], arm) if robot in LINKS else None,
+        links=rosdyn([log], arm) if robot == IIWA else None,
     )
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.thesis.items import Found, Needs, Numbers, Picture
-from benchmarks.thesis.torques import base_jobs, job_of
+from benchmarks.thesis.torques import base_jobs, cells_of, job_of
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
-from stiction_envs.measured import DitheredRow, thesis_base, thesis_dithered
+from stiction_envs.measured import DitheredRow, thesis_base
 from stiction_envs.reporting.markdown import number, percent, short
 from tuning.protocol.measurements import change
 
@@ -35,11 +35,7 @@ class Ramps:
     def printed(self) -> list[DitheredRow]:
         """Return the printed cells of the dithered ramps, in the order of the configurations."""
         table, kind = ("4.5", "scale") if self.dither == "base" else ("4.10", "final")
-        return [
-            r
-            for r in thesis_dithered(self.robot)
-            if (r.table, r.amplitude_set, r.joint) == (table, kind, self.joint)
-        ]
+        return [r for r in cells_of(table) if (r.amplitude_set, r.joint) == (kind, self.joint)]
 
     def jobs(self) -> list[Job]:
         """Return the jobs that are drawn."""

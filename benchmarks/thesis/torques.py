@@ -48,6 +48,12 @@ def job_of(row: DitheredRow) -> Job:
     return Job(c, row.frequency_hz, row.amplitude_nm)
 
 
+def cells_of(table: str) -> list[DitheredRow]:
+    """Return the printed cells of a table with dither, in its order."""
+    (robot,) = thesis_robots(table)
+    return [r for r in thesis_dithered(robot) if r.table == table]
+
+
 def base_jobs(joints: list[int] | None = None) -> list[Job]:
     """Return the jobs without dither."""
     return [Job(c) for c in configurations(7, joints)]
@@ -58,8 +64,7 @@ def grid() -> dict[tuple[Configuration, float, float], Job]:
 
     By configuration, frequency [Hz] and scale.
     """
-    rows = [r for r in thesis_dithered(TUNED) if r.table == "4.6"]
-    first = {job_of(r).configuration: abs(r.tau_base_nm) for r in rows}
+    first = {job_of(r).configuration: abs(r.tau_base_nm) for r in cells_of("4.6")}
     return {
         (c, f, s): Job(c, f, s * tau)
         for c, tau in first.items()
@@ -73,10 +78,8 @@ def torque_needs(table: str) -> Needs:
     if table == "4.3":
         return {"sje": [(robot, job) for robot in ROBOTS for job in base_jobs()]}
     (robot,) = thesis_robots(table)
-    jobs = [job_of(r) for r in thesis_dithered(robot) if r.table == table]
+    jobs = list(grid().values()) if table == "4.9" else [job_of(r) for r in cells_of(table)]
     base = [Job(j.configuration) for j in jobs]
-    if table == "4.9":
-        base, jobs = base_jobs(), list(grid().values())
     return {"sje": [(robot, j) for j in dict.fromkeys([*base, *jobs])]}
 
 
@@ -141,7 +144,6 @@ class TorqueRow:
 def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -> list[TorqueRow]:
     """Return the rows of Table 4.5 to 4.8 or 4.10, in its order."""
     (robot,) = thesis_robots(table)
-    cells = [r for r in thesis_dithered(robot) if r.table == table]
     # Table 4.10's printed rows alternate between the sets of amplitudes, as the cells do
     return [
         TorqueRow(
@@ -150,7 +152,7 @@ def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -
             simulated=measured[robot, job_of(cell)],
             base=measured[robot, Job(job_of(cell).configuration)],
         )
-        for printed, cell in zip(thesis_table(table), cells, strict=True)
+        for printed, cell in zip(thesis_table(table), cells_of(table), strict=True)
     ]
 
 
@@ -254,14 +256,10 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
 
     The best frequency at scale 1.0, the best scale there, the final amplitude by the tuner's rule.
     """
+    jobs, mine = grid(), configurations(7, [joint])
 
-    def mean(frequency: float, scale: float) -> float:
-        changes = [
-            change(measured[job], measured[Job(c)])
-            for (c, f, s), job in grid().items()
-            if (c.joint, f, s) == (joint, frequency, scale)
-        ]
-        return float(np.mean(changes))
+    def mean(f: float, s: float) -> float:
+        return float(np.mean([change(measured[jobs[c, f, s]], measured[Job(c)]) for c in mine]))
 
     frequency = min(FREQUENCIES, key=lambda f: mean(f, 1.0))
     scale = min(SCALES, key=lambda s: mean(frequency, s))

@@ -21,15 +21,13 @@ def clean() -> lsm.LineFit:
 
 
 def intercepts(fit: lsm.LineFit) -> np.ndarray:
-    return np.array([x.intercept for x in fit.lines]).reshape(7, 2)
+    return np.array([x.intercept for x in fit.lines.values()]).reshape(7, 2)
 
 
 def test_a_clean_log_gives_bands_without_their_stribeck_peak(clean):
     share = np.abs(intercepts(clean)) / lsm.bands_of("panda")[:, None]
     assert np.all(np.sign(intercepts(clean)) == [1, -1])
     assert np.all((share > lsm.COULOMB_RATIO) & (share < 1))
-    assert clean.of(7, "-").joint == 7
-    assert clean.of(7, "-").direction == "-"
     assert clean.links is None
 
 
@@ -39,7 +37,7 @@ def test_an_error_of_gravity_moves_intercepts_and_noise_does_not(clean):
     assert middle.max() > 1.0
     assert np.abs(intercepts(clean).sum(axis=1)).max() < 0.05
     assert np.abs(intercepts(noisy) - intercepts(clean)).max() < 0.2
-    r2 = [np.median([x.r2 for x in fit.lines]) for fit in (clean, noisy)]
+    r2 = [np.median([x.r2 for x in fit.lines.values()]) for fit in (clean, noisy)]
     assert r2[1] < 0.1 * r2[0]
 
 
@@ -58,7 +56,7 @@ def test_friction_has_its_limits():
 def test_lines_are_those_of_known_data():
     speed = np.linspace(-1, 1, 401)[:, None]
     torque = np.where(speed > 0, 0.5 + 0.2 * speed, -0.3 + 0.1 * speed)
-    plus, minus = lines_of(speed, torque)
+    plus, minus = (lines_of(speed, torque)[1, d] for d in "+-")
     assert (plus.intercept, plus.slope) == (pytest.approx(0.5), pytest.approx(0.2))
     assert (minus.intercept, minus.slope) == (pytest.approx(-0.3), pytest.approx(0.1))
     assert plus.r2 == pytest.approx(1.0)

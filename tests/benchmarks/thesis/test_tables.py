@@ -195,15 +195,14 @@ def test_dithered_ramps_compare_the_change_with_print():
 def fit(intercepts: float | None = None) -> lsm.LineFit:
     """Return lines as printed, or of bands times a factor."""
     bands = lsm.bands_of("panda")
-    lines = []
+    lines = {}
     for r in thesis_table("A.1"):
         sign = 1 if r["direction"] == "+" else -1
         b = r["intercept_Nm"] if intercepts is None else sign * intercepts * bands[r["joint"] - 1]
-        values = {"slope": r["slope_Nms_per_rad"], "r2": r["r2"]}
-        lines.append(Line(joint=r["joint"], direction=r["direction"], intercept=b, **values))
+        lines[r["joint"], r["direction"]] = Line(r["slope_Nms_per_rad"], b, r["r2"])
     speed = np.linspace(-1, 1, 100)[:, None].repeat(7, axis=1)
     torque = lsm.friction(speed, bands)
-    return lsm.LineFit(robot="panda", speed=speed, torque=torque, lines=tuple(lines), links=None)
+    return lsm.LineFit(robot="panda", speed=speed, torque=torque, lines=lines, links=None)
 
 
 def fits(wrong: float | None = None) -> Found:
