@@ -163,11 +163,9 @@ class ModelScores:
     def identified(self, joint: int) -> tuple[list[Identified], int]:
         """Return the parameters of a joint over the equally good seeds, and how many seeds ran.
 
-        Of the last of the models that were searched from the most seeds: the whole arm is corrected
-        from one place only.
+        Of the lone joint with drift, the one model that is searched from several seeds.
         """
-        keys = ("arm", *reversed(self.CHAIN))
-        found = max((self.models[k].found.get(str(joint), []) for k in keys), key=len)
+        found = self.models["drift"].found[str(joint)]
         good = [f for f in found if f["loss"] <= found[0]["loss"] + SAME_LOSS]
         out = []
         for name, value in found[0]["parameters"].items():

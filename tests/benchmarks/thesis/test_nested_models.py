@@ -159,7 +159,9 @@ def test_identification_marks(models, all_cells):
     for j in "23":
         found[j][1]["parameters"]["bristle_stiffness"] = 9000.0
     found["3"][1]["loss"] = 99.0
-    s = ModelScores({**models, "arm": dataclasses.replace(models["arm"], found=found)}, all_cells)
+    s = ModelScores(
+        {**models, "drift": dataclasses.replace(models["drift"], found=found)}, all_cells
+    )
     verdict = {(j, p.name): p.verdict for j in JOINTS for p in s.identified(j)[0]}
     assert verdict[3, "bristle_stiffness"] == "yes"
     assert [key for key, v in verdict.items() if v == "no"] == [
