@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.thesis.items import Found, Needs, Numbers, Table
-from benchmarks.thesis.nested_models.cells import cells, repeat_floor
+from benchmarks.thesis.nested_models.cells import FREQUENCIES, cells, repeat_floor
 from stiction_envs.experiments.sje.protocol import (
     SIGNS,
     Configuration,
@@ -35,8 +35,7 @@ ROBOTS = tuple(thesis_robots())
 (TUNED,) = thesis_robots("4.9")
 """The arm whose dither the thesis tuned."""
 SCALES = (0.8, 1.0, 1.2)
-FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
-"""Of Tables 4.6 to 4.8, over the base torque and in Hz."""
+"""Of Tables 4.6 to 4.8, over the base torque."""
 
 
 # ---- jobs ----------------------------------------------------------------------------------------

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from benchmarks.thesis.nested_models.scores import ARM, FREQUENCIES, ModelScores
+from benchmarks.thesis.nested_models.cells import FREQUENCIES
+from benchmarks.thesis.nested_models.scores import ARM, ModelScores
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.reporting.markdown import number, signed

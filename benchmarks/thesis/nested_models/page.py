@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.thesis.nested_models import figures
-from benchmarks.thesis.nested_models.cells import JOINTS, cells
+from benchmarks.thesis.nested_models.cells import FREQUENCIES, JOINTS, cells
 from benchmarks.thesis.nested_models.models import NestedModel, preferred
 from benchmarks.thesis.nested_models.scores import (
     ARM,
-    FREQUENCIES,
     SAME_LOSS,
     SAME_RANGE,
     Gain,

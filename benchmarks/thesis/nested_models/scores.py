@@ -14,8 +14,6 @@ from benchmarks.thesis.nested_models.models import NestedModel
 from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
 
 Array = NDArray[np.float64]
-FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
-"""Of thesis Table 4.6 [Hz]."""
 ARM = "arm + drift"
 LEAST_GAIN = 0.3
 """Least change of a joint's mean error that counts [points of the base torque]: a tenth of the
