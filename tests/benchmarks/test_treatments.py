@@ -24,6 +24,7 @@ from tuning.search.tracking import Treatment
 STEP = Path("step", np.array([[STEP_M, 0, 0]]), np.array([[1.0, 0, 0, 0]]))
 
 
+@pytest.mark.slow
 def test_a_hand_feels_the_chosen_stiffness_and_friction_on_top():
     """Without friction the 200 N/m that were chosen; with it more, and a still arm before."""
     felt = {}

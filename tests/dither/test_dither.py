@@ -21,7 +21,12 @@ def one(waveform: str = "sine", **kwargs: object) -> Dither:
 
 def series(dither: Dither, t: np.ndarray) -> np.ndarray:
     """Torque [N·m] of the first simulation's first joint at the times ``t`` [s]."""
-    return np.array([dither.torque(x)[0, 0] for x in t])
+    rows = 512
+    names = ("amplitude", "frequency", "phase", "waveform", "seed", "offset", "gate_velocity")
+    fields = {name: np.repeat(getattr(dither, name)[:1], rows, axis=0) for name in names}
+    many = Dither(**fields, bandwidth=dither.bandwidth)
+    padded = np.append(t, np.zeros(-len(t) % rows)).reshape(-1, rows)
+    return np.concatenate([many.torque(x)[:, 0] for x in padded])[: len(t)]
 
 
 def period(dither: Dither, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:

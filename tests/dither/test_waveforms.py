@@ -66,7 +66,7 @@ def test_a_joint_breaks_away_under_it(arm):
     assert saw != sine
 
 
-@pytest.mark.parametrize("kind", ["sje", "gte"])
+@pytest.mark.parametrize("kind", ["sje", pytest.param("gte", marks=pytest.mark.slow)])
 def test_an_environment_dithers_with_it(kind):
     """By name, alone and in a batch of the same bits; an agent's table may name it too."""
     single, batch, arguments, options, *_ = KINDS[kind]

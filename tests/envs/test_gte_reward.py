@@ -24,6 +24,7 @@ def panda():
     env.close()
 
 
+@pytest.mark.slow
 def test_undithered_iterations_sum_to_minus_one():
     """The unit of the reward is the mean over the ten iterations that `stiction gte` runs."""
     env = GTE.make_batch(10, autoreset_mode="SameStep")

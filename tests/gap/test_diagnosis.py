@@ -21,7 +21,7 @@ CASES = [
     ("link_inertia", 1, 4, "fast", False),
     ("backlash", 6, 3, "fourier", True),
 ]
-QUICK = ("torque_offset", "link_inertia")
+QUICK = ("link_inertia",)
 """The other causes are hidden in `test_simulated_logs.py`."""
 
 

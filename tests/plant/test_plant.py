@@ -285,6 +285,7 @@ def first_torques(
     return np.array([found[j] for j in jobs])
 
 
+@pytest.mark.slow
 def test_refined_step_gives_the_same_base_torque():
     """1 ms against 0.05 ms, wrist and elastic joint: base torques within 2 %, dithered ones too."""
     wrist, elastic = Configuration(7, "load", "+"), Configuration(4, "no_load", "-")

@@ -182,6 +182,7 @@ def test_direction_asymmetry_is_told_from_offset_where_dither_is_strong(diagnose
     assert "gravity_error" not in first.confused_with
 
 
+@pytest.mark.slow
 def test_torque_offset(diagnose):
     found = diagnose(tables(JOINTS, Truth(joint=5, offset_nm=0.06), seed=1))
     first = check(found, "torque_offset", [5], "offset_nm", 0.06, 0.01)
