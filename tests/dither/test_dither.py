@@ -247,13 +247,6 @@ def test_retune_keeps_the_phase(waveform, t):
             assert slope[0, 0] == pytest.approx(2 * f / F, rel=5e-3)
 
 
-def test_retune_with_own_clocks():
-    d = mixed(5, waveform="triangle")
-    t = np.linspace(0.1, 9, 5)
-    new = d.retune(t, frequency=np.full((5, 7), 33.0))
-    np.testing.assert_allclose(new.torque(t), d.torque(t), atol=1e-9)
-
-
 # ---- errors ----
 
 BAD = {

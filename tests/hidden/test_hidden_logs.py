@@ -17,7 +17,7 @@ from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.regressor import consistent, inertial_parameters, torque_regressor
+from stiction_envs.robots.regressor import consistent, inertial_parameters
 
 SHORT: dict[str, Any] = {"motion": "fourier", "joint": 2, "size": 0.6, "seconds": 8.0}
 POSES: dict[str, Any] = {"motion": "poses", "seconds": 8.0, "known": False}
@@ -92,18 +92,6 @@ def test_missing_gravity_is_that_share_of_it() -> None:
     assert case.effect[1] == pytest.approx(share * rms(g), rel=0.1)
 
 
-def test_a_second_motion_has_the_same_hidden_and_leaves_the_first_alone() -> None:
-    once = make_case(4, ("torque_offset",), known=False, **SHORT)
-    twice = make_case(4, ("torque_offset",), known=False, second=5.0, **SHORT)
-    np.testing.assert_array_equal(once.logs[0].tau, twice.logs[0].tau)
-    assert not once.second
-    assert twice.second_motion != "fourier"
-    assert twice.second[0].t[-1] < 5.1
-    more = (twice.second[0].tau - twice.unhidden[0].tau).mean(axis=0)
-    assert more[1] == pytest.approx(float(twice.hidden[0].values["offset_nm"]), abs=0.02)  # type: ignore[arg-type]
-    assert np.abs(np.delete(more, 1)).max() < 0.02
-
-
 def test_what_no_log_tells_apart_excludes_each_other() -> None:
     for name, effect in EFFECTS.items():
         assert all(name in EFFECTS[other].excludes for other in effect.excludes)
@@ -149,15 +137,3 @@ def test_links_have_a_random_stream_of_their_own_and_are_not_what_is_hidden() ->
     assert np.abs(exact.logs[0].tau - off.logs[0].tau).max() > 0.3
     np.testing.assert_allclose(off.effect, exact.effect, rtol=0.02, atol=0.005)
     assert exact.effect[1] > 1
-
-
-def test_the_residual_of_a_log_is_that_of_its_links(makers: np.ndarray) -> None:
-    case = make_case(8, known=False, scatter=0.03, motion="fourier", seconds=8.0)
-    data = against(load_arm("panda"), case.logs)
-    own = against(case.bare.rigid, case.logs)
-    off = inertial_parameters(case.bare.rigid.pinocchio()) - makers
-    model = load_arm("panda").pinocchio()
-    predicted = torque_regressor(model, data.q, data.dq, data.ddq) @ off.ravel()
-    np.testing.assert_allclose(data.residual - own.residual, predicted, atol=1e-6)
-    assert np.all(rms(own.residual[500:]) < 0.03)  # after the second in which the motion begins
-    assert rms(data.residual)[1] > 0.3

@@ -60,23 +60,6 @@ def test_sje_round_trip_is_exact(tmp_path):
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "sje.csv").read_bytes()
 
 
-def test_sje_accepts_numpy_numbers_and_unknown_spread(tmp_path):
-    row = replace(
-        ROW,
-        joint=np.int64(3),
-        tau_nm=np.float64(0.1) + 0.2,
-        frequency_hz=np.float32(15),
-        std_nm=math.nan,
-        reduction=math.nan,
-    )
-    write_sje(tmp_path / "a.csv", [row])
-    back = read_sje(tmp_path / "a.csv")[0]
-    assert back.tau_nm == 0.1 + 0.2
-    assert back.frequency_hz == 15.0
-    assert math.isnan(back.std_nm)
-    assert math.isnan(back.reduction)
-
-
 def test_other_line_ends_column_order_and_byte_order_mark(tmp_path):
     header = ",".join(reversed(SJE.strip().split(",")))
     text = f"{header}\r\n\r\n0.1 , 5,0.01,-0.6,0.7,30,-,no_load,3,panda\r\n"
@@ -100,24 +83,6 @@ BAD_SJE = {
 def test_bad_sje(tmp_path, line, message):
     path = put(tmp_path / "sje.csv", SJE + line + "\n")
     assert "sje.csv" in refuses(lambda: read_sje(path), message)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"robot": " panda"},
-        {"joint": 0},
-        {"frequency_hz": math.nan},
-        {"tau_nm": math.inf},
-        {"reduction": math.inf},
-    ],
-)
-def test_write_sje_writes_nothing_it_could_not_read(tmp_path, change):
-    with pytest.raises(StictionError, match="expected"):
-        write_sje(tmp_path / "a.csv", [ROW, replace(ROW, **change)])
-    with pytest.raises(StictionError, match="no rows"):
-        write_sje(tmp_path / "a.csv", [])
-    assert not list(tmp_path.iterdir())
 
 
 # ---- amplitude tables ----

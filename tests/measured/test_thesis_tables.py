@@ -40,18 +40,6 @@ def test_thesis_dithered():
         assert row.amplitude_nm == pytest.approx(row.scale * abs(row.tau_base_nm), rel=1e-12)
 
 
-def test_amplitudes_of_the_verification_are_the_printed_ones():
-    """Intermediate and final of 4.9, save joint 5 no_load + (0.7996 printed for 0.7096)."""
-    chosen = {(r["joint"], r["load"], r["direction"]): r for r in thesis_table("4.9")}
-    for row in thesis_dithered():
-        if row.table != "4.10":
-            continue
-        printed = chosen[row.joint, row.load, row.direction][f"tau_{row.amplitude_set}_Nm"]
-        if (row.joint, row.load, row.direction) == (5, "no_load", "+"):
-            printed = {0.7996: 0.7096}.get(printed, printed)
-        assert row.amplitude_nm == pytest.approx(abs(printed), abs=6e-4)
-
-
 def test_unknown_thesis_names():
     with pytest.raises(StictionError, match=r"thesis table '4.12'.*4\.1, .*A\.1"):
         thesis_table("4.12")

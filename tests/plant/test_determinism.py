@@ -88,41 +88,6 @@ def test_same_bits_in_any_blocks(blocks, asymmetric):
     assert angles(rows, 2, blocks, asymmetric).tobytes() == reference(asymmetric)[rows].tobytes()
 
 
-def test_asymmetric_neighbour_changes_nothing():
-    """A symmetric simulation is the same beside one whose levels are written every step."""
-    q, p, torque = mixed(asymmetric=False)
-    lame = p.stiction.copy()
-    lame[1, :, 1] *= 1.3
-    out = started(q, p.replace(stiction=lame), 2).run(torque)
-    others = np.delete(np.arange(MANY), 1)
-    assert out[others].tobytes() == reference(False)[others].tobytes()
-    assert out[1].tobytes() != reference(False)[1].tobytes()
-
-
-def test_a_neighbour_of_another_build_changes_nothing():
-    """Fields in which no simulation differs are the model's; where one does, each has its own."""
-    q, _, torque = mixed(asymmetric=False)
-    own = panda().parameters.tile(MANY)
-    alike, beside = Plant(panda(), MANY), Plant(panda(), MANY)
-    assert alike.batch.expanded("dof_armature") is None
-    rotor = own.rotor_inertia.copy()
-    rotor[1] *= 1.2
-    beside.set_friction(np.arange(MANY), own.replace(rotor_inertia=rotor))
-    assert beside.batch.expanded("dof_armature") is not None
-    out = []
-    for plant in (alike, beside):
-        plant.reset(np.arange(MANY), q)
-        out.append(plant.run(torque))
-    others = np.delete(np.arange(MANY), 1)
-    assert out[0][others].tobytes() == out[1][others].tobytes()
-    assert out[0][1].tobytes() != out[1][1].tobytes()
-    beside.set_friction(np.array([1]), own.rows([1]))  # and back
-    beside.reset(np.arange(MANY), q)
-    again = Plant(panda(), MANY)
-    again.reset(np.arange(MANY), q)
-    assert beside.run(torque).tobytes() == again.run(torque).tobytes()
-
-
 def test_subset_leaves_the_others_alone():
     """Simulations with clocks of their own: run in any order they end the same."""
     q, p, torque = mixed(asymmetric=False)

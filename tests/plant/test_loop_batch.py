@@ -62,23 +62,6 @@ def test_it_steps_as_mujoco_does(sticking):
     assert np.abs(batches[0].bind("qvel")).max() > 1e-3
 
 
-def test_calls_of_either_kind_may_alternate(sticking):
-    batches = both(sticking)
-    for k in range(6):
-        drive(batches, k, sticking)
-        for b in batches:
-            b.step(stage=VEL)
-            b.step(ids=np.array([1]))
-            b.rollout(5, ids=np.array([0, 2]))
-            b.forward(stage=VEL)
-            b.step(stage=VEL)
-        assert same(*batches)
-    for b in batches:
-        b.reset(np.array([1]), stage=VEL)
-        b.step(stage=VEL)
-    assert same(*batches)
-
-
 def test_parts_are_stepped_in_any_order_between_calls_of_either_kind(sticking):
     one = Batch(sticking.model, 9, 1, persistent=True)
     other = LoopBatch(sticking.model, 9, threads=2)

@@ -56,15 +56,6 @@ def test_content_without_a_digest_is_refused():
 # ---- what is kept --------------------------------------------------------------------------------
 
 
-def test_another_process_gets_the_same_bits(folder):
-    store.keep("numbers", "key", NUMBERS)
-    store.forget()
-    found = store.recall("numbers", "key")
-    assert found == NUMBERS
-    assert [type(found[k]) for k in NUMBERS] == [type(v) for v in NUMBERS.values()]
-    assert np.array(found["b"]).tobytes() == np.array(NUMBERS["b"]).tobytes()
-
-
 def test_what_is_found_later_is_added(folder):
     store.keep("numbers", "key", {"a": 1.0})
     store.forget()
@@ -156,21 +147,6 @@ def test_a_folder_that_cannot_be_written_is_no_error(tmp_path, monkeypatch):
     assert store.recall("numbers", "key") == NUMBERS, "known to this process all the same"
     store.forget()
     assert store.recall("numbers", "key") == {}
-
-
-@pytest.mark.parametrize("value", ["", "off"])
-def test_switched_off_nothing_is_read_or_written(tmp_path, monkeypatch, value):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(store, "_memory", {})
-    monkeypatch.setattr(store, "SHIPPED", tmp_path)
-    shipped = tmp_path / store.file_name("numbers", "key")
-    store.write(shipped, NUMBERS)
-    assert store.recall("numbers", "key") == NUMBERS
-    monkeypatch.setenv("STICTION_CACHE", value)
-    store.forget()
-    assert store.recall("numbers", "key") == {}
-    store.keep("others", "key", NUMBERS)
-    assert list(tmp_path.iterdir()) == [shipped]
 
 
 def test_where_the_cache_is(tmp_path, monkeypatch):

@@ -9,16 +9,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.cli.view import usual_dither
-from stiction_envs.errors import StictionError
-from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.rows import thesis_final_dither
-from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.experiments.sje.push import Push
 from stiction_envs.friction.parameters import QUANTITIES, load_friction
 from stiction_envs.friction.sticking import friction_file, sticking_model
-from stiction_envs.gap.extended_model import load_model
-from stiction_envs.gap.model_file import Nominal, dump, resolve
 from stiction_envs.robots import ARMS, load_arm
 from tests.robots.arms import chain
 
@@ -43,28 +36,6 @@ def test_a_strangers_file_is_no_arm_of_ours_whatever_its_name(stranger: Path):
     assert same_friction(model.parameters, load_friction(None))
     assert not same_friction(model.parameters, load_friction("panda"))
     assert usual_dither(model) != list(thesis_final_dither())
-
-
-def test_its_protocol_is_that_of_any_arm(stranger: Path):
-    """The iiwa's ramp begins at an averaged torque; of the Panda nothing is special."""
-    path = stranger.with_name("iiwa7.xml")
-    shutil.copyfile(stranger, path)
-    usual, model = load_protocol(None), sticking_model(path)
-    assert load_protocol("iiwa7") != usual
-    assert SingleJointExperiment(model).protocol == usual
-    assert GeneratedTrajectoryExperiment(model).approach == usual
-    assert Push(model).approach_protocol == usual
-
-
-def test_a_model_of_it_is_none_of_the_panda(stranger: Path, tmp_path: Path):
-    arm = load_arm(stranger)
-    path = tmp_path / "model.toml"
-    path.write_text(dump(Nominal(friction=load_friction(None), robot=arm.name)), "utf-8")
-    with pytest.raises(StictionError, match=r"of robot 'panda\.xml': expected robot="):
-        load_model(path)
-    with pytest.raises(StictionError, match=r"of robot panda\.xml, but the arm is panda"):
-        resolve(path, load_arm("panda"))
-    assert resolve(path, arm).robot == arm.name
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa7"])

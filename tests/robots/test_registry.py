@@ -147,17 +147,6 @@ def test_bad_arm_folders_are_refused(tmp_path, name, toml, message):
     assert "GoodSJE-v0" not in gym.registry
 
 
-def test_unknown_mounting_and_protocol_are_refused(tmp_path):
-    write_arm(tmp_path, "odd", 'mounting = "wall"\n[experiments.sje]\nramp = { value = 1 }')
-    register_arm_folder(tmp_path)
-    with pytest.raises(StictionError, match="mounting 'wall': expected one of floor, free"):
-        load_arm("odd")
-    with pytest.raises(
-        StictionError, match="ramp: no such setting: expected one of ramp_rate, threshold"
-    ):
-        load_protocol("odd")
-
-
 def test_an_arm_of_the_package_is_data_only(tmp_path):
     """A copy of the package with one more arm, nothing but its files, is a package of four."""
     shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))

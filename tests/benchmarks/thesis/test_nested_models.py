@@ -11,7 +11,7 @@ import pytest
 
 from benchmarks.thesis.nested_models.cells import JOINTS, cells, repeat_floor, score
 from benchmarks.thesis.nested_models.fit import with_drift
-from benchmarks.thesis.nested_models.models import NestedModels, lookup, nothing, preferred
+from benchmarks.thesis.nested_models.models import NestedModels, lookup, nothing
 from benchmarks.thesis.nested_models.page import page
 from benchmarks.thesis.nested_models.scores import ModelScores
 
@@ -116,59 +116,3 @@ def test_gain_with_free_bases_sees_through_a_base_that_moved(models, all_cells, 
     gain = next(g for g in s.gains(7) if g.key == "elasticity")
     assert gain.free
     assert gain.named
-
-
-def refitted(models, key: str, losses: list[float]) -> dict:
-    """Return the models with other losses of one, by joint."""
-    found = {str(j): [{**models[key].found[str(j)][0], "loss": x}] for j, x in enumerate(losses, 1)}
-    return {**models, key: dataclasses.replace(models[key], found=found, loss=sum(losses))}
-
-
-def test_ramp_rates(models, all_cells):
-    """0.12 fits as well as 0.07 to the joints' scatter, 0.04 does not; 0.07 is the protocol's."""
-    losses = {"ramp 0.04": [40.0] * 7, "drift": [10.0] * 7, "ramp 0.12": [13, 8, 11, 9, 12, 7, 11]}
-    for key, values in losses.items():
-        models = refitted(models, key, values)
-    s = ModelScores(models, all_cells)
-    assert s.ramp_rates() == {0.04: "ramp 0.04", 0.07: "drift", 0.12: "ramp 0.12"}
-    gap = preferred(models["drift"], models["ramp 0.04"])
-    assert gap == (pytest.approx(210.0), pytest.approx(0.0))
-    text = page(s)
-    for rate, over, worse in (
-        ("0.04", "+210.0", "yes"),
-        ("0.07", "0.0", "no"),
-        ("0.12", "+1.0", "no"),
-    ):
-        assert re.search(rf"\| {rate} \| [\d.]+ \| {re.escape(over)} \| {worse} \|", text)
-
-
-def test_identification_marks(models, all_cells):
-    """One parameter on its bound, one that the seeds do not agree on; a worse seed is no vote."""
-    values = {"rotor_inertia": 0.24, "bristle_stiffness": 1500.0}
-    found = {
-        str(j): [
-            {
-                "loss": 10.0 + 0.1 * k,
-                "parameters": {n: v * (1 + 0.01 * k) for n, v in values.items()},
-            }
-            for k in range(6)
-        ]
-        for j in JOINTS
-    }
-    found["1"][0]["on_bound"] = ["rotor_inertia"]
-    for j in "23":
-        found[j][1]["parameters"]["bristle_stiffness"] = 9000.0
-    found["3"][1]["loss"] = 99.0
-    s = ModelScores(
-        {**models, "drift": dataclasses.replace(models["drift"], found=found)}, all_cells
-    )
-    verdict = {(j, p.name): p.verdict for j in JOINTS for p in s.identified(j)[0]}
-    assert verdict[3, "bristle_stiffness"] == "yes"
-    assert [key for key, v in verdict.items() if v == "no"] == [
-        (1, "rotor_inertia"),
-        (2, "bristle_stiffness"),
-    ]
-    table = parts(page(s))["What was identified"]
-    assert "| 0.240 [0.240, 0.252] † |" in table
-    assert "| 1500 [1500, 9000] ‡ |" in table
-    assert "| 5 of 6 |" in table

@@ -15,24 +15,19 @@ from benchmarks.thesis.lsm import Line
 from benchmarks.thesis.paths import (
     compare_errors,
     compare_paths,
-    compare_sums,
-    window_sums,
 )
 from benchmarks.thesis.ramps import Ramps
 from benchmarks.thesis.rosdyn import Unconstrained
 from benchmarks.thesis.studies import Options, run_studies
 from benchmarks.thesis.torques import (
     Chosen,
-    choose,
     compare,
-    compare_choices,
-    grid,
     job_of,
     rows_of_table,
     torque_needs,
 )
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement
+from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.measured import thesis_base, thesis_dithered, thesis_table
 from tests.benchmarks.thesis.made_up import measurement, run_paths
 
@@ -107,21 +102,6 @@ def test_a_broken_cell_counts_nowhere_and_stuck_ones_are_counted():
     assert "1 cells never moved" in compare([stuck[0], *rows[1:]])[1]
 
 
-def test_base_torques_that_are_off_or_stuck(tmp_path):
-    found = torques("4.3")
-    good, _, rows = written("table-4.3", found, tmp_path)
-    assert len(rows) == 56
-    assert good[0] == "0.0 % off (calibrated)"
-    wrong = {key: measurement(key[1], 1.1 * m.mean) for key, m in found["sje"].items()}
-    key = list(wrong)[-1]
-    wrong[key] = measurement(key[1], math.nan)
-    bad, body, rows = written("table-4.3", {"sje": wrong}, tmp_path)
-    assert "off by 10.0 % in the mean" in bad[1]
-    assert float(rows[0]["difference_points"]) == pytest.approx(10.0)
-    assert "1 never moved" in bad[1]
-    assert "stuck" in body
-
-
 def choice(joint: int, **changes: float) -> Chosen:
     printed = next(r for r in thesis_table("4.9") if r["joint"] == joint)
     values = {
@@ -130,31 +110,6 @@ def choice(joint: int, **changes: float) -> Chosen:
         "final_nm": abs(printed["tau_final_Nm"]),
     }
     return Chosen(reason="the largest", **{**values, **changes})
-
-
-def test_chosen_settings_count_what_is_the_same():
-    same = {j: choice(j) for j in range(1, 8)}
-    table = compare_choices(same)
-    assert table.numbers[0] == "7 of 7 frequencies, 7 scales, 7 amplitudes"
-    assert {row["difference_final_Nm"] for row in table.rows} == {0.0}
-    assert table.rows[0]["simulated_tau_intermediate_Nm"] == pytest.approx(0.5711)
-    other = {**same, 4: choice(4, frequency_hz=15.0, final_nm=1.0)}
-    assert compare_choices(other).numbers[0] == "6 of 7 frequencies, 7 scales, 6 amplitudes"
-
-
-def test_choices_follow_the_rules():
-    """A tenth of the amplitude, whatever the frequency: the first frequency, the largest scale."""
-    base = {key[0]: Job(key[0]) for key in grid()}
-    of = thesis_base("panda")
-    measured: dict[Job, Measurement] = {}
-    for job in [*base.values(), *grid().values()]:
-        c = job.configuration
-        tau = of.get(c.joint, c.load, c.direction) - 0.1 * c.sign * job.amplitude_nm
-        measured[job] = measurement(job, tau)
-    found = [choose(j, measured) for j in range(1, 8)]
-    assert {(c.frequency_hz, c.scale) for c in found} == {(80.0, 1.2)}
-    assert found[6].final_nm == pytest.approx(1.2 * 0.6701)
-    assert found[1].final_nm < 3.0  # the thesis dropped 3.7584 by hand
 
 
 # ---- ramps ---------------------------------------------------------------------------------------
@@ -300,22 +255,6 @@ def test_sums_as_printed_have_all_signs_right(found, tmp_path):
         for ours, theirs in (("simulated_no_dither", "mean_error_no_dither"),):
             assert float(row[ours]) == pytest.approx(float(row[theirs]))
     assert list(rows[0])[:11] == list(thesis_table("4.11")[0])
-
-
-def test_wrong_signs_wrong_sizes_and_noise_are_seen(found):
-    sums = window_sums(list(found["gte"].values()))
-    swapped = dataclasses.replace(sums, simulated=sums.simulated[::-1])
-    assert compare_sums(swapped)[0].startswith("0 of 24 signs")
-    twice = dataclasses.replace(sums, simulated=2 * sums.simulated)
-    assert compare_sums(twice)[0].endswith("a factor of 2.0")
-    # standard error of the change: 0.5 / 5 = 0.1 for 25 iterations
-    std, before = np.tile([[0.3], [0.4]], 24), np.full(24, 5.0)
-    noisy = dataclasses.replace(sums, std=std, iterations=25)
-    for gap, clear in ((0.19, False), (0.21, True)):
-        apart = dataclasses.replace(noisy, simulated=np.stack([before, before + gap]))
-        assert apart.clear.tolist() == [clear] * 24
-    one = dataclasses.replace(sums, std=np.full((2, 24), np.nan), iterations=1)
-    assert not one.clear.any()
 
 
 def test_paths_and_errors_say_where_dither_helps(found):

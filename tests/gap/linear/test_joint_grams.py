@@ -57,15 +57,6 @@ def test_the_fit_is_weighted_least_squares_with_multiplicities_of_blocks() -> No
             assert np.allclose(grams.fit(FREE, often), expected, atol=1e-6)
 
 
-def test_rows_between_blocks_count_for_nothing() -> None:
-    block = BLOCK.copy()
-    block[250:350] = -1
-    r = R.copy()
-    r[250:350] = 1e6
-    c = JointGrams([Gram.of(X, r, block, W, 6)]).fit(FREE)
-    assert np.allclose(c, [1.0, -2.0, 0.5], atol=0.05)
-
-
 def test_bounded_fits_are_those_of_a_general_solver() -> None:
     """The active set against scipy's bounded least squares, on many random problems."""
     rng = np.random.default_rng(3)

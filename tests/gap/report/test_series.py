@@ -85,14 +85,3 @@ def test_logs_without_dates_follow_one_another() -> None:
     t, log = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), np.array([0, 0, 0, 1, 1, 1])
     time = common_time(t, log, [_log(), _log()])
     np.testing.assert_allclose(time, [0, 1, 2, 2 + PAUSE, 3 + PAUSE, 4 + PAUSE])
-
-
-def test_dates_and_a_clock_that_runs_on_are_kept() -> None:
-    t, log = np.array([0.0, 1.0, 0.0, 1.0]), np.array([0, 0, 1, 1])
-    time = common_time(t, log, [_log(date=1000.0), _log(date=1060.0)])
-    np.testing.assert_allclose(time, [0, 1, 60, 61])
-    time = common_time(np.array([0.0, 1.0, 5.0, 6.0]), log, [_log(), _log()])
-    np.testing.assert_allclose(time, [0, 1, 5, 6])
-    # one date alone says nothing
-    time = common_time(t, log, [_log(date=1000.0), _log()])
-    np.testing.assert_allclose(time, [0, 1, 2, 3])

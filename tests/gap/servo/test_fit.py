@@ -24,14 +24,3 @@ def test_a_fit_recovers_what_made_a_log() -> None:
     assert np.sqrt(np.mean(found.error**2)) < 2e-4
     for name, off in (("damping", 0.03), ("stiction", 0.01), ("delay", 2e-3), ("armature", 0.01)):
         assert found.parameters[INDEX[name]] == pytest.approx(truth[INDEX[name]], abs=off)
-
-
-def test_parameters_stay_within_their_bounds_and_others_as_they_are() -> None:
-    command = _commands()
-    log = motion(command, q=motion(command).simulate(parameters(damping=0.5)[None])[0])
-    start = parameters(damping=2.0, stiction=0.3, load=0.2)
-    found = fit(log, start, ("stiction", "damping"), iterations=30)
-    assert found.parameters[INDEX["stiction"]] >= 0.0
-    assert found.parameters[INDEX["stiction"]] < 0.02
-    changed = found.parameters != start
-    assert set(np.flatnonzero(changed)) <= {INDEX["stiction"], INDEX["damping"]}

@@ -197,18 +197,6 @@ def test_segments_too_short_for_the_filter_are_left_out() -> None:
         prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=0.1)
 
 
-def test_logs_of_different_rates_come_out_at_the_slower_one() -> None:
-    fast, slow = noisy(1e-6, 0.01, seconds=20), noisy(1e-6, 0.01, seconds=20, rate=400)
-    signals = prepare([fast, slow], cutoff_hz=8.0)
-    assert signals.dt == pytest.approx(2.5e-3)
-    for segment in signals.segments:
-        assert np.allclose(np.diff(segment.t), 2.5e-3)
-        q, dq, ddq, _ = Motion().at(segment.t)
-        assert np.abs(segment.q - q).max() < 1e-5
-        assert np.abs(segment.dq - dq).max() < 1e-3
-        assert np.abs(segment.ddq - ddq)[100:-100].max() < 0.03
-
-
 def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
     log = noisy(1e-5, 0.05)
     full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=20.0, most_samples=4000)

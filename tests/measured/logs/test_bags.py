@@ -12,8 +12,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.formats import base
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 from stiction_envs.measured.logs.reader import JointLog, read_logs
@@ -350,16 +348,6 @@ def test_names_mean_nothing_to_a_csv(tmp_path: Path) -> None:
     path.write_text("t,q1\n0,0\n")
     with pytest.raises(StictionError, match=r"^topic: the joints of .*log\.csv have numbers"):
         read(path, topic="/joint_states")
-
-
-def test_joints_are_counted_without_a_robot(tmp_path: Path) -> None:
-    messages = merged(joint_states(VALUES), fingers(VALUES))
-    path = write_bag(tmp_path / "log", "folder", messages)
-    assert count_joints(path) == 7
-    found = check(path, joints=PANDA)
-    assert found.defects == ()
-    assert any("tau is effort" in x.message for x in found.findings)
-    assert len(found.provenance["inputs"]["file1"]["sha256"]) == 64
 
 
 def test_series_with_a_gap_are_none() -> None:

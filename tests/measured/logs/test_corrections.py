@@ -9,7 +9,6 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-from stiction_envs.robots import load_arm
 
 RATE = 1000.0
 N = 3
@@ -74,16 +73,6 @@ def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
     assert corrected(found) == {"repeat": 300}
     assert np.array_equal(found.q, truth["q"])
     assert np.allclose(found.t, truth["t"], atol=1e-12)
-
-
-def test_a_slow_robot_in_a_fast_log(tmp_path: Path) -> None:
-    """A 200 Hz robot logged at 1 kHz: four rows of five repeat."""
-    truth = sway()
-    rows = np.arange(10_000) // 5 * 5
-    found = read(tmp_path, rows_of(truth, rows) | {"t": truth["t"]})
-    assert corrected(found) == {"repeat": 8000}
-    assert np.array_equal(found.q, truth["q"][::5])
-    assert found.step == pytest.approx(5e-3)
 
 
 def test_a_robot_at_rest_may_repeat_itself(tmp_path: Path) -> None:
@@ -312,15 +301,3 @@ def test_coarse_torques_are_not_saturated(tmp_path: Path) -> None:
     log = sway()
     log["tau"] = np.round(log["tau"] / 0.2) * 0.2
     assert read(tmp_path, log).warnings == ()
-
-
-def test_values_beyond_the_limits_are_warned_of(tmp_path: Path) -> None:
-    limits = load_arm("panda").limits
-    rng = np.random.default_rng(0)
-    t = np.arange(2000) / RATE
-    q = np.sin(2 * t)[:, None] + np.zeros(7)
-    tau = 8 * q + 0.05 * rng.normal(size=q.shape)
-    np.savez(tmp_path / "log.npz", t=t, q=q, tau=tau)
-    (log,) = read_logs([tmp_path / "log.npz"], 7, limits=limits)
-    assert [w[:2] for w in log.warnings] == ["q4", "q6"]
-    assert "beyond the joint's limits" in log.warnings[0]

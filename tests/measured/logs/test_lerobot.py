@@ -155,16 +155,6 @@ def test_joints_by_the_names_of_the_robot(tmp_path: Path) -> None:
         read(path, topic="/a")
 
 
-def test_without_actions_or_torques(tmp_path: Path) -> None:
-    path = write_dataset(tmp_path / "set", COMMAND, None)
-    with pytest.raises(StictionError, match="neither torques nor commanded positions"):
-        drive_of(path)
-    with pytest.raises(StictionError, match="no action: expected it for drive position"):
-        read(path)
-    with pytest.raises(StictionError, match=r"no NAME\.torque in observation.state"):
-        read_logs([dataset(tmp_path / "other", True)], N)
-
-
 def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
     path = dataset(tmp_path / "set", False)
     before = sha256(path)

@@ -97,28 +97,6 @@ def test_commands_of_a_controller_hold_until_the_next(tmp_path: Path, side: str)
     assert len(servo(late).t) == len(VALUES) - 1
 
 
-def test_commands_as_joint_states(tmp_path: Path) -> None:
-    rows = joint_states()
-    for row, told in zip(rows.values(), joint_states("/joint_commands").values(), strict=True):
-        row |= {k: v + 0.01 for k, v in told.items() if k.endswith("position")}
-        for name in [k for k in row if k.endswith("effort")]:
-            del row[name]
-    path = write(tmp_path / "log.csv", rows)
-    assert drive_of(path) == "position"
-    log = servo(path)
-    assert log.q_cmd - log.q == pytest.approx(np.full(log.q.shape, 0.01), abs=1e-7)
-    assert log.tau is None
-
-
-def test_a_controller_alone(tmp_path: Path) -> None:
-    rows = commands(0.0, "/c/state/desired/positions")
-    for t, row in commands(0.0, "/c/state/actual/positions").items():
-        rows[t] |= {k: v - 0.01 for k, v in row.items()}
-    path = write(tmp_path / "log.csv", rows)
-    assert drive_of(path) == "position"
-    assert servo(path).q == pytest.approx(VALUES[::2, 1:8] - 0.01, abs=1e-7)
-
-
 def test_several_topics(tmp_path: Path) -> None:
     rows = joint_states()
     for row, other in zip(rows.values(), joint_states("/other").values(), strict=True):
