@@ -29,7 +29,7 @@ SERVOS = {
     "stiffness": (11.3, 12.5, 11.0, 10.0, 11.3, 11.3),
     "damping": (0.62, 1.1, 0.5, 0.57, 0.51, 0.9),
     "stiction": (0.1, 0.05, 0.4, 0.15, 0.13, 0.1),
-    "load": (0.0, 0.5, 0.0, 0.0, 0.0, 0.0),
+    "load": (0.0, 0.4, 0.0, 0.0, 0.0, 0.0),
 }
 """Parameters of the servos by joint (`gap.servo.parameters`), assumed: about those found of a real
 arm (``benchmarks/servo/servo_friction.md``)."""
