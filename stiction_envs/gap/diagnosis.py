@@ -19,6 +19,7 @@ from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, regis
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.estimates import draw, estimates, sharpen
+from stiction_envs.gap.judge.judgement import Judgement, NamedCause
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.noise_left import noise_left
@@ -40,7 +41,6 @@ from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import signs
 from stiction_envs.gap.verdict import (
-    NamedCause,
     described,
     evidence,
     percent_gained,
@@ -57,14 +57,9 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Diagnosis:
+class Diagnosis(Judgement):
     """The result, and the data behind it."""
 
-    robot: str
-    verdict: str
-    causes: tuple[NamedCause, ...]
-    minor: tuple[NamedCause, ...] = ()
-    """Causes that improve the fit a little; alone they are not reliable."""
     nominal_rms: Array
     """(n,) held-out error of the nominal model [N·m]."""
     extended_rms: Array
@@ -128,11 +123,7 @@ class Diagnosis:
             "extended": {"rms_nm": self.extended_rms.tolist(), "held_out": True},
             "noise_floor_nm": self.noise.tolist(),
             "gain_percent": self.gain_percent,
-            "causes": [c.to_json() for c in self.causes],
-            "minor": [
-                {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
-                for c in self.minor
-            ],
+            **self.judged_json(),
             **({} if self.links is None else {"links": self.links.to_json()}),
             "record_next": list(self.what_to_record),
             "notes": [*self.notes, *_log_notes(self.logs)],

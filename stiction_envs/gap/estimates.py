@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.linear.bounded_fit import solve
 from stiction_envs.gap.linear.grams import Gram
 from stiction_envs.gap.linear.joint_grams import JointGrams
@@ -27,16 +26,6 @@ RESIZED_REACH = 0.15
 """Size of the later changes of a parameter's logarithm [-]; assumed."""
 TANGENT = 0.1
 """Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Estimate:
-    """One parameter of a cause on one joint, or of the arm."""
-
-    value: float | list[float]
-    ci95: Any
-    """[low, high], or one such pair per number."""
-    on_bound: bool
 
 
 def sharpen(library: RegressorLibrary, terms: list[Candidate]) -> list[Candidate]:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
 from stiction_envs.gap.selection.confusion import other_links
 from stiction_envs.gap.selection.gain import is_implausible
-from stiction_envs.reporting.json_text import plain
 
 Array = NDArray[np.float64]
 STRUCTURE_FROM = 2.0
@@ -21,46 +19,6 @@ STRUCTURE_FROM = 2.0
 STRUCTURE = 0.5
 """Part of the squared error that one more cause may take before the rest has structure in speed,
 angle, load or time [-]; assumed."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class NamedCause:
-    """One significant cause, of logs or torque tables."""
-
-    name: str
-    joints: tuple[int, ...]
-    """The joints (from 1) where it is significant; all joints for causes of the whole arm."""
-    gain_percent: float
-    """Loss of agreement when this cause alone is removed [%]."""
-    parameters: dict[int, dict[str, Estimate]]
-    """By joint (from 1); 0 for the whole arm."""
-    evidence: str
-    confused_with: tuple[str, ...]
-    told_apart_by: dict[str, str] | None = None
-    """The measurement that tells it from each of `confused_with`; None where `what_to_record` of
-    both does."""
-
-    def to_json(self) -> dict[str, object]:
-        """Return an entry of ``causes``.
-
-        Parameters are those of the arm or of the strongest joint, then those of every joint.
-        """
-        by_joint = {
-            str(j): {k: plain(asdict(e)) for k, e in found.items()}
-            for j, found in self.parameters.items()
-        }
-        parameters: dict[str, object] = dict(next(iter(by_joint.values())))
-        if len(by_joint) > 1:
-            parameters["by_joint"] = by_joint
-        return {
-            "name": self.name,
-            "joints": list(self.joints),
-            "gain_percent": self.gain_percent,
-            "parameters": parameters,
-            "evidence": self.evidence,
-            "confused_with": list(self.confused_with),
-            **({} if self.told_apart_by is None else {"told_apart_by": self.told_apart_by}),
-        }
 
 
 def percent_gained(nominal: Array, extended: Array) -> float:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose_logs, model_of
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import with_causes
 from stiction_envs.hidden.hidden_logs import Case, make_case
 from tests.gap.small_logs import hidden, panda, sliding

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stiction_envs.gap.diagnosis import Diagnosis, NamedCause, diagnose_logs
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.hidden.hidden_motions import MOTIONS
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import load_arm

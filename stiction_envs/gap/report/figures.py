@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.signal import welch
 
 from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.report.result import Picture
 from stiction_envs.gap.selection.candidates import ARM
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import cause_named, parameter_units
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate, NamedCause
 from stiction_envs.gap.links import LinkErrors
 from stiction_envs.gap.report.figures import JointPictures, draw_cause
 from stiction_envs.gap.report.result import PLOTS, Picture, where
@@ -21,7 +21,6 @@ from stiction_envs.gap.validation import check as checks
 from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import REPLAY, SECONDS, ForwardValidation
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
 

@@ -13,10 +13,10 @@ from typing import ClassVar
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.report.series import Series
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.tables.found import TableDiagnosis
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord, plain, write_json

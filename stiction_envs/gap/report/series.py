@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.robots import Arm
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.fit import AGAIN, LAST, LESS, ROUGH, Fit, fit
 from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
@@ -48,7 +49,6 @@ from stiction_envs.gap.servo.whole_arm import (
     touching,
 )
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -57,16 +57,13 @@ Rows = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ServoDiagnosis:
+class ServoDiagnosis(Judgement):
     """What servo logs show about a simulation."""
 
-    robot: str
     servo: Servo
     """What was known of the servos."""
     payload: Tip | None
     """A body at the flange that was found."""
-    verdict: str
-    causes: tuple[NamedCause, ...]
     nominal_rms: Array
     """(n,) error of the nominal simulation [rad]."""
     extended_rms: Array
@@ -86,7 +83,6 @@ class ServoDiagnosis:
     """Per log, the stretches that were left out [s]."""
     notes: tuple[str, ...]
     check: ServoCheck | None = None
-    minor: tuple[NamedCause, ...] = ()
 
     @property
     def gain_percent(self) -> float:
@@ -104,11 +100,7 @@ class ServoDiagnosis:
             "extended": {"rms_rad": self.extended_rms.tolist(), "held_out": True},
             "noise_floor_rad": self.noise.tolist(),
             "gain_percent": self.gain_percent,
-            "minor": [
-                {"name": c.name, "joints": list(c.joints), "gain_percent": c.gain_percent}
-                for c in self.minor
-            ],
-            "causes": [c.to_json() for c in self.causes],
+            **self.judged_json(),
             "servo": {key: x.tolist() for key, x in reported_columns(self.parameters).items()},
             "notes": list(self.notes),
         }

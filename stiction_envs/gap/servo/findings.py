@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate, NamedCause
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.choose import JointCauses
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
@@ -15,7 +15,6 @@ from stiction_envs.gap.servo.payload import Tip
 from stiction_envs.gap.servo.settings import ServoPayloadSettings
 from stiction_envs.gap.servo.spread import EXTRA_STICTION, SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
-from stiction_envs.gap.verdict import NamedCause
 
 Array = NDArray[np.float64]
 EVIDENCE = {

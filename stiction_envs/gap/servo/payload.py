@@ -18,7 +18,7 @@ from scipy.stats import t as student
 from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.choose import JointCauses, count_named, criterion
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.fit import Fit, derivatives
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS, STEP

@@ -8,8 +8,8 @@ import numpy as np
 
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.tables.causes import cause_named
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.reporting.markdown import joints
 from stiction_envs.robots import Arm
 

@@ -9,23 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate, Judgement
 from stiction_envs.gap.tables.model import Fit
 from stiction_envs.gap.tables.readings import TableData
-from stiction_envs.gap.verdict import NamedCause
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TableDiagnosis:
+class TableDiagnosis(Judgement):
     """What the tables show about the simulation."""
 
-    robot: str
-    verdict: str
-    """``explained``, ``partly explained``, ``no discrepancy`` or ``cannot tell``."""
-    causes: tuple[NamedCause, ...] = ()
-    """Strongest first."""
     joints: tuple[int, ...]
     """The joints with dithered torques in the tables."""
     nominal: Array
@@ -55,7 +49,7 @@ class TableDiagnosis:
             "extended": {"error_percent": by_joint(self.extended), "held_out": True},
             "noise_floor_percent": by_joint(self.noise_floor),
             "gain_percent": self.gain_percent,
-            "causes": [cause.to_json() for cause in self.causes],
+            **self.judged_json(),
         }
 
 

@@ -9,9 +9,8 @@ import pytest
 
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate, NamedCause
 from stiction_envs.gap.tables.extended import extended_friction
-from stiction_envs.gap.verdict import NamedCause
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.tables.readings import Comparison, TableData
 from stiction_envs.gap.tables.whole_arm import Quantity
 from stiction_envs.reporting.markdown import joints

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.estimates import Estimate
+from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.tables.causes.base import Array, Hypothesis, Index, Wheres, only
 from stiction_envs.gap.tables.causes.torque_offset import TorqueOffset
 from stiction_envs.gap.tables.readings import TableData

@@ -1,0 +1,1 @@
+"""The judge: one model of the error, one evidence, one search for causes."""
