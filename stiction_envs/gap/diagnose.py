@@ -32,7 +32,7 @@ from stiction_envs.gap.servo_logs import (
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.from_files import read_tables
-from stiction_envs.gap.validation.check import check_logs, check_model
+from stiction_envs.gap.validation.check import check_model, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import Naming
@@ -228,26 +228,23 @@ def _diagnose_joint_logs(
     others = _read(options.check, (), arm, naming, settings.motion)
     side = torque_side(options.torque, [*logs, *others])
     identity = options.identify(arm, side, settings)
-    cutoff, lag = options.cutoff_hz, judged.torque_lag
-    to_check = (
-        check_logs(others, logs, arm, settings, cutoff_hz=cutoff, lag=lag) if others else None
-    )
+    refuse_unfit(others, logs, arm, settings)
     found = diagnose_logs(
         logs,
         arm,
         nominal=judged,
         torque=side,
-        cutoff_hz=cutoff,
+        cutoff_hz=options.cutoff_hz,
         seed=options.seed,
         progress=options.progress,
         settings=settings,
     )
-    if to_check is not None and options.progress is not None:
+    if others and options.progress is not None:
         options.progress("check", 0.0)
     return LogDiagnosis(
         diagnosis=found,
         torque=side,
-        check=None if to_check is None else check_model(found, *to_check),
+        check=check_model(found, others) if others else None,
         **identity,
     )
 

@@ -13,7 +13,7 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation.check import check_logs, check_model, describe
+from stiction_envs.gap.validation.check import check_model, describe, refuse_unfit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import override
 from stiction_envs.robots import Arm, load_arm
@@ -40,7 +40,7 @@ def sprung(two) -> Diagnosis:
 
 
 def held(d: Diagnosis, *logs: JointLog):
-    return check_model(d, *check_logs(logs, d.logs, d.data.arm, d.settings))
+    return check_model(d, logs)
 
 
 def test_a_right_model_holds_down_to_the_noise(two, friction):
@@ -76,6 +76,7 @@ def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
         "verdict": "does not hold",
         "worse_joints": [1],
         "not_transferring": ["external_spring"],
+        "cutoff_hz": sprung.data.cutoff,
     }
 
 
@@ -84,8 +85,9 @@ def test_diagnose_holds_its_model_against_logs_that_took_no_part(two, tmp_path):
     log, other = hidden(two, dry, seconds=8.0), hidden(two, dry, seed=7, seconds=8.0)
     write_csv(tmp_path / "other.csv", other)
     third = replace(hidden(two, dry, seed=8, seconds=8.0), source="third")
-    found = st.diagnose(log, two, check=[tmp_path / "other.csv", third], cutoff_hz=7.0)
-    assert found.check.data.cutoff == 7.0
+    found = st.diagnose(log, two, check=[tmp_path / "other.csv", third])
+    assert found.check.data.cutoff == found.diagnosis.data.cutoff
+    assert f"cutoff {found.check.data.cutoff:.3g} Hz" in found.check.notes[0]
     assert found.check.verdict == "holds"
     assert [x.source for x in found.check.logs] == [str(tmp_path / "other.csv"), "third"]
     assert "On logs that took no part the model holds" in found.summary
@@ -196,7 +198,7 @@ def test_logs_that_cannot_check_are_refused_in_one_line(two, change, says):
         diagnosed if says == "it is diagnosed too" else change(replace(made, source="other.csv"))
     )
     with pytest.raises(StictionError) as error:
-        check_logs([given], [diagnosed], two, OWN)
+        refuse_unfit([given], [diagnosed], two, OWN)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -206,10 +208,10 @@ def test_a_log_of_another_robot_is_refused():
     arm = panda()
     own, other = hidden(arm, seconds=3.0), bent(hidden(arm, seconds=3.0, seed=2), "b")
     with pytest.raises(StictionError, match=r"check log b: joint 4 .* expected a log of panda"):
-        check_logs([other], [own], arm, OWN)
+        refuse_unfit([other], [own], arm, OWN)
     # limits that the diagnosed logs leave too are the model's fault
     again = bent(hidden(arm, seconds=3.0, seed=3), "c")
-    assert len(check_logs([other], [again], arm, OWN)[0]) == 1
+    refuse_unfit([other], [again], arm, OWN)
 
 
 def bent(log: JointLog, source: str) -> JointLog:

@@ -155,7 +155,7 @@ def log_page(
         "about_logs": [
             *_about(d.logs),
             *_about(check.logs if check else (), " (check)"),
-            *dict.fromkeys(d.notes),
+            *dict.fromkeys((*d.notes, *(check.notes if check else ()))),
         ],
     }
 

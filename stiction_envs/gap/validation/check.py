@@ -1,11 +1,11 @@
 """Test the model of a diagnosis on logs that took no part in it.
 
-    logs = check_logs(["other.csv"], read, arm, settings)  # refuses bad input
-    check = check_model(diagnosis, *logs)
+    refuse_unfit(logs, diagnosed, arm, settings)
+    check = check_model(diagnosis, logs)
 
 Nothing is fitted here. The check logs go through the same reader, corrections and preparation as
-the diagnosed ones. Both models then predict their torque, for the same arm, side of the gear and
-baseline.
+the diagnosed ones, with the cutoff of these: the extended model was fitted below it. Both models
+then predict their torque, for the same arm, side of the gear and baseline.
 
 A joint is **worse** where the extended model's error exceeds the nominal model's by more than
 `WORSE` of it and the added error, √(extended² − nominal²), exceeds the noise floor. The model
@@ -43,7 +43,7 @@ from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions
-from stiction_envs.gap.signals.torque_lag import Lag, correct_torques
+from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import inverted, signs
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.timing import LEAST_SECONDS
@@ -101,6 +101,8 @@ class Check:
     """From 1."""
     transfers: tuple[Transfer, ...]
     """One per cause of the model, in its order."""
+    notes: tuple[str, ...]
+    """How the signals of the logs were computed."""
 
     @property
     def verdict(self) -> str:
@@ -120,22 +122,14 @@ class Check:
             "verdict": self.verdict,
             "worse_joints": list(self.worse_joints),
             "not_transferring": list(self.not_transferring),
+            "cutoff_hz": self.data.cutoff,
         }
 
 
-def check_logs(
-    logs: Sequence[JointLog],
-    diagnosed: Sequence[JointLog],
-    arm: Arm,
-    settings: GapSettings,
-    *,
-    cutoff_hz: float | None = None,
-    lag: Lag | None = None,
-) -> tuple[list[JointLog], Signals]:
-    """Return logs to check with, corrected, and their signals.
-
-    ``cutoff_hz`` None chooses the filter's bandwidth from the check logs, whose motion may be
-    faster than that of the diagnosed ones. ``lag`` is what is known of the torques' lag.
+def refuse_unfit(
+    logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: Arm, settings: GapSettings
+) -> None:
+    """Refuse logs that cannot check a model of ``diagnosed`` ones.
 
     Raises:
         StictionError: logs of another robot, without a joint that moves in both, too short, poses,
@@ -163,8 +157,6 @@ def check_logs(
                 f"{where}: {has} moves more than {span:g} rad in it, {took} in the diagnosed logs: "
                 "expected one or more that move in both"
             )
-    make = partial(prepare, cutoff_hz=cutoff_hz, settings=settings)
-    return correct_torques(logs, arm, make, settings, known_lag=lag)
 
 
 def _reach(logs: Sequence[JointLog]) -> Array:
@@ -188,9 +180,16 @@ def _check_limits(where: str, reach: Array, diagnosed: Array, arm: Arm, span: fl
         )
 
 
-def check_model(d: Diagnosis, logs: list[JointLog], signals: Signals) -> Check:
-    """Try both models of a diagnosis on logs that took no part, as `check_logs` returns them."""
+def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
+    """Try both models of a diagnosis on logs that took no part.
+
+    Raises:
+        StictionError: no segment is long enough for the cutoff of the diagnosis.
+    """
     (arm, settings), found = (d.data.arm, d.settings), model_of(d)
+    cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
+    make = partial(prepare, cutoff_hz=cutoff, settings=settings)
+    logs, signals = correct_torques(logs, arm, make, settings, known_lag=found.torque_lag)
     logs, signals = _same_sign(d, logs, signals)
     signals = replace(signals, sessions=sessions(logs, found.sessions))
     torque, friction = d.data.recording.torque, d.baseline.friction
@@ -211,6 +210,7 @@ def check_model(d: Diagnosis, logs: list[JointLog], signals: Signals) -> Check:
         noise=noise,
         worse_joints=tuple(int(j) + 1 for j in np.flatnonzero(worse)),
         transfers=_transfers(base, found, d.baseline, extended, weight),
+        notes=(f"logs that took no part: cutoff {signals.cutoff_hz:.3g} Hz", *signals.notes),
     )
 
 
