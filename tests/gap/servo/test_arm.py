@@ -5,13 +5,16 @@ import mujoco
 import numpy as np
 import pytest
 
+from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.friction.model import link_inertia, mass_matrix
+from stiction_envs.gap.servo.arm import friction_of, simulate_arm
 from stiction_envs.gap.servo.model import read_servo, servo_mjcf, servo_toml
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.measured.logs.robot_log import ServoLog
-from tests.gap.servo.small_arm import two_links
+from stiction_envs.robots import load_arm
+from tests.gap.servo.small_arm import parameters, two_links
 from tests.servo_arm import LOAD, joint_parameters
 
 
@@ -123,3 +126,19 @@ def test_a_bad_table_of_servos_is_one_line(tmp_path: Path, text: str, said: str)
     assert said in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_bristle_holds_still_where_its_joint_moves_least_inertia() -> None:
+    """Joint 2 of an SO-101 moves 0.016 kg·m² at rest, and a tenth where other joints give way."""
+    arm = load_arm(robot_file("so101"))
+    p = np.stack([parameters(stiction=1.0, stiffness=12.0)] * arm.n)
+    friction = friction_of(arm, p, np.zeros(arm.n))
+    low, high = arm.limits.position.T
+    q = np.random.default_rng(5).uniform(low, high, size=(100, arm.n))
+    moved = np.linalg.inv(mass_matrix(arm, q) + np.diag(friction.rotor_inertia))
+    free = 1.0 / np.diagonal(moved, axis1=1, axis2=2).max(axis=0)
+    step = 1e-3
+    assert (friction.bristle_stiffness <= 0.12 * free / step**2).all()
+    at_rest = friction.rotor_inertia + link_inertia(arm, arm.rest[None])[0]
+    damping = friction.bristle_damping_ratio * 2 * np.sqrt(friction.bristle_stiffness * at_rest)
+    assert (damping <= 0.6 * free / step).all()
