@@ -28,7 +28,7 @@ PICTURES = {
         "log_payload.png": "runs/why/plots/cause_payload.png",
     },
     "policies": {"policies.png": "frame.png"},
-    "so101": {"so101.png": "runs/so101/plots/joint3.png"},
+    "so101": {"so101.png": "runs/so101/plots/joint_3.png"},
 }
 """Of each way in: its pictures, and the file of the page's run that each one is."""
 STICTION = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"

@@ -37,6 +37,9 @@ class LinkErrors:
     """(10 n, 10 n) of the links' parameters, what was named of them included."""
     links: Array
     """(n, 10) parameters of the nominal links."""
+    prior: Array
+    """(10 n, 10 n) covariance of the links' parameters before the logs: CAD's, or an earlier
+    diagnosis's."""
 
     @property
     def factor(self) -> Array:
@@ -46,22 +49,34 @@ class LinkErrors:
     @property
     def mass(self) -> Array:
         """(n, 2) mass that is added and its 95 % half width [kg]."""
-        spread = np.sqrt(np.diag(self.covariance).reshape(-1, 10)[:, 0])
-        return np.stack([self.changes[:, 0], WIDTH * spread], axis=1)
+        return np.stack([self.changes[:, 0], WIDTH * self._deviations(self.covariance)[0]], axis=1)
 
     @property
     def centre(self) -> Array:
         """(n, 3, 2) shift of the centre of mass and its 95 % half width [m]."""
         mass, moment = self.links[:, 0, None], self.links[:, 1:4]
         after = (moment + self.changes[:, 1:4]) / (mass + self.changes[:, :1])
+        width = WIDTH * self._deviations(self.covariance)[1]
+        return np.stack([after - moment / mass, width], axis=2)
+
+    @property
+    def distance(self) -> Array:
+        """(n,) largest change of a link's mass or centre, in its prior's standard deviations."""
+        mass, centre = self._deviations(self.prior)
+        off = np.concatenate([self.mass[:, :1], self.centre[:, :, 0]], axis=1)
+        usual = np.concatenate([mass[:, None], centre], axis=1)
+        return np.asarray(np.max(np.abs(off) / np.maximum(usual, 1e-12), axis=1))
+
+    def _deviations(self, covariance: Array) -> tuple[Array, Array]:
+        """Return (n,) standard deviations of masses [kg] and (n, 3) of centres [m]."""
+        mass, moment = self.links[:, 0, None], self.links[:, 1:4]
         # to first order, d(h/m) = (dh − c dm)/m
         slope = np.zeros((len(mass), 3, 10))
         slope[:, :, 0] = -moment / mass**2
         slope[:, range(3), range(1, 4)] = 1 / mass
         n = len(mass)
-        own = self.covariance.reshape(n, 10, n, 10)[range(n), :, range(n)]
-        variance = np.einsum("nia,nab,nib->ni", slope, own, slope)
-        return np.stack([after - moment / mass, WIDTH * np.sqrt(variance)], axis=2)
+        own = covariance.reshape(n, 10, n, 10)[range(n), :, range(n)]
+        return np.sqrt(own[:, 0, 0]), np.sqrt(np.einsum("nia,nab,nib->ni", slope, own, slope))
 
     def to_json(self) -> list[dict[str, object]]:
         """Return ``links`` of ``diagnosis.json``."""
@@ -74,8 +89,15 @@ class LinkErrors:
             }
 
         return [
-            {"link": k + 1, "mass_kg": estimate(mass), "com_m": estimate(centre)}
-            for k, (mass, centre) in enumerate(zip(self.mass, self.centre, strict=True))
+            {
+                "link": k,
+                "mass_kg": estimate(mass),
+                "com_m": estimate(centre),
+                "prior_sd": float(far),
+            }
+            for k, mass, centre, far in zip(
+                range(1, len(self.mass) + 1), self.mass, self.centre, self.distance, strict=True
+            )
         ]
 
 
@@ -102,6 +124,7 @@ def link_errors(
     data = library.data
     links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
+    prior = link_factor(data.recording)
     unseen = _prior(library) - library.scale**2 * basis @ basis.T
     effect = _effect(library, terms)
     shown = effect @ library.grams.covariance(library.model_columns(terms)) @ effect.T
@@ -110,6 +133,7 @@ def link_errors(
         changes=nearest_links(library, c) - links,
         covariance=shown + unseen,
         links=links,
+        prior=prior @ prior.T,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -83,7 +84,7 @@ class NotShown:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Judgement:
+class Judgement(ABC):
     """What a diagnosis of any kind of data says of the simulation."""
 
     robot: str
@@ -97,6 +98,15 @@ class Judgement:
     """What takes how much off the nominal error, ``named``, ``links`` and ``set_up``, and what is
     ``left`` [%]."""
     not_shown: tuple[NotShown, ...] = ()
+
+    @property
+    @abstractmethod
+    def gain_percent(self) -> float:
+        """100 (1 − mean over joints of extended over nominal held-out error) [%]."""
+
+    @abstractmethod
+    def to_json(self) -> dict[str, object]:
+        """Return ``diagnosis.json``."""
 
     def judged_json(self) -> dict[str, object]:
         """Return the part of ``diagnosis.json`` that all kinds of data share."""

@@ -1,32 +1,41 @@
-"""A diagnosis of joint logs, and the files that are written of it."""
+"""A diagnosis of joint logs, and what only its report has."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import Extension, extend
-from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.links import LinkErrors
+from stiction_envs.gap.report.figures import draw_cause, draw_errors
+from stiction_envs.gap.report.page import Errors
+from stiction_envs.gap.report.result import DiagnosisResult, shown
 from stiction_envs.gap.report.series import Series, log_series
 from stiction_envs.gap.validation.check import Check, describe
-from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
+from stiction_envs.gap.validation.forward import (
+    REPLAY,
+    SECONDS,
+    ForwardValidation,
+    validate_forward,
+)
 from stiction_envs.gap.validation.left_out_motion import LeftOutMotion, leave_out_motions
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.json_text import plain
-from stiction_envs.reporting.markdown import joints, short
+from stiction_envs.reporting.markdown import listed, number, short, table_text
+
+FAR = 3.0
+"""Prior standard deviations beyond which an error of a link is no tolerance [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogDiagnosis(DiagnosisResult):
     """What a simulation gets wrong about joint logs."""
 
-    template = "logs.md.j2"
     data = "logs"
     diagnosis: Diagnosis
     """With its signals and fits."""
@@ -36,47 +45,38 @@ class LogDiagnosis(DiagnosisResult):
     """Test of the model on logs that took no part; None without such logs."""
 
     @property
-    def nominal_rms(self) -> NDArray[np.float64]:
-        """(n,) held-out residual of the nominal model [N·m]."""
-        return self.diagnosis.nominal_rms
-
-    @property
-    def extended_rms(self) -> NDArray[np.float64]:
-        """(n,) held-out residual of the extended model [N·m]."""
-        return self.diagnosis.extended_rms
-
-    @property
-    def sentences(self) -> str:
-        """The verdict in two sentences."""
-        d = self.diagnosis
-        before, after = d.nominal_rms, d.extended_rms
-        if d.causes:
-            means = f"{short(before.mean())} to {short(after.mean())} N·m in the mean of the joints"
-            return self.headline(f", from {means}")
-        if d.links is not None and self.verdict == "explained":
-            return (
-                "Small errors of all links explain what the simulation gets wrong, from "
-                f"{short(before.mean())} to {short(after.mean())} N·m in the mean of the joints; "
-                "no cause stands out of them."
-            )
-        close = d.settings.verdict.close
-        above = [j + 1 for j in range(d.data.n) if before[j] > close * d.noise[j]]
-        which = f"{joints(above)} above {close:g} times it" if above else "no joint far above it"
-        return (
-            f"{self.headline()} Held-out residuals of the {self.nominal_name} model are "
-            f"{short(before.min())} to {short(before.max())} N·m, noise floors "
-            f"{short(d.noise.min())} to {short(d.noise.max())} N·m, {which}."
+    def errors(self) -> Errors:
+        """Held-out residual, of the check logs, and of motions left out [N·m]."""
+        d, more = self.diagnosis, {}
+        if self.check is not None:
+            more["check, nominal"] = self.check.nominal_rms
+            more["check, extended"] = self.check.extended_rms
+        if self.left_out_motion is not None:
+            more["extended, motions left out"] = self.left_out_motion.extended_rms
+        return Errors(
+            what="Root mean square of measured less modelled torque, on blocks of time that were "
+            "not fitted",
+            unit="N·m",
+            joints=tuple(range(1, len(d.noise) + 1)),
+            nominal=d.nominal_rms,
+            extended=d.extended_rms,
+            noise=d.noise,
+            more=more,
         )
 
     @property
-    def summary(self) -> str:
-        """The verdict in two sentences, and that of the check logs."""
-        text = self.sentences
-        return text if self.check is None else f"{text} {describe(self.check)}"
+    def headline(self) -> str:
+        """The verdict in sentences, and which links are too far off."""
+        return f"{super().headline} {far_links(self.diagnosis.links)}".rstrip()
+
+    @property
+    def checked(self) -> str:
+        """See `DiagnosisResult.checked`."""
+        return "" if self.check is None else describe(self.check)
 
     @property
     def note(self) -> str:
-        """A note at the top of the report, where friction is assumed."""
+        """See `DiagnosisResult.note`."""
         return friction_note(self.diagnosis.data.arm, self.diagnosis.baseline.friction)
 
     @cached_property
@@ -105,23 +105,49 @@ class LogDiagnosis(DiagnosisResult):
             answer["left_out_motion"] = self.left_out_motion.to_json()
         return dict(plain(answer))
 
-    def validate(self, say: Callable[[str, float], None]) -> None:
-        """Simulate both models."""
-        say("forward validation", 0.0)
-        _ = self.forward
+    def drawn(self, cause: NamedCause, plots: Path) -> str:
+        """See `DiagnosisResult.drawn`."""
+        path = plots / f"cause_{cause.name}.png"
+        return shown(path, draw_cause(self.diagnosis, cause, path))
 
-    def page(self, plots: Path) -> dict[str, object]:
-        """Draw the report's pictures into a folder; return the variables of its template."""
-        from stiction_envs.gap.report.pages import log_page
+    def details(self, plots: Path) -> dict[str, object]:
+        """Return links, forward validation, what does not transfer, and what was corrected."""
+        d, check = self.diagnosis, self.check
+        out: dict[str, object] = {
+            "record": d.what_to_record or ("nothing: every cause could be seen",),
+            "notes": [
+                *_about(d.logs),
+                *_about(check.logs if check else (), " (check)"),
+                *dict.fromkeys((*d.notes, *(check.notes if check else ()))),
+            ],
+            "elsewhere": self._elsewhere(),
+            "forward": f"None: {self.forward}."
+            if isinstance(self.forward, str)
+            else _forward(self.forward, plots / "forward.png"),
+        }
+        if d.links is not None:
+            out["links"] = link_table(d.links)
+            usual = "an earlier diagnosis left in doubt"
+            if d.baseline.links is None:
+                usual = "CAD is usually off by (mass 10 %, centre 15 mm, shape 20 %)"
+            near = f"All are within {FAR:g} standard deviations of what {usual}."
+            out["about_links"] = far_links(d.links) or near
+        return out
 
-        return log_page(
-            self.diagnosis,
-            plots,
-            headline=self.sentences,
-            forward=self.forward,
-            check=self.check,
-            left_out=self.left_out_motion,
-        )
+    def _elsewhere(self) -> list[str]:
+        """Return the causes that do not transfer to check logs or to a motion left out."""
+        out = []
+        for x in self.check.transfers if self.check else ():
+            if x.fails:
+                of = listed(f"joint {j} (share {number(x.share[j - 1], 2)})" for j in x.harmed)
+                out.append(f"**{x.name} does not transfer** to the check logs: {of}")
+        for c in self.left_out_motion.causes if self.left_out_motion else ():
+            if c.verdict == "does not transfer":
+                out.append(
+                    f"**{c.name} of joint {c.joint} does not transfer** between motions: error "
+                    f"{short(c.without_nm)} N·m without it, {short(c.with_nm)} N·m with it"
+                )
+        return out
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""
@@ -131,3 +157,79 @@ class LogDiagnosis(DiagnosisResult):
         """Return seed, side of the torque, and nominal model."""
         seed, side = str(self.provenance["seed"]), f"{self.torque} side"
         return [("seed", seed), ("torque", side), *super().rows()]
+
+
+def far_links(links: LinkErrors | None) -> str:
+    """Return how far the links are off that are beyond any tolerance, a sentence; or nothing."""
+    if links is None or not (links.distance > FAR).any():
+        return ""
+    each = [
+        f"link {k} is off by {short(far, 2)} prior standard deviations"
+        for k, far in enumerate(links.distance, start=1)
+        if far > FAR
+    ]
+    return f"No tolerance: {listed(each)}; a body is wrong there, or what is named is not all."
+
+
+def link_table(links: LinkErrors) -> str:
+    """Return mass and centre that each link has more than the model."""
+    rows = [
+        [
+            f"link {k}",
+            f"{short(mass[0])} ± {short(mass[1])}",
+            *(f"{number(1e3 * x)} ± {1e3 * width:.1f}" for x, width in centre),
+            short(far, 2),
+        ]
+        for k, mass, centre, far in zip(
+            range(1, len(links.mass) + 1), links.mass, links.centre, links.distance, strict=True
+        )
+    ]
+    header = ["", "mass [kg]", "centre x [mm]", "y [mm]", "z [mm]", "off by [prior deviations]"]
+    return table_text(header, rows)
+
+
+def _forward(forward: ForwardValidation, path: Path) -> str:
+    """Draw both models in simulation; return the picture and what it shows in Markdown."""
+    n, e = forward.nominal, forward.extended
+    joints = tuple(range(1, len(n.position_rms) + 1))
+    replay = Errors(
+        what=f"Above, replay: how far the arm strays in {REPLAY:g} s under the measured torques "
+        "alone",
+        unit="rad",
+        joints=joints,
+        nominal=n.position_rms,
+        extended=e.position_rms,
+    )
+    tracking = Errors(
+        what="below, tracking: what a servo must add to keep it on the measured motion",
+        unit="N·m",
+        joints=joints,
+        nominal=n.torque_rms,
+        extended=e.torque_rms,
+    )
+    text = shown(path, draw_errors([replay, tracking], path))
+    text += (
+        f"\n\nBoth models run in stock MuJoCo on {len(forward.start)} windows of {SECONDS:g} s "
+        "that were not fitted, each from the measured state. The causes take "
+        f"{number(forward.position_gain.mean(), 0)} % (replay) and "
+        f"{number(forward.torque_gain.mean(), 0)} % (tracking) off, in the mean of the joints."
+    )
+    if forward.unstable:
+        text += (
+            f" The simulation is unstable in places: {forward.unstable}. {forward.shortened} "
+            f"windows ended before that, {forward.left_out} more did not count."
+        )
+    return text
+
+
+def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
+    """Return each log's content, its corrections, and its defects that were not corrected."""
+    out = []
+    for log in logs:
+        name = f"`{Path(log.source).name}`"
+        rows, seconds = len(log.t), 0.0 if log.static else float(log.t[-1] - log.t[0])
+        what = f"{rows} poses at rest" if log.static else f"{rows} rows, {seconds:.1f} s"
+        out.append(f"{name}{kind}: {what}")
+        out += [f"{name}: {c.text}" for c in log.corrections]
+        out += [f"{name}: not corrected: {text}" for text in log.warnings]
+    return out

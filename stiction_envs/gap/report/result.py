@@ -1,4 +1,4 @@
-"""A diagnosis of logs or of torque tables, and the files that are written of it."""
+"""A diagnosis of any kind of data, and the files that are written of it."""
 
 from __future__ import annotations
 
@@ -11,48 +11,40 @@ from pathlib import Path
 from typing import ClassVar
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.diagnosis import Diagnosis
+from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.extended_model import Extension
-from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.judge.judgement import Judgement, NamedCause
+from stiction_envs.gap.report import page
+from stiction_envs.gap.report.figures import draw_errors, draw_joint
+from stiction_envs.gap.report.page import Errors, where
 from stiction_envs.gap.report.series import Series
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
-from stiction_envs.reporting.markdown import joints, listed, number, table_text
+from stiction_envs.reporting.markdown import listed, short, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
 
-TEMPLATES = Path(__file__).parent / "templates"
+TEMPLATE = Path(__file__).parent / "templates" / "diagnosis.md.j2"
 PLOTS = "plots"
 HEADLINES = {
-    "explained": "The named causes explain what the simulation gets wrong, down to the noise.",
-    "partly explained": "The named causes explain part of what the simulation gets wrong.",
+    "explained": "The named causes{links} explain what the simulation gets wrong, down to the "
+    "noise.",
+    "partly explained": "The named causes{links} explain part of what the simulation gets wrong.",
     "no discrepancy": "The simulation agrees with the {data}; no cause is significant.",
     "cannot tell": "These {data} disagree with the simulation, or show too little; they cannot "
     "tell what it gets wrong.",
 }
 
 
-@dataclass(frozen=True)
-class Picture:
-    """One picture of a report and what it shows."""
-
-    file: str
-    caption: str
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DiagnosisResult(Result):
     """What a simulation gets wrong about measured data."""
 
-    template: ClassVar[str]
-    """Of the report, in ``templates/``."""
     data: ClassVar[str]
-    """What was measured: "logs" or "torque tables"."""
-    diagnosis: Diagnosis | ServoDiagnosis | TableDiagnosis
+    """What was measured: "logs", "servo logs" or "torque tables"."""
+    diagnosis: Judgement
     nominal_name: str
     """The nominal model: "rigid", "shipped", a file's name, or "given"."""
     sources: LogSources
@@ -83,37 +75,75 @@ class DiagnosisResult(Result):
         """Return ``diagnosis.json``."""
         return dict(plain(self.diagnosis.to_json()))
 
-    def headline(self, amount: str = "") -> str:
-        """Return the verdict in a sentence, and what the causes explain, with an ``amount``."""
-        text = HEADLINES[self.verdict].format(data=self.data)
-        if not self.causes:
-            return text
-        names = listed(f"{c.name} ({where(c.joints)})" for c in self.causes)
-        share = number(self.gain_percent, 0)
-        return f"{text} {names}, strongest first, take {share} % off the held-out error{amount}."
+    # ---- of each kind of data ----------------------------------------------------------------
 
     @property
     @abc.abstractmethod
-    def summary(self) -> str:
-        """The verdict in sentences."""
-
-    @property
-    def note(self) -> str:
-        """A note at the top of the report, where friction is assumed."""
-        return ""
+    def errors(self) -> Errors:
+        """Error of each joint under both models."""
 
     @property
     @abc.abstractmethod
     def extension(self) -> Extension:
         """The model with its causes."""
 
-    @abc.abstractmethod
-    def page(self, plots: Path) -> dict[str, object]:
-        """Draw the report's pictures into a folder; return the variables of its template."""
+    def tells_apart(self, cause: str, other: str) -> str:
+        """Return the measurement that tells two causes apart, a clause."""
+        return "; ".join(cause_named(x).what_to_record for x in (cause, other))
+
+    @property
+    def checked(self) -> str:
+        """What logs say that took no part, sentences; empty without such logs."""
+        return ""
+
+    @property
+    def note(self) -> str:
+        """A note at the top of the report, where friction is assumed."""
+        return ""
 
     def series(self) -> Series | None:
         """Return what was measured and simulated over time; None of torque tables."""
         return None
+
+    def details(self, plots: Path) -> dict[str, object]:
+        """Draw more pictures into a folder; return more variables of the report's template."""
+        return {}
+
+    def drawn(self, cause: NamedCause, plots: Path) -> str:
+        """Draw a cause into a folder; return the picture in Markdown, or nothing."""
+        return ""
+
+    def rows(self) -> list[tuple[str, str]]:
+        """Return rows of the report's provenance, besides inputs and versions."""
+        return [("nominal", self.nominal_name)]
+
+    # ---- of all kinds ------------------------------------------------------------------------
+
+    @property
+    def headline(self) -> str:
+        """The verdict in sentences, without that of logs that took no part."""
+        d, e = self.diagnosis, self.errors
+        links = " and errors of links" if d.shares_percent.get("links", 0.0) >= 1.0 else ""
+        text = HEADLINES[self.verdict].format(data=self.data, links=links)
+        if self.causes:
+            names = listed(f"{c.name} ({where(c.joints)})" for c in self.causes)
+            return f"{text} Strongest first: {names}. {page.shares(d, e)}"
+        if links and self.verdict == "explained":
+            return f"Errors of links explain what the simulation gets wrong. {page.shares(d, e)}"
+        if e.noise is None or not (e.nominal > 0).any():
+            return text
+        spans = [f"{short(x.min())} to {short(x.max())} {e.unit}" for x in (e.nominal, e.noise)]
+        far = e.nominal / e.noise
+        return (
+            f"{text} The {self.nominal_name} model is off by {spans[0]}, noise floors are "
+            f"{spans[1]}; joint {e.joints[far.argmax()]} is farthest, {short(far.max(), 2)} times "
+            "its floor."
+        )
+
+    @property
+    def summary(self) -> str:
+        """The verdict in sentences, and that of logs that took no part."""
+        return f"{self.headline} {self.checked}".rstrip()
 
     def write_rrd(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write a recording for Rerun, of the extra rerun.
@@ -134,13 +164,6 @@ class DiagnosisResult(Result):
         write_bytes_atomic(path, rrd_bytes(series))
         return path
 
-    def rows(self) -> list[tuple[str, str]]:
-        """Return rows of the report's provenance, besides inputs and versions."""
-        return [("nominal", self.nominal_name)]
-
-    def validate(self, say: Callable[[str, float], None]) -> None:
-        """Compute what takes long before the report is written; ``say`` is called as progress."""
-
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
         """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs.
 
@@ -151,7 +174,6 @@ class DiagnosisResult(Result):
         say = progress or (lambda *_: None)
         say("extended model", 0.0)
         extension = self.extension
-        self.validate(say)
         say("report", 0.0)
         hashes = self.sources.hashes(self.provenance)
         write_json(folder / "diagnosis.json", self.to_json())
@@ -159,9 +181,13 @@ class DiagnosisResult(Result):
         title = f"{self.robot} as its {self.data} show it"
         meta = {"title": title, "units": "SI", "verdict": self.verdict}
         write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
-        if (series := self.series()) is not None:
-            write_text_atomic(folder / "series.csv", series.csv())
         (folder / PLOTS).mkdir(exist_ok=True)
+        series, pictures = self.series(), []
+        if series is not None:
+            write_text_atomic(folder / "series.csv", series.csv())
+            for j in range(series.arm.n):
+                picture = folder / PLOTS / f"joint_{j + 1}.png"
+                pictures.append(shown(picture, draw_joint(series, j, picture)))
         inputs = [
             (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
             for name, sha in hashes.items()
@@ -170,18 +196,43 @@ class DiagnosisResult(Result):
         made += [(k, str(v)) for k, v in self.provenance["versions"].items() if v]
         write_md_and_html(
             folder,
-            TEMPLATES / self.template,
+            TEMPLATE,
             f"Diagnosis of {self.robot}: {self.verdict}",
             note=self.note,
             d=self.diagnosis,
             data=self.data,
-            plots=PLOTS,
+            headline=self.headline,
+            checked=self.checked,
             nominal_name=self.nominal_name,
-            extension=extension,
+            errors=self.errors,
+            picture=self._summary(folder / PLOTS),
+            sections=[self._section(c, folder / PLOTS) for c in self.causes],
+            cause_table=page.cause_table(self.causes),
+            not_shown=page.not_shown(self.diagnosis.not_shown),
+            joints=pictures,
+            lacking={"model.xml": extension.missing, "model.toml": extension.friction_missing},
             provenance=table_text(["", ""], made),
-            **self.page(folder / PLOTS),
+            **self.details(folder / PLOTS),
         )
         say("report", 1.0)
+
+    def _summary(self, plots: Path) -> str:
+        """Return the first picture."""
+        e, path = self.errors, plots / "summary.png"
+        return shown(path, draw_errors([e], path)) if (e.nominal > 0).any() else ""
+
+    def _section(self, c: NamedCause, plots: Path) -> dict[str, object]:
+        """Return what a cause's section shows besides its own fields."""
+        known = c.told_apart_by or {}
+        apart = {x: known.get(x) or self.tells_apart(c.name, x) for x in c.confused_with}
+        return {
+            "cause": c,
+            "where": where(c.joints),
+            "rivals": page.rivals(c),
+            "apart": [f"from {other}: {text}" for other, text in apart.items()],
+            "picture": self.drawn(c, plots),
+            "parameters": page.parameter_table(c),
+        }
 
     def __repr__(self) -> str:
         names = ", ".join(c.name for c in self.causes) or "no cause"
@@ -193,9 +244,9 @@ class DiagnosisResult(Result):
         return describe(self.verdict, self.summary, causes)
 
 
-def where(numbers: tuple[int, ...]) -> str:
-    """Return ``joint 3``, ``joints 1 and 2`` or ``whole arm``."""
-    return joints(numbers) if numbers else "whole arm"
+def shown(path: Path, caption: str) -> str:
+    """Return a picture of the folder of plots and its caption in Markdown."""
+    return f"![{path.stem.replace('_', ' ')}]({PLOTS}/{path.name})\n\n{caption}"
 
 
 def describe(verdict: str, summary: str, causes: Iterable[JsonRecord]) -> str:

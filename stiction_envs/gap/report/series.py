@@ -48,6 +48,8 @@ class Series:
     measured motion."""
     causes: dict[str, Array]
     """(T, n) torque that each cause adds [N·m]; none of servo logs."""
+    at_rest: bool = False
+    """Whether the rows are poses without time."""
     contact: NDArray[np.bool_] | None = None
     """(T,) whether the arm touches something, of servo logs."""
     text: str
@@ -90,6 +92,7 @@ def log_series(d: Diagnosis, text: str) -> Series:
         simulated=extended[at],
         q=data.q[at],
         dq=data.dq[at],
+        at_rest=not np.isfinite(data.dt),
         causes={c.name: d.cause_torque(c.name)[at] for c in d.causes},
         text=_text(text, d.causes, every),
     )

@@ -1,4 +1,4 @@
-"""A diagnosis of servo logs, and the files that are written of it."""
+"""A diagnosis of servo logs, and what only its report has."""
 
 from __future__ import annotations
 
@@ -11,13 +11,39 @@ import numpy as np
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, servo_series
 from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.model import said_of, servo_mjcf, servo_toml
-from stiction_envs.reporting.markdown import joints, short
+from stiction_envs.gap.servo.parameters import FAR, PARAMETERS
+from stiction_envs.reporting.markdown import joints, short, table_text
 from stiction_envs.robots import Arm
+
+_BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
+_FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
+WOULD = {
+    "payload": "a log with another, known mass at the tip",
+    "link_parameters": "a log with a known mass at the tip",
+    "encoder_offset": _BOTH_SIDES,
+    "servo_stiffness": "its stiffness, from the data sheet, as --servo-stiffness",
+    "torque_offset": _BOTH_SIDES,
+    "backlash": "pushing the joint by hand while it is commanded to rest",
+    "coulomb_friction": "slow motion through several poses, both ways",
+    "damping": _FREQUENCIES,
+    "delay": _FREQUENCIES,
+    "armature": _FREQUENCIES,
+    "torque_limit": "the same fast motion with and without a known mass",
+    "external_contact": "the same motion with nothing within reach",
+}
+"""Measurements that would tell a cause from another."""
+ALWAYS = (
+    "the robot's masses set the scale of all torques: were they 10 % larger, so would be "
+    "stiffness, friction and damping",
+    "a weight on the tip, a joint's zero that is off, and a softer servo sag alike",
+)
+"""What positions alone cannot tell."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +62,6 @@ class ServoExtension(Extension):
 class ServoResult(DiagnosisResult):
     """What a simulation gets wrong about logs of commanded and measured positions."""
 
-    template = "servo.md.j2"
     data = "servo logs"
     diagnosis: ServoDiagnosis
     """With simulated angles."""
@@ -45,19 +70,33 @@ class ServoResult(DiagnosisResult):
     """What earlier diagnoses found at its flange."""
 
     @property
-    def summary(self) -> str:
-        """The verdict in sentences, and that of the check logs."""
-        d = self.diagnosis
-        before, after = 1e3 * d.nominal_rms.mean(), 1e3 * d.extended_rms.mean()
-        amount = f", from {short(before)} to {short(after)} mrad in the mean of the joints"
-        text = self.headline(amount if d.causes else "")
-        if d.check is None:
-            return text
-        c = d.check
+    def errors(self) -> Errors:
+        """Held-out error of the angle, and that of the check logs [mrad]."""
+        d, more = self.diagnosis, {}
+        if d.check is not None:
+            more["check, nominal"] = 1e3 * d.check.nominal_rms
+            more["check, extended"] = 1e3 * d.check.extended_rms
+        return Errors(
+            what="Root mean square of measured less simulated angle, the whole arm simulated from "
+            "its commands alone, each part of the time under the fit of the others",
+            unit="mrad",
+            joints=tuple(range(1, len(d.noise) + 1)),
+            nominal=1e3 * d.nominal_rms,
+            extended=1e3 * d.extended_rms,
+            noise=1e3 * d.noise,
+            more=more,
+        )
+
+    @property
+    def checked(self) -> str:
+        """See `DiagnosisResult.checked`."""
+        c = self.diagnosis.check
+        if c is None:
+            return ""
         before, after = 1e3 * c.nominal_rms.mean(), 1e3 * c.extended_rms.mean()
         worse = f"; worse: {joints(list(c.worse_joints))}" if c.worse_joints else ""
         return (
-            f"{text} On logs that took no part the model {c.verdict}: {short(before)} to "
+            f"On logs that took no part the model {c.verdict}: {short(before)} to "
             f"{short(after)} mrad{worse}."
         )
 
@@ -94,8 +133,18 @@ class ServoResult(DiagnosisResult):
         """See `DiagnosisResult.series`."""
         return servo_series(self.diagnosis, self.arm, self.summary)
 
-    def page(self, plots: Path) -> dict[str, object]:
-        """Draw the report's pictures into a folder; return the variables of its template."""
-        from stiction_envs.gap.report.servo_page import servo_page
+    def tells_apart(self, cause: str, other: str) -> str:
+        """See `DiagnosisResult.tells_apart`."""
+        return WOULD.get(other, "a motion in which the two act differently")
 
-        return servo_page(self.diagnosis, plots, headline=self.summary)
+    def details(self, plots: Path) -> dict[str, object]:
+        """Return the servos, and what was assumed."""
+        header = ["", *(f"joint {j + 1}" for j in range(self.arm.n))]
+        rows = [
+            [f"{name.replace('_', ' ')} [{p.unit}]"]
+            + ["–" if x == p.absent or x >= FAR else short(x) for x in column]
+            for (name, p), column in zip(
+                PARAMETERS.items(), self.diagnosis.parameters.T, strict=True
+            )
+        ]
+        return {"servos": table_text(header, rows), "notes": [*self.diagnosis.notes, *ALWAYS]}

@@ -1,10 +1,9 @@
-"""A diagnosis of torque tables, and the files that are written of it."""
+"""A diagnosis of torque tables, and what only its report has."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.tables.extended import extended_friction
 from stiction_envs.gap.tables.found import TableDiagnosis
@@ -25,7 +25,6 @@ from stiction_envs.robots import Arm
 class TableResult(DiagnosisResult):
     """What a simulation gets wrong about torque tables."""
 
-    template = "tables.md.j2"
     data = "torque tables"
     diagnosis: TableDiagnosis
     """With errors per joint."""
@@ -39,10 +38,23 @@ class TableResult(DiagnosisResult):
         return friction_note(self.arm, self.friction)
 
     @property
-    def summary(self) -> str:
-        """The verdict in sentences."""
-        reason = self.diagnosis.reason
-        return f"{self.headline()} {sentence(reason)}" if reason else self.headline()
+    def errors(self) -> Errors:
+        """Held-out error over the joint's friction [%]."""
+        d = self.diagnosis
+        return Errors(
+            what="Mean of |measured less simulated torque| over the joint's friction, each "
+            "frequency and scale predicted from the others",
+            unit="%",
+            joints=d.joints,
+            nominal=d.nominal,
+            extended=d.extended,
+            noise=d.noise_floor,
+        )
+
+    @property
+    def checked(self) -> str:
+        """Why the tables are not, or not fully, explained."""
+        return sentence(self.diagnosis.reason) if self.diagnosis.reason else ""
 
     @cached_property
     def extension(self) -> Extension:
@@ -62,9 +74,3 @@ class TableResult(DiagnosisResult):
             friction_missing=missing,
             left_out=np.zeros((0, arm.n)),
         )
-
-    def page(self, plots: Path) -> dict[str, object]:
-        """Draw the report's picture into a folder; return the variables of its template."""
-        from stiction_envs.gap.report.pages import table_page
-
-        return table_page(self.diagnosis, plots, headline=self.summary)

@@ -34,7 +34,7 @@ from stiction_envs.gap.tables.model import Fit, Model
 from stiction_envs.gap.tables.readings import Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
-from stiction_envs.gap.verdict import percent_gained, percent_lost
+from stiction_envs.gap.verdict import percent_lost
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
@@ -280,7 +280,6 @@ def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDi
         nominal=before,
         extended=after,
         noise_floor=np.array([100 * model.noise[r.of_joints([j])].min() for j in r.joints]),
-        gain_percent=percent_gained(before, after),
         reason=reason,
     )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.judge.judgement import Estimate, Judgement
 from stiction_envs.gap.tables.model import Fit
 from stiction_envs.gap.tables.readings import TableData
+from stiction_envs.gap.verdict import percent_gained
 
 Array = NDArray[np.float64]
 
@@ -28,10 +29,13 @@ class TableDiagnosis(Judgement):
     """The same with the causes, each block predicted from the others [%]."""
     noise_floor: Array
     """Standard deviation of a reading, over the joint's friction [%]; NaN if unknown."""
-    gain_percent: float = 0.0
-    """100 (1 − mean over joints of extended over nominal) [%]."""
     reason: str = ""
     """Why the tables are not, or not fully, explained; empty otherwise."""
+
+    @property
+    def gain_percent(self) -> float:
+        """See `Judgement.gain_percent`."""
+        return percent_gained(self.nominal, self.extended) if self.causes else 0.0
 
     def to_json(self) -> dict[str, object]:
         """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""

@@ -10,7 +10,14 @@ from stiction_envs.reporting.json_text import plain
 MASS = Estimate(value=1.2, ci95=[1.0, 1.4], on_bound=False)
 
 
-def judgement(**changes: object) -> Judgement:
+class Plain(Judgement):
+    gain_percent = 40.0
+
+    def to_json(self) -> dict[str, object]:
+        return self.judged_json()
+
+
+def judgement(**changes: object) -> Plain:
     """Return a judgement with one named cause."""
     cause = NamedCause(
         name="payload",
@@ -22,7 +29,7 @@ def judgement(**changes: object) -> Judgement:
         evidence="it sags",
         confused_with=("link_parameters",),
     )
-    return Judgement(robot="two", verdict="explained", causes=(cause,), **changes)  # type: ignore[arg-type]
+    return Plain(robot="two", verdict="explained", causes=(cause,), **changes)  # type: ignore[arg-type]
 
 
 def test_how_sure_a_cause_is_and_its_rivals_are_written() -> None:

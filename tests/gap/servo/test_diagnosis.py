@@ -185,7 +185,7 @@ def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))
     report = (tmp_path / "out" / "report.md").read_text()
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", report)
-    assert {"plots/summary.png", "plots/joint1.png", "plots/joint2.png"} <= set(pictures)
+    assert {"plots/summary.png", "plots/joint_1.png", "plots/joint_2.png"} <= set(pictures)
     assert all((tmp_path / "out" / name).is_file() for name in pictures)
     # the model knows its tool: without it the arm would sag less
     again = diagnose(path, robot, nominal=tmp_path / "out" / "model.toml")

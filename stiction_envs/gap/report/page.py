@@ -1,0 +1,187 @@
+"""Texts and tables of a report, of any kind of data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.judge.judgement import Estimate, Judgement, NamedCause, NotShown
+from stiction_envs.reporting.markdown import joints, listed, number, percent, short, table_text
+
+Array = NDArray[np.float64]
+UNITS = {
+    "nm": "N·m",
+    "nms": "N·m·s",
+    "nm_per_s": "N·m/s",
+    "nm_per_rad": "N·m/rad",
+    "bristle_stiffness": "N·m/rad",
+    "stribeck_velocity": "rad/s",
+    "rad_s": "rad/s",
+    "rad": "rad",
+    "s": "s",
+    "kg": "kg",
+    "m": "m",
+    "kgm2": "kg·m²",
+}
+"""Unit by the end of a parameter's name, or by its name."""
+LISTED = 4
+"""Most numbers of one parameter that the table of causes shows [-]; assumed."""
+SHARES = {"named": "the named causes", "links": "errors of links", "set_up": "the set-up"}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Errors:
+    """Error of each joint under both models; (n,) each, in one unit."""
+
+    what: str
+    """What is averaged, and how."""
+    unit: str
+    joints: tuple[int, ...]
+    """From 1."""
+    nominal: Array
+    extended: Array
+    noise: Array | None = None
+    """Noise floor, where known."""
+    more: Mapping[str, Array] = field(default_factory=dict)
+    """The same error on other data or of other fits, by a column's heading."""
+
+    @property
+    def means(self) -> str:
+        """The means over the joints."""
+        before, after = (short(x.mean()) for x in (self.nominal, self.extended))
+        return f"from {before} to {after} {self.unit} in the mean of the joints"
+
+    def table(self) -> str:
+        """Return the table of the report."""
+        rows = []
+        columns = {"nominal": self.nominal, "extended": self.extended}
+        columns |= {} if self.noise is None else {"noise floor": self.noise}
+        for k, j in enumerate(self.joints):
+            before, after = self.nominal[k], self.extended[k]
+            change = percent(100 * (after / before - 1), 0) if before > 0 else "–"
+            cells = [*(short(x[k]) for x in columns.values()), change]
+            rows.append([f"joint {j}", *cells, *(short(x[k]) for x in self.more.values())])
+        header = [f"{name} [{self.unit}]" for name in (*columns, *self.more)]
+        header.insert(len(columns), "change")
+        return table_text(["", *header], rows)
+
+
+def where(numbers: Sequence[int]) -> str:
+    """Return ``joint 3``, ``joints 1 and 2`` or ``whole arm``."""
+    return joints(numbers) if numbers else "whole arm"
+
+
+def shares(d: Judgement, errors: Errors) -> str:
+    """Return who takes how much off the nominal error, in a sentence or two."""
+    text = f"The extended model takes {number(d.gain_percent, 0)} % off the held-out error, "
+    text += f"{errors.means}."
+    if not d.shares_percent:
+        return text
+    each = listed(f"{who} {number(d.shares_percent[k], 0)} %" for k, who in SHARES.items())
+    return f"{text} Of it take {each}; {number(d.shares_percent['left'], 0)} % is left."
+
+
+def cause_table(causes: Sequence[NamedCause]) -> str:
+    """Return the report's first table."""
+    rows = [
+        [
+            f"`{c.name}`",
+            where(c.joints),
+            _main_value(c),
+            _nats(c.nats),
+            (rivals(c) or ["–" if np.isnan(c.nats) else "none"])[0],
+        ]
+        for c in causes
+    ]
+    header = ["cause", "where", "value (95 % interval)", "evidence [nats]", "best rival [nats]"]
+    return table_text(header, rows) if rows else ""
+
+
+def unit_of(key: str) -> str:
+    """Return the unit of a parameter, by its name; nothing where it has none."""
+    name = key.split()[0]
+    parts = name.split("_")
+    ends = ("_".join(parts[k:]) for k in range(len(parts)))
+    return next((UNITS[x] for x in ends if x in UNITS), "")
+
+
+def _main_value(cause: NamedCause) -> str:
+    """Return the first measured parameter, of the joint where the cause is clearest."""
+    every = [(j, k, e) for j, found in cause.parameters.items() for k, e in found.items()]
+    measured = [x for x in every if not isinstance(x[2].value, int)]  # no choice among a few
+    if not measured:
+        return "–"
+    joint, key, e = measured[0]
+    text = f"`{key}` {quantity(key, e)}"
+    others = [x.value for j, k, x in measured if k == key and j != joint]
+    single = [x for x in others if isinstance(x, float)]
+    if not single:
+        return text
+    ends = dict.fromkeys(short(x, 2) for x in (min(single), max(single)))
+    return f"{text} on joint {joint}, {' to '.join(ends)} on the others"
+
+
+def quantity(key: str, e: Estimate) -> str:
+    """Return ``0.5 [0.4, 0.6] kg``, or some of these; stretches of time as ``2 to 3 s``."""
+    return f"{_with_interval(e)} {unit_of(key)}".rstrip()
+
+
+def _with_interval(e: Estimate) -> str:
+    if isinstance(e.value, int):
+        return str(e.value)
+    if not isinstance(e.value, list):
+        return f"{short(e.value)} [{short(e.ci95[0])}, {short(e.ci95[1])}]"
+    if e.value and isinstance(e.value[0], list):
+        each = [f"{begin:.4g} to {end:.4g}" for begin, end in e.value]
+    else:
+        each = [
+            f"{short(x)} [{short(low)}, {short(high)}]"
+            for x, (low, high) in zip(e.value, e.ci95, strict=True)
+        ]
+    return ", ".join([*each[:LISTED], *["…"][: len(each) - LISTED]])
+
+
+def _nats(value: float) -> str:
+    return number(value, 0 if abs(value) >= 10 else 1)
+
+
+def rivals(cause: NamedCause) -> list[str]:
+    """Return its rivals and their nats, bold where the data cannot tell them from it."""
+    confused = [f"**{name}**" for name in cause.confused_with]
+    each = [
+        f"**{name}** {_nats(nats)}" if name in cause.confused_with else f"{name} {_nats(nats)}"
+        for name, nats in cause.rivals
+    ]
+    return each or confused
+
+
+def parameter_table(cause: NamedCause) -> str:
+    """Return the parameters of a cause on each joint."""
+    rows = [
+        [
+            "arm" if j == 0 else f"joint {j}",
+            f"`{key}`",
+            quantity(key, e),
+            "**on its bound**" * e.on_bound,
+        ]
+        for j, found in sorted(cause.parameters.items())
+        for key, e in found.items()
+    ]
+    header = ["", "parameter", "value (95 % interval)", ""]
+    return table_text(header, rows) if rows else ""
+
+
+def not_shown(entries: Sequence[NotShown]) -> list[str]:
+    """Return a line for each cause that these data do not show, with the numbers."""
+    out: dict[str, list[str]] = {}
+    for x in entries:
+        each = [
+            f"{key} {short(low / 2 + high / 2, 2)} ± {short(high / 2 - low / 2, 2)} {unit_of(key)}"
+            for key, (low, high) in x.parameters.items()
+        ]
+        of = f"{joints(x.joints)} " if x.joints else ""
+        out.setdefault(x.name, []).append(of + ", ".join(each).rstrip())
+    return [f"{name}: {'; '.join(each)}" for name, each in out.items()]
