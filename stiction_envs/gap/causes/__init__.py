@@ -18,10 +18,10 @@ from stiction_envs.gap.causes.friction.presliding_hysteresis import PreslidingHy
 from stiction_envs.gap.causes.friction.stribeck_friction import StribeckFriction
 from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
 from stiction_envs.gap.causes.friction.warm_up_drift import WarmUpDrift
-from stiction_envs.gap.causes.gear.backlash import Backlash
 from stiction_envs.gap.causes.gear.joint_elasticity import JointElasticity
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
+from stiction_envs.gap.causes.log.falling_torque import FallingTorque
 from stiction_envs.gap.causes.log.gravity_compensation_missing import GravityCompensationMissing
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
@@ -45,6 +45,7 @@ CAUSES: tuple[Cause, ...] = tuple(
         LoadDependentFriction,
         PreslidingHysteresis,
         PositionDependentFriction,
+        FallingTorque,
         WarmUpDrift,
         TorqueOffset,
         TorqueScale,
@@ -53,7 +54,6 @@ CAUSES: tuple[Cause, ...] = tuple(
         PositionDependentTorque,
         BaseTilt,
         LinkInertia,
-        Backlash,
         JointElasticity,
         ActuatorDelay,
         EncoderOffset,

@@ -135,6 +135,8 @@ class Cause(ABC):
     least_evidence: ClassVar[float] = 0.0
     """Log evidence beside small errors of all links from which on it is named, for causes that
     change the arm [nats]."""
+    odds: ClassVar[float | None] = None
+    """Log prior odds against it on a joint, or on the arm [nats]; None for one of all hypotheses."""
     distinctive: ClassVar[int | None] = None
     """How many of its first coefficients show it: one of them must be clear; None for all."""
     removed_first: ClassVar[bool] = False
@@ -145,6 +147,23 @@ class Cause(ABC):
     joint's angle must confirm it, besides blocks of time, and it must predict them better."""
 
     # ---- torque ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def size(self, data: Data, joint: int) -> Array:
+        """Return (k,) prior standard deviations of the coefficients about zero.
+
+        ``joint`` counts from 0 and is -1 for causes of the whole arm.
+        """
+
+    def joints(self, data: Data) -> list[int]:
+        """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""
+        if not np.isfinite(data.dt) and not self.shown_at_rest:
+            return []
+        return [-1] if self.arm_wide else list(range(data.n))
+
+    def drives(self, coefficients: Array, level: float) -> bool:
+        """Return whether it is friction that drives, beside a joint's dry friction ``level``."""
+        return False
 
     @abstractmethod
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:

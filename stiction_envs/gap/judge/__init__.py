@@ -1,1 +1,1 @@
-"""The judge: one model of the error, one evidence, one search for causes."""
+"""The judge: names causes by one number, the log evidence of a model with proper priors."""

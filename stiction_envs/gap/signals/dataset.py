@@ -19,6 +19,7 @@ from stiction_envs.gap.signals.friction_state import FrictionState, friction_tor
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join, rate
+from stiction_envs.gap.signals.rigid_body import mass_matrices
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -144,6 +145,25 @@ class Data:
     def residual(self) -> Array:
         """(T, n) measured less nominal torque [N·m]."""
         return self.tau - self.nominal
+
+    @cached_property
+    def strength(self) -> Array:
+        """(n,) torque that each joint can bear: its limit, or the motion's where that is more [N·m]."""
+        usual = np.sqrt(np.mean(np.square(self.recording.rigid), axis=0))
+        return np.maximum(self.arm.limits.torque, usual)
+
+    @cached_property
+    def own_inertia(self) -> Array:
+        """(n,) inertia of the rigid arm about each joint, mean of the motion [kg·m²]."""
+        some = self.q[:: max(1, len(self.q) // 100)]
+        return np.asarray(np.diagonal(mass_matrices(self.pinocchio, some), 0, 1, 2).mean(axis=0))
+
+    @cached_property
+    def lift(self) -> float:
+        """Mass that the strongest joint can hold at the arm's reach [kg]."""
+        model = self.pinocchio
+        reach = sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
+        return float(self.strength.max() / (9.81 * max(reach, 0.1)))
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None

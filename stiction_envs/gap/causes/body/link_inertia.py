@@ -27,6 +27,10 @@ class LinkInertia(Cause):
         note="a slope through zero",
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return the mean inertia about the joint, since rotors are chosen to match [kg·m²]."""
+        return np.array([data.own_inertia[joint]])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the acceleration."""
         return data.ddq[:, joint, None]

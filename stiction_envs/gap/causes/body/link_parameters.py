@@ -62,6 +62,10 @@ class LinkParameters(Cause):
         """Return which link it is, and what it weighs in the model [kg]."""
         return [(joint + 1.0, float(data.recording.derived(link_masses)[joint]))]
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return standard deviations about the nominal."""
+        return self.prior(data, joint)
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]

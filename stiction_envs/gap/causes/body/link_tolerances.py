@@ -38,6 +38,10 @@ class LinkTolerances(Cause):
     refinable: ClassVar[bool] = False
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return one standard deviation of each direction."""
+        return np.ones(data.recording.derived(link_basis).shape[1])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per standard deviation of each direction."""
         columns = data.recording.derived(body_columns, *data.gravity_found)

@@ -34,6 +34,10 @@ its centre."""
 MOST_INERTIA = 0.03
 """Largest such inertia [kg·m²], since slow motion does not limit it; assumed: a kilogram 17 cm from
 its centre."""
+USUAL_SHARE = 0.3
+"""Mass of usual tools over what the arm can lift at its reach [-]; assumed."""
+USUAL_CENTRE = 0.1
+"""Distance of their centre from the flange, and radius of gyration [m]; assumed."""
 LEAST_INERTIA = 0.001
 """Least eigenvalue of the inertia about the centre, of a payload or of the rest of a link, over the
 mean of a small sphere's or of the link's [-]; assumed: far below any body's, far above rounding."""
@@ -48,6 +52,7 @@ class Payload(Cause):
     """
 
     name: ClassVar[str] = "payload"
+    odds: ClassVar[float] = 1.0  # tools are mounted all the time
     what: ClassVar[str] = "unmodelled mass on the flange"
     what_to_record: ClassVar[str] = "static poses with the flange turned all ways"
     arm_wide: ClassVar[bool] = True
@@ -62,6 +67,11 @@ class Payload(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the flange: the centre is not known yet."""
         return [(0.0, 0.0, 0.0)]
+
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a third of what the arm can lift at arm's length, 10 cm off the flange; assumed."""
+        mass = USUAL_SHARE * data.lift
+        return mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
+
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
-
-USUAL = 0.005
-"""Dry friction that goes unnoticed, over the joint's largest torque [-]; assumed."""
 
 
 class CoulombFriction(Cause):
     """A torque of constant size against the motion."""
 
     name: ClassVar[str] = "coulomb_friction"
+    odds: ClassVar[float] = 1.0  # every joint has some
     what: ClassVar[str] = "dry friction missing or wrong"
     depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
@@ -28,13 +28,13 @@ class CoulombFriction(Cause):
         "joint speed [rad/s]", variable("dq"), note="a step where the motion turns round"
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a twentieth of what the joint can bear [N·m]; assumed."""
+        return np.array([0.05 * data.strength[joint]])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
         return data.smooth(data.dry_friction_ratio(joint))[:, None]
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return dry friction that goes unnoticed [N·m]."""
-        return USUAL * float(data.arm.limits.torque[joint])
 
     def dry_friction(self, coefficients: Array) -> float:
         """Return F_c [N·m]."""

@@ -30,6 +30,14 @@ class DirectionAsymmetry(Cause):
         "joint speed [rad/s]", variable("dq"), note="both directions lie off zero to the same side"
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a fiftieth of what the joint can bear [N·m]; assumed."""
+        return np.array([0.02 * data.strength[joint]])
+
+    def drives(self, coefficients: Array, level: float) -> bool:
+        """Return whether friction would push in one direction."""
+        return abs(float(coefficients[0])) > level
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one while the joint moves."""
         return data.smooth(data.growth(joint, data.side(joint)))[:, None]

@@ -43,6 +43,10 @@ class LoadDependentFriction(Cause):
         mean = 0.0 if data.has_friction else float(np.abs(data.rigid[:, joint]).mean())
         return [(0.0, mean)]
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return the coefficient of a dry gear [-]; assumed."""
+        return np.array([0.1])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
         ratio, mean = shape or (0.0, 0.0)

@@ -52,6 +52,10 @@ class PositionDependentFriction(Cause):
         "joint angle, part of one ripple period [-]", phase, note="a sine, once per period"
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a hundredth of what the joint can bear [N·m]; assumed."""
+        return np.full(2, 0.01 * data.strength[joint])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return sine and cosine of k q, in the direction of motion if it is friction's."""
         angle = shape[0] * data.q[:, joint]

@@ -67,6 +67,10 @@ class PreslidingHysteresis(Cause):
         limit=lambda shape: 8 * shape[0],
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a twentieth of what the joint can bear, and as much damping; assumed."""
+        return np.full(2, 0.05 * data.strength[joint])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the law adds to dry friction of 1 N·m, and its rate [rad/s]."""
         zeta = _ratio(data, joint, shape)

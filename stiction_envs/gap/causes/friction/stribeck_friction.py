@@ -44,6 +44,10 @@ class StribeckFriction(Cause):
         limit=lambda shape: max(6 * shape[0], 0.02),
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a twentieth of what the joint can bear [N·m]; assumed."""
+        return np.array([0.05 * data.strength[joint]])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
         # the reversal path has a wider filter: the speed falls fast where a joint stops

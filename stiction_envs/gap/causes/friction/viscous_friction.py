@@ -11,14 +11,12 @@ from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
-USUAL = 0.003
-"""Viscous friction at 1 rad/s that goes unnoticed, over the joint's largest torque [-]; assumed."""
-
 
 class ViscousFriction(Cause):
     """A torque in proportion to speed."""
 
     name: ClassVar[str] = "viscous_friction"
+    odds: ClassVar[float] = 1.0  # every joint has some
     what: ClassVar[str] = "slope of friction with speed"
     depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
@@ -27,13 +25,13 @@ class ViscousFriction(Cause):
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
     view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope with speed")
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
+        return np.array([0.05 * data.strength[joint]])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the speed."""
         return data.dq[:, joint, None]
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return a coefficient that goes unnoticed [N·m·s/rad]."""
-        return USUAL * float(data.arm.limits.torque[joint])
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise the slope."""

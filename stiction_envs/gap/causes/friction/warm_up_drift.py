@@ -51,6 +51,12 @@ class WarmUpDrift(Cause):
         note="friction changes along the log",
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a fiftieth of what the joint can bear, over the logs [N·m/s]; assumed."""
+        return np.array(
+            [0.02 * data.strength[joint] / max(float(np.ptp(data.recording.since_session)), 1.0)]
+        )
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return time in the direction of motion."""
         return data.smooth(data.growth(joint, _time(data, shape)))[:, None]

@@ -32,6 +32,10 @@ class DeflectedLink(Cause):
     most: ClassVar[float]
     """Largest coefficient [-]."""
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return one: all of what is predicted [-]."""
+        return np.ones(1)
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]

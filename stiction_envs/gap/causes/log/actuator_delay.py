@@ -93,6 +93,10 @@ class ActuatorDelay(Cause):
         lengths = (factor * shape[0] for factor in STEPS)
         return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return two cycles of a slow controller [s]; assumed."""
+        return np.array([0.02])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return `shifted` of the torque, for a T' near T."""
         if self._torque is not None:

@@ -66,6 +66,10 @@ class EncoderOffset(Cause):
         found = float((slope * torque).sum()) / max(float(np.square(slope).sum()), 1e-300)
         return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return `USUAL`."""
+        return np.array([USUAL])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per radian on the joint itself."""
         return self.spread(data, joint, shape)[:, joint]

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
+
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import changes, holds_one_pose
@@ -37,6 +39,10 @@ class GravityCompensationMissing(Cause):
         lambda data, joint, shape: data.recording.gravity[:, joint],
         note="a slope: minus the share that is missing, the same on all joints",
     )
+
+    def size(self, data: Data, joint: int) -> Array:
+        """Return all of it [-]."""
+        return np.array([1.0])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return minus the nominal gravity torque."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
+
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.motion import constant
 from stiction_envs.gap.signals.dataset import Data
 
-LOWEST, HIGHEST = 0.5, 2.0
-"""Gains beyond which an error would have been noticed: it is another mass, or friction [-];
-assumed."""
 LEAST_ERROR = 0.002
 """Error of a gain that does not count [-]; assumed: torque sensors are linear to some tenths of a
 per cent."""
@@ -27,12 +26,20 @@ class TorqueScale(Cause):
     what: ClassVar[str] = "torque gain wrong"
     what_to_record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
     shown_at_rest: ClassVar[bool] = True
-    parameters: ClassVar = (Parameter("scale", "1", LOWEST, HIGHEST, neutral=1.0),)
+    parameters: ClassVar = (Parameter("scale", "1", neutral=1.0),)
     view: ClassVar = View(
         "nominal torque [N·m]",
         variable("nominal"),
         note="a slope: an error in proportion to the torque",
     )
+
+    def joints(self, data: Data) -> list[int]:
+        """Return each joint, and all of them: another unit is one hypothesis, not one per joint."""
+        return [*range(data.n), -1]
+
+    def size(self, data: Data, joint: int) -> Array:
+        """Return the error of another unit [-]."""
+        return np.array([1.0])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque and the load."""

@@ -73,6 +73,10 @@ class PositionDependentTorque(Cause):
         "joint angle [rad]", variable("q"), note="a smooth curve, the same in both directions"
     )
 
+    def size(self, data: Data, joint: int) -> Array:
+        """Return a thirtieth of what the joint can bear [N·m]; assumed."""
+        return np.full(1 + 2 * MOST_ORDER, 0.03 * data.strength[joint])
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones, then cosine and sine of each harmonic, constant beyond the logs' angles."""
         angle = data.q[:, joint]

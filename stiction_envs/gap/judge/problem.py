@@ -1,0 +1,385 @@
+"""Linear Gaussian models of measured channels, and their log evidence.
+
+A channel (a joint's torque, a joint's angle, the cells of a table) is y = X c + e. The columns X
+belong to terms: a cause on a joint with its nonlinear parameters. Every coefficient has a Gaussian
+prior about zero, so the evidence of any choice of terms is a closed form of the sums XᵀWX, XᵀWy and
+yᵀWy (C. Bishop, "Pattern Recognition and Machine Learning", 2006, 3.5). Bounds are kept by the fit;
+the evidence of a model on a bound is that of Laplace's approximation at the bounded maximum.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+
+from stiction_envs.gap.judge.bounded_fit import solve
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+ARM = -1
+"""The joint's number of a `Term` of the whole arm."""
+LINKS = (-1.0,)
+"""Shape of the small errors of all links, which have a size of their own."""
+DUPLICATE = 1e-6
+"""Least part of its prior variance that a coefficient keeps beside its small error [-]."""
+
+
+class Term(NamedTuple):
+    """One cause on one joint (from 0), or on the whole arm, with its nonlinear parameters."""
+
+    cause: str
+    joint: int
+    shape: tuple[float, ...] = ()
+    small: bool = False
+    """Whether it is an error within its tolerance: in every model, and never named."""
+
+
+class Channel:
+    """Rows of one measured signal, and the sums of its columns over each fold of them."""
+
+    def __init__(self, residual: Array, fold: Index, folds: int) -> None:
+        """Start without columns.
+
+        Args:
+            residual: (T,) measured less nominal.
+            fold: (T,) number of the fold that is held out together; -1 for rows of none.
+            folds: number of folds F.
+        """
+        self._rows = [np.flatnonzero(fold == f) for f in range(folds)]
+        self._whole: dict[int, tuple[Array, Array, float]] = {}
+        self.residual = residual
+        self.weight = np.ones(len(residual))
+        """(T,) one over the variance of each row."""
+        self._columns = np.empty((0, len(residual)), dtype=np.float32)
+        self.width = 0
+        """Number of columns P."""
+        self.at = np.empty(0, dtype=np.int64)
+        """(P,) number of each column's coefficient."""
+        self.xx = np.empty((folds, 0, 0))
+        """(F, ≥ P, ≥ P) sums."""
+        self.xr = np.empty((folds, 0))
+        """(F, ≥ P) sums with the residual."""
+        self.rr = np.zeros(folds)
+        """(F,) of the residual squared."""
+        self.count = np.array([float(len(rows)) for rows in self._rows])
+        """(F,) number of rows."""
+        self.reweigh(self.weight)
+
+    @property
+    def columns(self) -> NDArray[np.float32]:
+        """(P, T) columns."""
+        return self._columns[: self.width]
+
+    def only(self, numbers: Index) -> Channel:
+        """Return the channel with the columns of some coefficients alone."""
+        out = copy.copy(self)
+        own = np.flatnonzero(np.isin(self.at, numbers))
+        out._columns, out.at, out.width = self._columns[own], self.at[own], len(own)
+        folds = len(self._rows)
+        out.xx, out.xr = np.empty((folds, len(own), len(own))), np.empty((folds, len(own)))
+        out._whole = {}
+        return out
+
+    def append(self, columns: NDArray[np.floating], at: Sequence[int]) -> None:
+        """Add columns (k, T) of coefficients ``at`` (k,)."""
+        before, after = self.width, self.width + len(columns)
+        if after > len(self._columns):
+            room = max(after, 2 * before, 64)
+            more = np.empty((room, self._columns.shape[1]), dtype=np.float32)
+            more[:before] = self.columns
+            self._columns = more
+            xx, xr = self.xx, self.xr
+            self.xx = np.zeros((len(xx), room, room))
+            self.xr = np.zeros((len(xr), room))
+            self.xx[:, :before, :before] = xx[:, :before, :before]
+            self.xr[:, :before] = xr[:, :before]
+        self._columns[before:after] = columns
+        self.width = after
+        self.at = np.append(self.at, np.asarray(at, dtype=np.int64))
+        self._sum(before)
+
+    def reweigh(self, weight: Array) -> None:
+        """Take other weights (T,) of the rows; all sums are computed anew."""
+        self.weight = weight
+        self.rr = np.array([float(weight[r] @ np.square(self.residual[r])) for r in self._rows])
+        self._sum(0)
+
+    def sums(self, held_out: int) -> tuple[Array, Array, float]:
+        """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over all folds but ``held_out`` (-1 for none)."""
+        if held_out not in self._whole:
+            p = self.width
+            each = self.xx[:, :p, :p], self.xr[:, :p], self.rr
+            xx, xr, rr = (x.sum(axis=0) for x in each)
+            if held_out >= 0:
+                xx, xr, rr = xx - each[0][held_out], xr - each[1][held_out], rr - each[2][held_out]
+            self._whole[held_out] = xx, xr, float(rr)
+        return self._whole[held_out]
+
+    def _sum(self, first: int) -> None:
+        """Compute the sums of the columns from ``first`` on, with all columns."""
+        self._whole.clear()
+        if first == self.width:
+            return
+        for f, rows in enumerate(self._rows):
+            every = self._columns[: self.width, rows].astype(np.float64)
+            mine = every[first:] * self.weight[rows]
+            part = mine @ every.T
+            self.xx[f, first : self.width, : self.width] = part
+            self.xx[f, : self.width, first : self.width] = part.T
+            self.xr[f, first : self.width] = mine @ self.residual[rows]
+
+
+@dataclass(eq=False)
+class Problem:
+    """All terms of a diagnosis, their columns on the channels, and their priors."""
+
+    channels: list[Channel]
+    inflation: Array
+    """(C,) number of rows that form one independent observation, times the variance that a model
+    leaves over the expected one."""
+    always: list[Term] = field(default_factory=list)
+    """Small errors, in every model."""
+    scales: tuple[float, float] = (1.0, 1.0)
+    """Sizes over their tolerance of the small errors of all links, and of the set-up [-]."""
+    held_out: int = -1
+    """Number of the fold that takes no part; -1 for none."""
+    numbers: dict[Term, Index] = field(default_factory=dict)
+    """Coefficients of each term."""
+    odds: dict[Term, float] = field(default_factory=dict)
+    """Log prior odds against each term [nats]."""
+    _sd: dict[Term, Array] = field(default_factory=dict)
+    _bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
+    _count: int = 0
+    _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
+    _sums: tuple[Array, Array, float] | None = None
+
+    # ---- terms -------------------------------------------------------------------------------
+
+    def add(
+        self,
+        term: Term,
+        columns: dict[int, NDArray[np.floating]],
+        sd: Array,
+        bounds: tuple[Array, Array],
+        odds: float,
+    ) -> None:
+        """Add a term.
+
+        Args:
+            term: not there yet.
+            columns: (k, T) of each channel on which it acts.
+            sd: (k,) prior standard deviations of its coefficients.
+            bounds: lowest and highest coefficients, (k,) each.
+            odds: log prior odds against it [nats].
+        """
+        at = range(self._count, self._count + len(sd))
+        self._count += len(sd)
+        self.numbers[term] = np.array(at, dtype=np.int64)
+        self._sd[term], self._bounds[term], self.odds[term] = sd, bounds, odds
+        for channel, x in columns.items():
+            self.channels[channel].append(x, at)
+        if term.small:
+            self.always.append(term)
+        self._sums = None
+
+    def share(self, small: Term, term: Term, sd: Array) -> None:
+        """Add a small error that has the columns of a term, and its own standard deviations."""
+        free = np.full(len(sd), np.inf)
+        self.numbers[small], self._sd[small] = self.numbers[term], sd
+        self._bounds[small], self.odds[small] = (-free, free), 0.0
+        self.always.append(small)
+
+    def sd(self, term: Term) -> Array:
+        """Return (k,) prior standard deviations of a term."""
+        if not term.small:
+            return self._sd[term]
+        return self._sd[term] * self.scales[0 if term.shape == LINKS else 1]
+
+    def given(
+        self, inflation: Array | None = None, scales: tuple[float, float] | None = None
+    ) -> None:
+        """Take another noise, or other sizes of the small errors; None leaves them."""
+        if inflation is not None:
+            self.inflation, self._sums = inflation, None
+        if scales is not None:
+            self.scales = scales
+        self._scores.clear()
+
+    def reweigh(self, weights: Array) -> None:
+        """Take other weights (T, C) of the rows."""
+        for weight, channel in zip(weights.T, self.channels, strict=True):
+            channel.reweigh(weight)
+        self._sums = None
+        self._scores.clear()
+
+    def without(self, fold: int) -> Problem:
+        """Return the problem without the rows of a fold; terms are shared."""
+        return replace(self, held_out=fold, _scores={}, _sums=None)
+
+    def only(self, terms: Sequence[Term]) -> Problem:
+        """Return the problem with the columns of some terms alone."""
+        out = replace(
+            self,
+            channels=[
+                x.only(np.concatenate([self.numbers[t] for t in terms])) for x in self.channels
+            ],
+            always=[t for t in terms if t.small],
+        )
+        out._scores, out._sums = {}, None
+        return out
+
+    def model(self, named: Sequence[Term]) -> list[Term]:
+        """Return the small errors that nothing named replaces, then the named terms."""
+        have = {(t.cause, t.joint) for t in named}
+        return [*(t for t in self.always if (t.cause, t.joint) not in have), *named]
+
+    def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
+        """Return the coefficients (..., k) of each term."""
+        ends = np.cumsum([len(self.numbers[t]) for t in terms], dtype=int)
+        return np.split(c, ends, axis=-1)[:-1]
+
+    # ---- sums --------------------------------------------------------------------------------
+
+    def counts(self) -> Array:
+        """Return (C,) number of rows that take part."""
+        each = [x.count for x in self.channels]
+        return np.array([x.sum() - (x[self.held_out] if self.held_out >= 0 else 0) for x in each])
+
+    def sums(self) -> tuple[Array, Array, float]:
+        """Return XᵀWX, XᵀWr and rᵀWr of all coefficients, in independent observations."""
+        if self._sums is None:
+            xx, xr, rr = np.zeros((self._count, self._count)), np.zeros(self._count), 0.0
+            for channel, rows in zip(self.channels, self.inflation, strict=True):
+                square, along, size = channel.sums(self.held_out)
+                xx[channel.at[:, None], channel.at] += square / rows
+                xr[channel.at] += along / rows
+                rr += size / rows
+            self._sums = xx, xr, rr
+        return self._sums
+
+    def at(self, terms: Sequence[Term]) -> Index:
+        """Return (P,) numbers of a model's coefficients."""
+        return np.concatenate([self.numbers[t] for t in terms] or [np.empty(0, dtype=np.int64)])
+
+    def _spread(self, terms: Sequence[Term]) -> Array:
+        """Return (P,) prior standard deviations."""
+        return np.concatenate([self.sd(t) for t in terms] or [np.empty(0)])
+
+    def _solved(self, terms: Sequence[Term]) -> tuple[Array, Array, Array, Array]:
+        """Return a Cholesky factor of the posterior precision and the likeliest coefficients.
+
+        Both are in units of the prior, with the gradient at zero and the coefficients' units.
+        """
+        at, sd = self.at(terms), self._spread(terms)
+        xx, xr, _ = self.sums()
+        a = xx[np.ix_(at, at)] * np.outer(sd, sd) + np.eye(len(at))
+        b = xr[at] * sd
+        root = np.linalg.cholesky(a)
+        c = solve_triangular(root, solve_triangular(root, b, lower=True), lower=True, trans=1)
+        each = [self._bounds[t] for t in terms]
+        low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
+        if ((c < low) | (c > high)).any():
+            c = solve(a, b, low, high)
+        return root, b, c, sd
+
+    def fit(self, terms: Sequence[Term]) -> Array:
+        """Return (P,) the likeliest coefficients of a model within bounds."""
+        _, _, c, sd = self._solved(terms)
+        return c * sd
+
+    def covariance(self, terms: Sequence[Term]) -> Array:
+        """Return (P, P) posterior covariance of a model's coefficients."""
+        root, _, _, sd = self._solved(terms)
+        half = solve_triangular(root, np.diag(sd), lower=True)
+        return np.asarray(half.T @ half)
+
+    def errors(self, terms: Sequence[Term], c: Array, fold: int | None = None) -> Array:
+        """Return (C,) weighted squared error of a model with coefficients (P,).
+
+        ``fold`` is that of whose rows it is; None for all that take part.
+        """
+        whole = np.zeros(self._count)
+        whole[self.at(terms)] = c
+        out = np.zeros(len(self.channels))
+        for k, channel in enumerate(self.channels):
+            mine = whole[channel.at]
+            own = np.flatnonzero(mine)
+            if fold is None:
+                xx, xr, rr = channel.sums(self.held_out)
+            else:
+                xx, xr, rr = channel.xx[fold], channel.xr[fold], float(channel.rr[fold])
+            some = mine[own]
+            out[k] = rr - 2 * xr[own] @ some + some @ xx[np.ix_(own, own)] @ some
+        return np.maximum(out, 0.0)
+
+    # ---- evidence ----------------------------------------------------------------------------
+
+    def score(self, named: Sequence[Term]) -> float:
+        """Return log evidence and log prior odds of a model, given the noise [nats]."""
+        key = tuple(named)
+        if key not in self._scores:
+            root, b, c, _ = self._solved(self.model(named))
+            moved = root.T @ c
+            gained = 2 * b @ c - moved @ moved
+            volume = 2 * float(np.log(np.diag(root)).sum())
+            cost = sum(self.odds[t] for t in named)
+            self._scores[key] = 0.5 * float(gained - volume - self.sums()[2]) - cost
+        return self._scores[key]
+
+    def losses(self, named: Sequence[Term]) -> Array:
+        """Return (K,) by how much the removal of each of K named terms would lower the score.
+
+        Without regard to bounds, and to the small errors that take a term's place.
+        """
+        terms = self.model(named)
+        _, _, c, sd = self._solved(terms)
+        covariance = self.covariance(terms) / np.outer(sd, sd)
+        ends = np.cumsum([0, *(len(self.numbers[t]) for t in terms)])
+        out = []
+        for k in range(len(terms) - len(named), len(terms)):
+            mine = slice(ends[k], ends[k + 1])
+            own = covariance[mine, mine]
+            value = c[mine] @ np.linalg.solve(own, c[mine]) + np.linalg.slogdet(own)[1]
+            out.append(0.5 * float(value) - self.odds[terms[k]])
+        return np.array(out)
+
+    def gains(self, named: Sequence[Term], offers: Sequence[Sequence[Term]]) -> Array:
+        """Return (K,) by how much each of K sets of terms would raise the score [nats].
+
+        Without regard to bounds. All of one size are computed at once.
+        """
+        terms = self.model(named)
+        root, b, _, sd = self._solved(terms)
+        xx, xr, _ = self.sums()
+        z = solve_triangular(root, sd[:, None] * xx[self.at(terms)], lower=True)
+        along = xr - solve_triangular(root, b, lower=True) @ z
+        small = {(t.cause, t.joint): self.sd(t) for t in terms if t.small}
+        numbers = [self.at(some) for some in offers]
+        sizes, out = np.array([len(x) for x in numbers]), np.zeros(len(offers))
+        for size in np.unique(sizes):
+            which = np.flatnonzero(sizes == size)
+            index = np.array([numbers[k] for k in which])
+            variance = [
+                np.concatenate([self._beside(t, small.get((t.cause, t.joint))) for t in offers[k]])
+                for k in which
+            ]
+            usual, zs = np.sqrt(np.array(variance)), z[:, index]
+            own = xx[index[:, :, None], index[:, None, :]] - np.einsum("pki,pkj->kij", zs, zs)
+            unit = own * usual[:, :, None] * usual[:, None, :] + np.eye(size)
+            moved = along[index] * usual
+            value = np.einsum("ki,ki->k", moved, np.linalg.solve(unit, moved[..., None])[..., 0])
+            out[which] = 0.5 * (value - np.linalg.slogdet(unit)[1])
+        return out - np.array([sum(self.odds[t] for t in some) for some in offers])
+
+    def _beside(self, term: Term, small: Array | None) -> Array:
+        """Return (k,) prior variance that a term adds to the small error that it replaces."""
+        whole = np.square(self.sd(term))
+        if small is None or len(small) != len(whole):
+            return whole
+        return np.maximum(whole - np.square(small), DUPLICATE * whole)

@@ -1,0 +1,171 @@
+"""The search for the model with the most evidence: add, remove or swap a term, whichever helps most.
+
+Every step changes the model by what raises its score most, and lets the noise be what the new model
+leaves; the search ends when no step helps. It is greedy, so it starts from several models.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.judge.problem import ARM, Problem, Term
+
+Array = NDArray[np.float64]
+NAMED = 3.0
+"""Nats beyond its prior odds from which on a cause is named: 20 to 1."""
+SHORTLIST = 12
+"""Number of offers whose exact score is computed in each step [-]; the closed form ranks them."""
+PER_CAUSE = 2
+"""Number of nonlinear parameters of one cause on one joint among them [-]."""
+CLEAR = 15.0
+"""Nats by the closed form from which on a term's removal is not tried [-]; assumed."""
+MOST_STEPS = 80
+"""Number of steps after which a search ends; assumed: a search of seven joints takes thirty."""
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Named terms, the size of the small errors, the noise, and the evidence of all of it."""
+
+    terms: tuple[Term, ...]
+    scales: tuple[float, float]
+    """Sizes of the small errors over their tolerance, as of `Problem` [-]."""
+    inflation: Array
+    """(C,) as of `Problem`."""
+    evidence: float
+    """Log evidence and log prior odds [nats], comparable between models of the same rows."""
+
+
+Refresh = Callable[[Problem, Sequence[Term]], float]
+"""Sets noise and size of the small errors by what a model leaves; returns the model's evidence."""
+Possible = Callable[[Problem, Sequence[Term], Term], bool]
+"""Whether the value of a term in a model is one that its cause can have."""
+
+
+class Search:
+    """Climbs from a model to a better one until no step helps."""
+
+    def __init__(
+        self,
+        problem: Problem,
+        candidates: Sequence[Term],
+        needs: Callable[[str], Iterable[str]],
+        refresh: Refresh,
+        possible: Possible,
+    ) -> None:
+        """Search among candidates.
+
+        Args:
+            problem: their sums and priors.
+            candidates: terms that can be named.
+            needs: returns the causes that a cause's joint must have with it.
+            refresh: of the noise.
+            possible: of a term's value.
+        """
+        self.problem, self.candidates = problem, list(candidates)
+        self.needs, self.refresh, self.possible = needs, refresh, possible
+        self._plain = {(t.cause, t.joint): t for t in reversed(self.candidates)}
+
+    def climb(self, start: Sequence[Term]) -> Model:
+        """Return the best model that steps from a start reach."""
+        terms, problem = list(start), self.problem
+        evidence = self.refresh(problem, terms)
+        for _ in range(MOST_STEPS):
+            step = self._step(terms) or self._swapped(terms, problem.score(terms))
+            if step is None:
+                break
+            terms = step
+            evidence = self.refresh(problem, terms)
+        return Model(tuple(terms), problem.scales, problem.inflation.copy(), evidence)
+
+    def _step(self, terms: list[Term]) -> list[Term] | None:
+        """Return the terms after the step that raises the score most; None where none does."""
+        now = self.problem.score(terms)
+        best, gain = None, 0.0
+        for added in self.offers(terms):
+            more = self.problem.score([*terms, *added]) - now - NAMED
+            if more > gain and self.possible(self.problem, [*terms, *added], added[-1]):
+                best, gain = [*terms, *added], more
+        for term, loss in zip(terms, self.problem.losses(terms), strict=True):
+            impossible = not self.possible(self.problem, terms, term)
+            if loss > CLEAR and not impossible:
+                continue
+            rest = self._without(terms, term)
+            less = self.problem.score(rest) - now + NAMED * (len(terms) - len(rest))
+            if less > gain or impossible:
+                best, gain = rest, np.inf if impossible else less
+        return best
+
+    def _without(self, terms: Sequence[Term], term: Term) -> list[Term]:
+        """Return the terms without one of them, and without what needs it."""
+        return [
+            t
+            for t in terms
+            if t != term and not (t.joint == term.joint and term.cause in self.needs(t.cause))
+        ]
+
+    def offers(self, terms: Sequence[Term]) -> list[list[Term]]:
+        """Return what to add: candidates with what they need, those that promise most."""
+        have = {(t.cause, t.joint) for t in terms}
+        free = [t for t in self.candidates if (t.cause, t.joint) not in have]
+        added = [[*self._needed(t, have), t] for t in free]
+        if not added:
+            return []
+        gains = self.problem.gains(terms, added)
+        out, seen = list[list[Term]](), dict[tuple[str, int], int]()
+        for k in np.argsort(-gains, kind="stable"):
+            if gains[k] <= 0 or len(out) >= SHORTLIST:
+                break
+            key = added[k][-1].cause, added[k][-1].joint
+            seen[key] = seen.get(key, 0) + 1
+            if seen[key] <= PER_CAUSE:
+                out.append(added[k])
+        return out
+
+    def _needed(self, term: Term, have: set[tuple[str, int]]) -> list[Term]:
+        keys = [(name, term.joint) for name in self.needs(term.cause)]
+        return [self._plain[k] for k in keys if k not in have and k in self._plain]
+
+    def rivals(self, terms: Sequence[Term], mine: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """Return scores and models with some terms replaced by one other candidate each."""
+        rest = [t for t in terms if t not in mine]
+        have = {(t.cause, t.joint) for t in rest} | {(t.cause, t.joint) for t in mine}
+        joints = {t.joint for t in mine} | {ARM}
+        free = [
+            t
+            for t in self.candidates
+            if (t.cause, t.joint) not in have
+            and (t.joint in joints or (ARM in joints and mine[0].joint == ARM))
+        ]
+        added = [[*self._needed(t, {(x.cause, x.joint) for x in rest}), t] for t in free]
+        if not added:
+            return []
+        gains = self.problem.gains(rest, added)
+        best: dict[str, int] = {}
+        for k in np.argsort(-gains, kind="stable"):
+            best.setdefault(added[k][-1].cause, int(k))
+        out = []
+        for k in list(best.values())[:SHORTLIST]:
+            model = [*rest, *added[k]]
+            if self.possible(self.problem, model, added[k][-1]):
+                out.append((self.problem.score(model), model))
+        return out
+
+    def _swapped(self, terms: Sequence[Term], now: float) -> list[Term] | None:
+        """Return the terms with one, or all of one cause, replaced by a better rival."""
+        best, gain = None, 1.0
+        causes = {t.cause for t in terms}
+        groups = [[t for t in terms if t.cause == c and t.joint != ARM] for c in causes]
+        some = [[t] for t in terms] + [g for g in groups if len(g) > 1]
+        for mine in some:
+            for score, model in self.rivals(terms, mine):
+                fewer = NAMED * (len(terms) - len(model))
+                if len(mine) > 1 and model[-1].joint != ARM:
+                    continue
+                if score - now + fewer > gain:
+                    best, gain = model, score - now + fewer
+        return best

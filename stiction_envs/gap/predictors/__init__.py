@@ -1,0 +1,1 @@
+"""Predictors of what was measured, one per kind of data, as equations of the judge."""

@@ -1,0 +1,214 @@
+"""Torque along a measured motion: the columns of all causes, and what no model has.
+
+    τ_j(t) = nominal + Σ small errors + Σ named causes + e_j(t)
+
+e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ τ_j)² + (T dτ_j/dt)²): σ_j is the
+noise floor, δ a share of the joint's usual torque that no model has, T the time by which clocks,
+filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. e_j is correlated in time:
+rows within `APART` count as one. δ, T and s_j are those of the largest evidence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
+from stiction_envs.gap.judge.search import Model
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import rate
+
+Array = NDArray[np.float64]
+APART = 0.25
+"""Time between independent observations [s]; assumed."""
+SHARES = (0.001, 0.003, 0.01, 0.03)
+"""δ that are tried [-]; assumed."""
+DELAYS = (0.002, 0.01, 0.05)
+"""T that are tried [s]; assumed."""
+SCALES = (0.03, 0.1, 0.3, 1.0)
+"""Sizes of the small errors over their tolerance that are tried [-]; assumed."""
+FOLDS = 4
+"""Parts of the logs that are held out in turn [-]."""
+BOUND = 1e-9
+"""Distance from a bound, over the prior's size, up to which a coefficient is on it [-]."""
+
+
+class TorquePredictor:
+    """The equations of joint logs: candidates, their columns and sums."""
+
+    problem: Problem
+
+    def __init__(self, data: Data, causes: Sequence[Cause], *, held_out: int = -1) -> None:
+        """Compute all columns; nonlinear causes choose the parameters to try.
+
+        Args:
+            data: the logs.
+            causes: hypotheses, those with random effects among them.
+            held_out: number of the fold that takes no part; -1 for none.
+        """
+        self.data, self.causes = data, {c.name: c for c in causes}
+        self.candidates: list[Term] = []
+        self.volume, self.free = 0.0, True
+        self.links_known = data.recording.link_factor is not None
+        self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
+        channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
+        self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
+        self.problem = Problem(channels, np.full(data.n, self.rows), held_out=held_out)
+        self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
+        self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
+        self.expect(self.problem, SHARES[1], DELAYS[1])
+        self._add_candidates()
+
+    # ---- what no model has -------------------------------------------------------------------
+
+    def expect(self, problem: Problem, share: float, delay: float) -> None:
+        """Take δ [-] and T [s]: rows weigh one over their variance."""
+        data = self.data
+        variance = data.noise**2 + (share * self._usual) ** 2 + (delay * self._slope) ** 2
+        problem.reweigh(1 / variance)
+        kept = self.fold >= 0
+        self.volume = -0.5 * float(np.log(variance[kept]).sum()) / self.rows
+
+    def refresh(self, problem: Problem, terms: Sequence[Term]) -> float:
+        """Set noise and sizes of the small errors by what a model leaves; return its evidence."""
+        count = problem.counts()
+        model = problem.model(terms)
+        left = problem.errors(model, problem.fit(model)) / np.maximum(count, 1.0)
+        problem.given(self.rows * np.maximum(left, 1.0))
+        for k in range(2):
+            if (k == 0 and self.links_known) or not self.free:
+                continue
+            found = []
+            for scale in SCALES:
+                tried = list(problem.scales)
+                tried[k] = scale
+                problem.given(scales=(tried[0], tried[1]))
+                found.append(problem.score(terms))
+            tried[k] = SCALES[int(np.argmax(found))]
+            problem.given(scales=(tried[0], tried[1]))
+        spread = 0.5 * float(np.sum(count * np.log(problem.inflation / self.rows))) / self.rows
+        return problem.score(terms) - spread + self.volume
+
+    def expected(self, model: Model) -> tuple[float, float]:
+        """Return the δ and T with which a model has the most evidence."""
+        alone = self.problem.only(self.problem.model(model.terms))
+        found = {}
+        for share in SHARES:
+            for delay in DELAYS:
+                self.expect(alone, share, delay)
+                found[share, delay] = self.refresh(alone, model.terms)
+        return max(found, key=lambda x: found[x])
+
+    # ---- candidates --------------------------------------------------------------------------
+
+    def _add_candidates(self) -> None:
+        """Add small errors and all hypotheses."""
+        data = self.data
+        for cause in self.causes.values():
+            if cause.random:
+                size = self._rows(term := Term(cause.name, ARM, LINKS, small=True))
+                sd = np.full(len(size[0]), cause.tolerance(data, ARM))
+                free = np.full(len(sd), np.inf)
+                self.problem.add(term, size, sd, (-free, free), 0.0)
+        named = [c for c in self.causes.values() if not c.random]
+        offered = [(c, j) for c in named for j in c.joints(data)]
+        self._hypotheses = len(offered)
+        for cause, joint in offered:
+            if cause.is_linear:
+                left = data.residual[:, max(joint, 0)]
+                self.offer(cause, joint, cause.shapes(data, max(joint, 0), left))
+        self._linear = list(self.candidates)
+        left = self._left_by_friction()
+        for cause, joint in offered:
+            if not cause.is_linear:
+                shapes = cause.shapes(data, max(joint, 0), left[:, max(joint, 0)])
+                self.offer(cause, joint, shapes)
+
+    def offer(self, cause: Cause, joint: int, shapes: Sequence[tuple[float, ...]]) -> None:
+        """Add a cause on a joint with several nonlinear parameters, unless they are there."""
+        data = self.data
+        for shape in shapes:
+            term = Term(cause.name, joint, tuple(float(x) for x in shape))
+            if term in self.problem.numbers:
+                continue
+            columns = self._rows(term)
+            k = len(next(iter(columns.values())))
+            if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
+                continue
+            low, high = cause.bounds(data, joint)
+            odds = np.log(self._hypotheses) if cause.odds is None else cause.odds
+            odds += 0.5 * np.log(max(len(shapes), 1))
+            size = cause.size(data, joint)[:k]
+            self.problem.add(term, columns, size, (low[:k], high[:k]), odds)
+            self.candidates.append(term)
+            usual = cause.tolerance(data, joint)
+            small = term._replace(shape=(), small=True)
+            if usual and not any(shape) and small not in self.problem.numbers:
+                self.problem.share(small, term, np.full(k, usual))
+
+    def _left_by_friction(self) -> Array:
+        """Return (T, n) what the joints' plain friction, offset and inertia leave [N·m]."""
+        plain = [t for t in self._linear if self.causes[t.cause].removed_first]
+        model = self.problem.model(plain)
+        c, data = self.problem.fit(model), self.data
+        return np.stack(
+            [data.residual[:, j] - self.torque(model, c, j) for j in range(data.n)], axis=1
+        )
+
+    def affected_joints(self, term: Term) -> list[int]:
+        """Return the joints (from 0) whose torques a term acts on."""
+        if term.joint == ARM or self.causes[term.cause].coupled:
+            return list(range(self.data.n))
+        return [term.joint]
+
+    def _rows(self, term: Term) -> dict[int, NDArray[np.float32]]:
+        """Return the (k, T) columns of a term on each joint that it acts on."""
+        cause, joints = self.causes[term.cause], self.affected_joints(term)
+        if cause.coupled and term.joint != ARM:
+            spread = cause.spread(self.data, term.joint, term.shape)
+            each = {j: spread[:, j] for j in joints}
+        else:
+            each = {j: cause.columns(self.data, j, term.shape) for j in joints}
+        return {j: np.ascontiguousarray(x.T, dtype=np.float32) for j, x in each.items()}
+
+    def needs(self, name: str) -> tuple[str, ...]:
+        """Return the causes that a cause needs: none if the nominal model has friction."""
+        return () if self.data.has_friction else self.causes[name].needs
+
+    def possible(self, problem: Problem, terms: Sequence[Term], term: Term) -> bool:
+        """Return whether a term's value in a model is one that its cause can have."""
+        model = problem.model(terms)
+        parts = dict(zip(model, problem.split(model, problem.fit(model)), strict=True))
+        cause, mine = self.causes[term.cause], parts[term]
+        level = sum(
+            self.causes[t.cause].dry_friction(c) for t, c in parts.items() if t.joint == term.joint
+        )
+        level += float(self.data.friction.level[term.joint]) if term.joint != ARM else 0.0
+        return not (
+            cause.negligible(mine, term.shape)
+            or cause.on_bound(mine, self.data, term.joint)
+            or cause.drives(mine, level)
+        )
+
+    # ---- torques -----------------------------------------------------------------------------
+
+    def columns(self, term: Term, joint: int) -> Array:
+        """Return the (T, k) columns of a term on a joint."""
+        channel, numbers = self.problem.channels[joint], self.problem.numbers[term]
+        local = np.searchsorted(channel.at, numbers)  # coefficients were numbered as they came
+        return channel.columns[local].T.astype(np.float64)
+
+    def part(self, term: Term, joint: int, mine: Array) -> Array:
+        """Return (T,) torque of a term on a joint with its coefficients [N·m]."""
+        return self.columns(term, joint) @ mine
+
+    def torque(self, terms: Sequence[Term], c: Array, joint: int) -> Array:
+        """Return (T,) torque of a model with coefficients (P,) on a joint [N·m]."""
+        out = np.zeros(len(self.data.t))
+        for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
+            if joint in self.affected_joints(term):
+                out += self.part(term, joint, mine)
+        return out
