@@ -18,42 +18,30 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
-from stiction_envs.gap.estimates import draw, estimates, sharpen
-from stiction_envs.gap.judge.judgement import Judgement, NamedCause
+from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
-from stiction_envs.gap.noise_left import noise_left
-from stiction_envs.gap.selection.candidates import ARM, Candidate, RegressorLibrary
-from stiction_envs.gap.selection.chooser import Chooser
-from stiction_envs.gap.selection.confusion import confused_with
-from stiction_envs.gap.selection.gain import gain, pruned
-from stiction_envs.gap.selection.refit import refine_delay, refit
-from stiction_envs.gap.selection.whole_models import (
-    likelier,
-    prefer_arm_causes,
-    with_or_without_random,
-    with_set_up,
-)
+from stiction_envs.gap.predictors.judged import Judged, draws, held_out, judge
+from stiction_envs.gap.predictors.named import named_causes, not_shown, percent_gained, shares
+from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import signs
-from stiction_envs.gap.verdict import (
-    described,
-    evidence,
-    percent_gained,
-    percent_lost,
-    structured,
-    verdict_of,
-    what_to_record,
-)
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+DRAWS = 400
+"""Number of draws of the posterior for intervals [-]; assumed."""
+CLOSE = 3.0
+"""Held-out error over the noise floor below which nothing is left [-]; assumed."""
+SMALL = 0.02
+"""The same over a joint's whole torque, root mean square [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,24 +49,20 @@ class Diagnosis(Judgement):
     """The result, and the data behind it."""
 
     nominal_rms: Array
-    """(n,) held-out error of the nominal model [N·m]."""
+    """(n,) error of the nominal model [N·m]."""
     extended_rms: Array
-    """(n,) held-out error of the extended model [N·m]."""
+    """(n,) error of the extended model on rows that it was neither chosen nor fitted with [N·m]."""
     noise: Array
-    """(n,) noise floor, given the causes (`noise_left`) [N·m]."""
-    structured: NDArray[np.bool_]
-    """(n,) whether a further cause would take much of what is left of a joint."""
-    not_identifiable: dict[str, str]
-    """Causes that these data cannot show, and why."""
+    """(n,) noise floor [N·m]."""
     what_to_record: tuple[str, ...]
     """The motions to record next, most useful first; ``record_next`` in the file."""
     logs: tuple[JointLog, ...]
     data: Data
-    library: RegressorLibrary
-    terms: tuple[Candidate, ...]
+    predictor: TorquePredictor
+    terms: tuple[Term, ...]
     coefficients: Array
     links: LinkErrors | None
-    """Small errors of all links; None where a few bodies explain the arm."""
+    """Small errors of all links."""
     doubt: tuple[Array, ...]
     """(k, K) rows of a factor of the coefficients' covariance, for each term."""
     base: Data
@@ -102,17 +86,13 @@ class Diagnosis(Judgement):
 
     def torque(self, joint: int) -> Array:
         """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""
-        return self.library.torque(self.terms, self.coefficients, joint)
+        return self.predictor.torque(self.terms, self.coefficients, joint)
 
     def cause_torque(self, cause: str) -> Array:
         """Return (T, n) what one cause adds to the nominal torques [N·m]."""
-        out = np.zeros_like(self.data.q)
-        shares = self.library.split(self.terms, self.coefficients)
-        for term, mine in zip(self.terms, shares, strict=True):
-            if term.cause == cause and not term.small:
-                for j in self.library.affected_joints(term):
-                    out[:, j] += self.library.part(term, j, mine)
-        return out
+        each = self.predictor.torques(self.terms, self.coefficients)
+        mine = [x for t, x in each.items() if t.cause == cause and not t.small]
+        return np.sum([np.zeros_like(self.data.q), *mine], axis=0)
 
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json`` of the contract."""
@@ -189,38 +169,9 @@ def diagnose_logs(
         link_factor=baseline.links,
     )
     data = baseline.extend(base)
-    say("columns of all causes", 0.0)
     if not np.isfinite(data.dt):  # only poses without motion
         causes = [c for c in causes if c.shown_at_rest]
-    library = RegressorLibrary(data, causes)
-
-    def choose(
-        library: RegressorLibrary, *some: Sequence[Candidate], stage: str = "refitting"
-    ) -> list[Candidate]:
-        return Chooser(library, lambda k: say(stage, k / (k + 12)), *some).choose()
-
-    say("choosing causes", 0.0)
-
-    terms = with_or_without_random(library, partial(choose, stage="choosing causes"), sharpen)
-    say("refitting", 0.0)
-    library, terms = refit(library, terms, choose)
-    if library.scale > 0:
-        # the noise, and the size of the links' errors, are known only now; a search is greedy
-        terms = likelier(library, choose(library, terms), choose(library))
-    say("refitting", 0.6)
-    terms = refine_delay(library, sharpen(library, terms))
-    terms = prefer_arm_causes(library, terms)
-    say("refitting", 0.8)
-    kept = pruned(library, terms)
-    if len(kept) < len(terms):
-        # a cause that was dropped may have kept out a better one
-        gone = [t for t in terms if t not in kept]
-        terms = refine_delay(library, sharpen(library, choose(library, kept, gone)))
-        terms = pruned(library, terms)
-    if library.scale > 0:
-        library.settle()
-        terms = likelier(library, terms, sharpen(library, choose(library, terms)))
-    return _conclude(baseline, base, read, signals, library, terms, seed, say)
+    return _conclude(baseline, base, read, signals, judge(data, causes, say), seed, say)
 
 
 def _conclude(
@@ -228,89 +179,69 @@ def _conclude(
     base: Data,
     logs: list[JointLog],
     signals: Signals,
-    library: RegressorLibrary,
-    terms: list[Candidate],
+    judged: Judged,
     seed: int,
     say: Callable[[str, float], None],
 ) -> Diagnosis:
-    data, grams, chosen = library.data, library.grams, terms
-    terms = with_set_up(library, chosen)
-    library.keep(terms)
-    count = np.array([g.count.sum() for g in grams.joints])
-
-    def error(left: Array) -> Array:
-        """Return (n,) of squared errors (n, B) [N·m]."""
-        return np.asarray(np.sqrt(left.sum(axis=1) / count) * data.noise)
-
-    model = library.model_columns(terms)
-    nominal_rms = error(grams.held_out(library.model_columns([])))
-    extended_rms, c = error(grams.held_out(model)), grams.fit(model)
-    draws = draw(library, terms, c, seed) if terms else []
-    doubt = found_factor(draws, library.split(terms, c), data.settings.estimates)
-    draws = with_earlier(draws, terms, baseline.parts, seed)
-    noise, of_noise = noise_left(library, terms, c, signals)
-    names = list(dict.fromkeys(t.cause for t in terms if not t.small))
-    named, little = [], set()
-    for i, name in enumerate(names):
-        say("evidence", i / len(names))
-        mine = [t for t in terms if t.cause == name and not t.small]
-        its_gain = gain(library, chosen, mine)
-        if not its_gain.significant:
-            continue
-        if its_gain.stands_out:  # other links would take its place
-            without = error(grams.held_out_less(model, library.own(terms, mine)))
-        else:
-            others = [t for t in terms if t not in mine]
-            without = error(grams.held_out(library.model_columns(others)))
-        lost = percent_lost(without, extended_rms, nominal_rms)
-        if lost <= 0:  # beside the small errors of the set-up it only costs
-            continue
-        s = data.settings.verdict
-        if lost < 100 * s.minor and bool((without < s.minor_error * extended_rms).all()):
-            little.add(name)
-        joints = tuple(sorted(t.joint + 1 for t in mine))
-        if mine[0].joint == ARM:
-            joints = tuple(int(j) + 1 for j in np.flatnonzero(its_gain.significant_joints))
-        named.append(
-            NamedCause(
-                name=name,
-                joints=joints,
-                gain_percent=lost,
-                parameters=estimates(library, terms, mine, c, draws),
-                evidence=evidence(
-                    described(library, terms, mine, c), joints, without, extended_rms
-                ),
-                confused_with=confused_with(library, chosen, mine, joints, its_gain),
-            )
-        )
-    named.sort(key=lambda x: -x.gain_percent)
-    minor = tuple(c for c in named[1:] if c.name in little)
-    named = [c for c in named if c not in minor]
-    more = structured(library, terms, extended_rms / noise)
-    not_identifiable = {name: reason for (name, _), reason in library.not_identifiable.items()}
+    predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
+    data, kept = predictor.data, predictor.fold >= 0
+    nominal_rms = np.sqrt(np.mean(np.square(data.residual[kept]), axis=0))
+    extended_rms = held_out(judged, lambda part: say("held-out rows", part))
+    drawn = draws(judged, DRAWS, seed)
+    doubt = found_factor(drawn, predictor.problem.split(terms, c))
+    drawn = with_earlier(drawn, terms, baseline.parts, seed)
+    say("evidence", 0.0)
+    named, minor = named_causes(judged, drawn)
+    verdict = _verdict(data, bool(named), nominal_rms, extended_rms)
+    hidden = not_shown(judged)
+    if verdict == CANNOT_TELL and percent_gained(nominal_rms, extended_rms) <= 0:
+        named, minor = (), ()  # a model that predicts worse than none names nothing
     return Diagnosis(
         robot=data.arm.name,
-        verdict=verdict_of(named, nominal_rms, extended_rms, noise, library, more),
-        causes=tuple(named),
+        verdict=verdict,
+        causes=named,
         minor=minor,
+        shares_percent=shares(judged),
+        not_shown=hidden,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
-        noise=noise,
-        structured=more,
-        not_identifiable=not_identifiable,
-        what_to_record=what_to_record(named, not_identifiable),
+        noise=np.array(data.noise),
+        what_to_record=_what_to_record([c.name for c in named], [x.name for x in hidden]),
         logs=tuple(logs),
         data=data,
-        library=library,
+        predictor=predictor,
         terms=tuple(terms),
         coefficients=c,
-        links=link_errors(library, terms, c),
+        links=link_errors(predictor, terms, c),
         doubt=tuple(doubt),
         base=base,
         baseline=baseline,
         torque_sign=_torque_sign(logs, signals, baseline, data),
-        notes=(*signals.notes, *of_noise, *_small_notes(library, terms)),
+        notes=signals.notes,
     )
+
+
+CANNOT_TELL = "cannot tell"
+
+
+def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
+    """Return the verdict of the contract; errors (n,) of both models [N·m]."""
+    size = np.sqrt(np.mean(np.square(data.tau), axis=0))
+    enough = np.maximum(CLOSE * data.noise, SMALL * size)
+    moved = float(np.ptp(data.q, axis=0).max()) > data.settings.motion.travel_span
+    if not moved or percent_gained(nominal, extended) < 0:
+        return CANNOT_TELL if not moved or (nominal > enough).any() else "no discrepancy"
+    if not named and not (nominal > enough).any():
+        return "no discrepancy"
+    if not named and (extended > enough).any():
+        return CANNOT_TELL
+    return "partly explained" if (extended > enough).any() else "explained"
+
+
+def _what_to_record(named: Sequence[str], hidden: Sequence[str]) -> tuple[str, ...]:
+    """Return the motions that would show what was not shown, each once."""
+    each = [(name, cause_named(name).what_to_record) for name in dict.fromkeys(hidden)]
+    return tuple(f"to see {name}: {motion}" for name, motion in each if name not in named)
 
 
 def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data: Data) -> int:
@@ -319,14 +250,6 @@ def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data
         return -1
     shown = any(s.vote for s in signs(signals, data.recording.arm, data.settings))
     return 1 if shown else baseline.torque_sign
-
-
-def _small_notes(library: RegressorLibrary, terms: Sequence[Candidate]) -> list[str]:
-    """Return what small errors of the set-up are in a model."""
-    of = dict.fromkeys(t.cause for t in terms if t.small and t not in library.random)
-    if not of:
-        return []
-    return [f"small errors within the usual tolerance are fitted too, not named: {', '.join(of)}"]
 
 
 def _log_notes(logs: Sequence[JointLog]) -> list[str]:
@@ -344,15 +267,15 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
     data, arm = diagnosis.data, diagnosis.data.arm
     c = diagnosis.coefficients if coefficients is None else coefficients
     level = 1 + max((p.level for p in before.parts), default=0)
-    split = diagnosis.library.split(diagnosis.terms, c)
+    split = diagnosis.predictor.problem.split(diagnosis.terms, c)
 
-    def carried(term: Candidate) -> bool:
-        cause = diagnosis.library.causes[term.cause]
+    def carried(term: Term) -> bool:
+        cause = diagnosis.predictor.causes[term.cause]
         return cause.acts_on_all if isinstance(cause, ActuatorDelay) else data.carried is not None
 
-    def part(term: Candidate, mine: Array, factor: Array) -> Part:
-        cause, shape = diagnosis.library.causes[term.cause], term.shape
-        if term in diagnosis.library.random and diagnosis.links is not None:
+    def part(term: Term, mine: Array, factor: Array) -> Part:
+        cause, shape = diagnosis.predictor.causes[term.cause], term.shape
+        if term.shape == LINKS and diagnosis.links is not None:
             own = diagnosis.links.changes.ravel()
         else:
             own, shape = cause.part_of(mine, shape)

@@ -14,36 +14,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Part
-from stiction_envs.gap.estimates import Draws, near
-from stiction_envs.gap.links import WIDTH, root_of
-from stiction_envs.gap.selection.candidates import ARM, Candidate
-from stiction_envs.gap.settings import EstimateSettings
+from stiction_envs.gap.judge.problem import ARM, Term
+from stiction_envs.gap.links import root_of
 
 Array = NDArray[np.float64]
+Draws = list[list[tuple[Array, tuple[float, ...]]]]
+"""For each term its (coefficients, nonlinear parameters) of every draw."""
 
 
-def found_factor(draws: Draws, c: Sequence[Array], settings: EstimateSettings) -> list[Array]:
-    """Return (k, K) rows of F of each term of a diagnosis, by the resamples and the model's error.
-
-    A 95 % interval of F is as wide as that of a report.
+def found_factor(draws: Draws, c: Sequence[Array]) -> list[Array]:
+    """Return (k, K) rows of F of each term of a diagnosis, by draws of its posterior.
 
     Args:
-        draws: the resamples.
+        draws: of the posterior.
         c: (k,) coefficients of each term.
-        settings: of the intervals.
     """
-    stacked = [near(np.array([x for x, _ in each])) for each in draws]
-    value = np.concatenate(c) if c else np.zeros(0)
-    if not value.size:
+    stacked = [np.array([x for x, _ in each]) for each in draws]
+    if not sum(len(x) for x in c):
         return [np.zeros((len(x), 0)) for x in c]
     spread = np.atleast_2d(np.cov(np.concatenate(stacked, axis=1), rowvar=False))
-    scale = settings.interval / WIDTH
-    error = settings.model_error * np.abs(value) / WIDTH
-    factor = root_of(scale**2 * spread + np.diag(error**2))
-    return np.split(factor, np.cumsum([len(x) for x in c])[:-1])
+    return np.split(root_of(spread), np.cumsum([len(x) for x in c])[:-1])
 
 
-def earlier_factor(parts: Sequence[Part], term: Candidate, size: int) -> Array:
+def earlier_factor(parts: Sequence[Part], term: Term, size: int) -> Array:
     """Return (size, K) rows of F of what earlier diagnoses found of a term's cause on its joint."""
     width = max((len(row) for p in parts for row in p.doubt), default=0)
     out = np.zeros((size, width))
@@ -55,9 +48,7 @@ def earlier_factor(parts: Sequence[Part], term: Candidate, size: int) -> Array:
     return out
 
 
-def with_earlier(
-    draws: Draws, terms: Sequence[Candidate], parts: Sequence[Part], seed: int
-) -> Draws:
+def with_earlier(draws: Draws, terms: Sequence[Term], parts: Sequence[Part], seed: int) -> Draws:
     """Return resamples in which what the model had of the same causes is drawn too."""
     rng = np.random.default_rng([seed, 1])
     width = max((len(row) for p in parts for row in p.doubt), default=0)

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
-from stiction_envs.gap.selection.candidates import Candidate, RegressorLibrary
+from stiction_envs.gap.judge.problem import LINKS, Term
+from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.consistent import nearest_bodies
 from stiction_envs.robots.inertias import with_inertias
@@ -109,72 +110,72 @@ def root_of(covariance: Array) -> Array:
     return np.asarray(size[:, None] * v[:, kept] * np.sqrt(square[kept]))
 
 
-def link_errors(
-    library: RegressorLibrary, terms: Sequence[Candidate], c: Array
-) -> LinkErrors | None:
+def link_errors(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> LinkErrors | None:
     """Return the small errors of all links in a model; None where it has none.
 
     Args:
-        library: of the logs.
+        predictor: of the logs.
         terms: the model, its random effects first.
         c: (P,) its coefficients.
     """
-    if not terms or terms[0] not in library.random:
+    if not terms or terms[0].shape != LINKS:
         return None
-    data = library.data
+    data = predictor.data
     links, basis = inertial_parameters(data.pinocchio), data.recording.derived(link_basis)
     # directions that no torque shows keep the prior's doubt
     prior = link_factor(data.recording)
-    unseen = _prior(library) - library.scale**2 * basis @ basis.T
-    effect = _effect(library, terms)
-    shown = effect @ library.grams.covariance(library.model_columns(terms)) @ effect.T
+    unseen = _prior(predictor) - predictor.problem.scales[0] ** 2 * basis @ basis.T
+    effect = _effect(predictor, terms)
+    shown = effect @ predictor.problem.covariance(terms) @ effect.T
     return LinkErrors(
-        scale=library.scale,
-        changes=nearest_links(library, c) - links,
+        scale=predictor.problem.scales[0],
+        changes=nearest_links(predictor, c) - links,
         covariance=shown + unseen,
         links=links,
         prior=prior @ prior.T,
     )
 
 
-def nearest_links(library: RegressorLibrary, c: Array) -> Array:
+def nearest_links(predictor: TorquePredictor, c: Array) -> Array:
     """Return (..., n, 10) links that exist, of coefficients (..., P), the random effects first.
 
     Of all bodies that exist, these change the torques along the logs least from what was fitted, in
     units of the noise, and stray least from the prior.
     """
-    basis = library.data.recording.derived(link_basis)
-    return _nearest(library, c[..., : basis.shape[1]] @ basis.T)
+    basis = predictor.data.recording.derived(link_basis)
+    return _nearest(predictor, c[..., : basis.shape[1]] @ basis.T)
 
 
-def with_found_links(library: RegressorLibrary, terms: Sequence[Candidate], c: Array) -> Arm:
+def with_found_links(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> Arm:
     """Return the nominal arm with the links of a model's bodies and small errors.
 
     They are bodies that exist, the nearest as in `nearest_links`.
     """
-    return with_inertias(library.data.arm, _nearest(library, _effect(library, terms) @ c))
+    return with_inertias(predictor.data.arm, _nearest(predictor, _effect(predictor, terms) @ c))
 
 
-def _nearest(library: RegressorLibrary, more: Array) -> Array:
+def _nearest(predictor: TorquePredictor, more: Array) -> Array:
     """Return (..., n, 10) links that exist, nearest to those that are ``more`` (..., 10 n) off."""
-    data = library.data
+    data = predictor.data
     links = inertial_parameters(data.pinocchio)
-    weight = library.grams.counts / library.inflation / np.square(data.noise)
-    torques = np.tensordot(weight, data.recording.derived(link_squares), axes=1)
-    hessian = torques + np.linalg.pinv(_prior(library), hermitian=True)
+    torques = np.tensordot(predictor.information(), data.recording.derived(link_squares), axes=1)
+    hessian = torques + np.linalg.pinv(_prior(predictor), hermitian=True)
     wanted = links + more.reshape(*more.shape[:-1], *links.shape)
     each = [nearest_bodies(x, hessian, links) for x in wanted.reshape(-1, *links.shape)]
     return np.reshape(each, wanted.shape)
 
 
-def _effect(library: RegressorLibrary, terms: Sequence[Candidate]) -> Array:
+def _effect(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
     """Return (10 n, P) change of the links' parameters per unit of a model's coefficients."""
-    data, causes = library.data, library.causes
-    each = [causes[t.cause].on_links(data, t.joint, t.shape, library.size(t)) for t in terms]
+    data, causes = predictor.data, predictor.causes
+    each = [
+        causes[t.cause].on_links(data, t.joint, t.shape, len(predictor.problem.numbers[t]))
+        for t in terms
+    ]
     return np.concatenate(each, axis=1)
 
 
-def _prior(library: RegressorLibrary) -> Array:
+def _prior(predictor: TorquePredictor) -> Array:
     """Return (10 n, 10 n) covariance of the links' parameters before the logs."""
-    factor = library.scale * link_factor(library.data.recording)
+    factor = predictor.problem.scales[0] * link_factor(predictor.data.recording)
     return np.asarray(factor @ factor.T)

@@ -201,6 +201,10 @@ class Problem:
             return self._sd[term]
         return self._sd[term] * self.scales[0 if term.shape == LINKS else 1]
 
+    def bounds(self, term: Term) -> tuple[Array, Array]:
+        """Return lowest and highest coefficients of a term, (k,) each."""
+        return self._bounds[term]
+
     def given(
         self, inflation: Array | None = None, scales: tuple[float, float] | None = None
     ) -> None:
@@ -223,15 +227,21 @@ class Problem:
         return replace(self, held_out=fold, _scores={}, _sums=None)
 
     def only(self, terms: Sequence[Term]) -> Problem:
-        """Return the problem with the columns of some terms alone."""
+        """Return a problem with the columns of some terms alone, to which others can be added."""
         out = replace(
             self,
             channels=[
                 x.only(np.concatenate([self.numbers[t] for t in terms])) for x in self.channels
             ],
             always=[t for t in terms if t.small],
+            numbers=dict(self.numbers),
+            odds=dict(self.odds),
+            _sd=dict(self._sd),
+            _bounds=dict(self._bounds),
+            _scores={},
+            _sums=None,
         )
-        out._scores, out._sums = {}, None
+        out.reweigh(np.stack([x.weight for x in self.channels], axis=1))
         return out
 
     def model(self, named: Sequence[Term]) -> list[Term]:

@@ -1,4 +1,4 @@
-"""The search for the model with the most evidence: add, remove or swap a term, whichever helps most.
+"""The search for the model with the most evidence: it adds, removes or swaps terms.
 
 Every step changes the model by what raises its score most, and lets the noise be what the new model
 leaves; the search ends when no step helps. It is greedy, so it starts from several models.
@@ -94,13 +94,13 @@ class Search:
             impossible = not self.possible(self.problem, terms, term)
             if loss > CLEAR and not impossible:
                 continue
-            rest = self._without(terms, term)
+            rest = self.without(terms, term)
             less = self.problem.score(rest) - now + NAMED * (len(terms) - len(rest))
             if less > gain or impossible:
                 best, gain = rest, np.inf if impossible else less
         return best
 
-    def _without(self, terms: Sequence[Term], term: Term) -> list[Term]:
+    def without(self, terms: Sequence[Term], term: Term) -> list[Term]:
         """Return the terms without one of them, and without what needs it."""
         return [
             t
@@ -130,16 +130,24 @@ class Search:
         keys = [(name, term.joint) for name in self.needs(term.cause)]
         return [self._plain[k] for k in keys if k not in have and k in self._plain]
 
-    def rivals(self, terms: Sequence[Term], mine: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """Return scores and models with some terms replaced by one other candidate each."""
+    def rivals(
+        self, terms: Sequence[Term], mine: Sequence[Term], *, reshaped: bool = False
+    ) -> list[tuple[float, list[Term]]]:
+        """Return scores and models with some terms replaced by one other candidate each.
+
+        Candidates are of the terms' joints or of the arm; any, in place of one of the arm.
+        ``reshaped``: the same causes with other nonlinear parameters are candidates too.
+        """
         rest = [t for t in terms if t not in mine]
-        have = {(t.cause, t.joint) for t in rest} | {(t.cause, t.joint) for t in mine}
+        have = {(t.cause, t.joint) for t in (rest if reshaped else terms)}
         joints = {t.joint for t in mine} | {ARM}
         free = [
             t
             for t in self.candidates
             if (t.cause, t.joint) not in have
-            and (t.joint in joints or (ARM in joints and mine[0].joint == ARM))
+            and (t.joint in joints or mine[0].joint == ARM)
+            and t not in mine
+            and not any((n, t.joint) == x[:2] for n in self.needs(t.cause) for x in mine)
         ]
         added = [[*self._needed(t, {(x.cause, x.joint) for x in rest}), t] for t in free]
         if not added:
@@ -162,7 +170,7 @@ class Search:
         groups = [[t for t in terms if t.cause == c and t.joint != ARM] for c in causes]
         some = [[t] for t in terms] + [g for g in groups if len(g) > 1]
         for mine in some:
-            for score, model in self.rivals(terms, mine):
+            for score, model in self.rivals(terms, mine, reshaped=True):
                 fewer = NAMED * (len(terms) - len(model))
                 if len(mine) > 1 and model[-1].joint != ARM:
                     continue

@@ -2,20 +2,20 @@
 
     τ_j(t) = nominal + Σ small errors + Σ named causes + e_j(t)
 
-e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ τ_j)² + (T dτ_j/dt)²): σ_j is the
-noise floor, δ a share of the joint's usual torque that no model has, T the time by which clocks,
-filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. e_j is correlated in time:
-rows within `APART` count as one. δ, T and s_j are those of the largest evidence.
+e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ τ_j)² + (T dτ_j/dt)²): σ_j is
+the noise floor, δ a share of the joint's usual torque that no model has, T the time by which
+clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. e_j is correlated
+in time: rows within `APART` count as one. δ, T and s_j are those of the largest evidence.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
@@ -40,23 +40,28 @@ class TorquePredictor:
     """The equations of joint logs: candidates, their columns and sums."""
 
     problem: Problem
+    expects: tuple[float, float]
+    """δ [-] and T [s]."""
 
-    def __init__(self, data: Data, causes: Sequence[Cause], *, held_out: int = -1) -> None:
+    def __init__(
+        self, data: Data, causes: Sequence[Cause], found: Mapping[Term, Array] | None = None
+    ) -> None:
         """Compute all columns; nonlinear causes choose the parameters to try.
 
         Args:
             data: the logs.
             causes: hypotheses, those with random effects among them.
-            held_out: number of the fold that takes no part; -1 for none.
+            found: torque (T, n) of each term of an earlier model, in whose residual nonlinear
+                causes look for their parameters; None for none.
         """
-        self.data, self.causes = data, {c.name: c for c in causes}
+        self.data, self.causes, self._found = data, {c.name: c for c in causes}, found
         self.candidates: list[Term] = []
         self.volume, self.free = 0.0, True
         self.links_known = data.recording.link_factor is not None
         self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
         channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
-        self.problem = Problem(channels, np.full(data.n, self.rows), held_out=held_out)
+        self.problem = Problem(channels, np.full(data.n, self.rows))
         self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
         self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
         self.expect(self.problem, SHARES[1], DELAYS[1])
@@ -66,7 +71,7 @@ class TorquePredictor:
 
     def expect(self, problem: Problem, share: float, delay: float) -> None:
         """Take δ [-] and T [s]: rows weigh one over their variance."""
-        data = self.data
+        data, self.expects = self.data, (share, delay)
         variance = data.noise**2 + (share * self._usual) ** 2 + (delay * self._slope) ** 2
         problem.reweigh(1 / variance)
         kept = self.fold >= 0
@@ -95,11 +100,12 @@ class TorquePredictor:
     def expected(self, model: Model) -> tuple[float, float]:
         """Return the δ and T with which a model has the most evidence."""
         alone = self.problem.only(self.problem.model(model.terms))
-        found = {}
+        found, now, volume = {}, self.expects, self.volume
         for share in SHARES:
             for delay in DELAYS:
                 self.expect(alone, share, delay)
                 found[share, delay] = self.refresh(alone, model.terms)
+        self.expects, self.volume = now, volume
         return max(found, key=lambda x: found[x])
 
     # ---- candidates --------------------------------------------------------------------------
@@ -109,7 +115,7 @@ class TorquePredictor:
         data = self.data
         for cause in self.causes.values():
             if cause.random:
-                size = self._rows(term := Term(cause.name, ARM, LINKS, small=True))
+                size = self.rows_of(term := Term(cause.name, ARM, LINKS, small=True))
                 sd = np.full(len(size[0]), cause.tolerance(data, ARM))
                 free = np.full(len(sd), np.inf)
                 self.problem.add(term, size, sd, (-free, free), 0.0)
@@ -120,43 +126,52 @@ class TorquePredictor:
             if cause.is_linear:
                 left = data.residual[:, max(joint, 0)]
                 self.offer(cause, joint, cause.shapes(data, max(joint, 0), left))
-        self._linear = list(self.candidates)
-        left = self._left_by_friction()
+        left = self._left_by_friction() if self._found is None else self._left_by_found()
         for cause, joint in offered:
             if not cause.is_linear:
-                shapes = cause.shapes(data, max(joint, 0), left[:, max(joint, 0)])
-                self.offer(cause, joint, shapes)
+                j = max(joint, 0)
+                mine = left[:, j]
+                for term, torque in (self._found or {}).items():
+                    if (term.cause, term.joint) == (cause.name, joint):
+                        mine = mine + torque[:, j]
+                self.offer(cause, joint, cause.shapes(data, j, mine))
 
-    def offer(self, cause: Cause, joint: int, shapes: Sequence[tuple[float, ...]]) -> None:
+    def offer(self, cause: Cause, joint: int, shapes: Sequence[Shape]) -> None:
         """Add a cause on a joint with several nonlinear parameters, unless they are there."""
-        data = self.data
         for shape in shapes:
             term = Term(cause.name, joint, tuple(float(x) for x in shape))
-            if term in self.problem.numbers:
-                continue
-            columns = self._rows(term)
-            k = len(next(iter(columns.values())))
-            if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
-                continue
-            low, high = cause.bounds(data, joint)
-            odds = np.log(self._hypotheses) if cause.odds is None else cause.odds
-            odds += 0.5 * np.log(max(len(shapes), 1))
-            size = cause.size(data, joint)[:k]
-            self.problem.add(term, columns, size, (low[:k], high[:k]), odds)
-            self.candidates.append(term)
-            usual = cause.tolerance(data, joint)
-            small = term._replace(shape=(), small=True)
-            if usual and not any(shape) and small not in self.problem.numbers:
-                self.problem.share(small, term, np.full(k, usual))
+            if term not in self.problem.numbers and self.add(self.problem, term, len(shapes)):
+                self.candidates.append(term)
+
+    def add(self, problem: Problem, term: Term, count: int) -> bool:
+        """Add a term to a problem, one of ``count`` alike; return whether these data show it."""
+        data, cause = self.data, self.causes[term.cause]
+        columns = self.rows_of(term)
+        if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
+            return False
+        k = len(next(iter(columns.values())))
+        low, high = cause.bounds(data, term.joint)
+        odds = float(np.log(self._hypotheses)) if cause.odds is None else cause.odds
+        odds += 0.5 * float(np.log(max(count, 1)))
+        size = cause.size(data, term.joint)[:k]
+        problem.add(term, columns, size, (low[:k], high[:k]), odds)
+        usual, small = cause.tolerance(data, term.joint), Term(term.cause, term.joint, (), True)
+        if usual and not any(term.shape) and small not in problem.numbers:
+            problem.share(small, term, np.full(k, usual))
+        return True
 
     def _left_by_friction(self) -> Array:
         """Return (T, n) what the joints' plain friction, offset and inertia leave [N·m]."""
-        plain = [t for t in self._linear if self.causes[t.cause].removed_first]
+        plain = [t for t in self.candidates if self.causes[t.cause].removed_first]
         model = self.problem.model(plain)
         c, data = self.problem.fit(model), self.data
         return np.stack(
             [data.residual[:, j] - self.torque(model, c, j) for j in range(data.n)], axis=1
         )
+
+    def _left_by_found(self) -> Array:
+        """Return (T, n) what the earlier model leaves [N·m]."""
+        return self.data.residual - np.sum(list((self._found or {}).values()), axis=0)
 
     def affected_joints(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
@@ -164,7 +179,7 @@ class TorquePredictor:
             return list(range(self.data.n))
         return [term.joint]
 
-    def _rows(self, term: Term) -> dict[int, NDArray[np.float32]]:
+    def rows_of(self, term: Term) -> dict[int, NDArray[np.float32]]:
         """Return the (k, T) columns of a term on each joint that it acts on."""
         cause, joints = self.causes[term.cause], self.affected_joints(term)
         if cause.coupled and term.joint != ARM:
@@ -212,3 +227,17 @@ class TorquePredictor:
             if joint in self.affected_joints(term):
                 out += self.part(term, joint, mine)
         return out
+
+    def torques(self, terms: Sequence[Term], c: Array) -> dict[Term, Array]:
+        """Return the torque (T, n) of each term of a model with coefficients (P,) [N·m]."""
+        out = {}
+        for term, mine in zip(terms, self.problem.split(terms, c), strict=True):
+            out[term] = np.zeros_like(self.data.q)
+            for j in self.affected_joints(term):
+                out[term][:, j] = self.part(term, j, mine)
+        return out
+
+    def information(self) -> Array:
+        """Return (n,) number of independent observations over their variance [1/(N·m)²]."""
+        weight = np.array([float(x.weight[self.fold >= 0].sum()) for x in self.problem.channels])
+        return weight / self.problem.inflation

@@ -119,7 +119,7 @@ class Recording:
         Args:
             distance: (n, k) presliding distances [rad].
         """
-        return bristles(self.reversal_path, self.runs, distance, self.settings.motion)
+        return bristles(self.reversal_path, self.runs, distance, self.settings.motion, self.dt)
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, by segment; poses are unchanged.

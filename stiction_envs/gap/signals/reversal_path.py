@@ -2,8 +2,7 @@
 
 The low-pass of all signals overshoots by 0.1 mrad and more where a joint stops. Friction with a
 shorter presliding distance would reverse there, and noise would change it at rest. The path
-therefore passes a wider low-pass, and play removes the remaining noise: the path follows the angle
-only when it has left a band about the path.
+therefore passes a wider low-pass, and turns back within the remaining noise are left out.
 """
 
 from __future__ import annotations
@@ -36,19 +35,33 @@ def angle_noise(q: Array) -> float:
 
 
 @compiled
-def play(x: Array, half: Array) -> Array:
-    """Return (T, K) outputs of play with half widths ``half`` (K,), starting at x[0].
+def zigzag(x: Array, band: float) -> Array:
+    """Return (K,) a path without its turns back of ``band`` or less.
+
+    A turn counts once the path has gone back by more than the band. It is then where the path was
+    farthest, so that turns do not come late; between turns the path never goes back.
 
     Args:
-        x: (T,) input path, the middle of the play.
-        half: (K,) half widths from 0, in units of the path; 0 gives the path itself.
+        x: (K,) path.
+        band: width of the turns that are left out, in units of the path.
     """
-    out = np.empty((len(x), len(half)))
-    pen = np.full(len(half), x[0] if len(x) else 0.0)
-    for i in range(len(x)):
-        for k in range(len(half)):
-            pen[k] = min(max(pen[k], x[i] - half[k]), x[i] + half[k])
-            out[i, k] = pen[k]
+    out, start, side = x.copy(), 0, 0.0
+    low, high = 0, 0
+    for i in range(1, len(x)):
+        if x[i] > x[high]:
+            high = i
+        if x[i] < x[low]:
+            low = i
+        if side >= 0 and x[high] - x[i] > band:  # it was rising, or not yet moving
+            for k in range(start + 1, high + 1):
+                out[k] = max(out[k], out[k - 1])
+            start, low, side = high, i, -1.0
+        elif side <= 0 and x[i] - x[low] > band:
+            for k in range(start + 1, low + 1):
+                out[k] = min(out[k], out[k - 1])
+            start, high, side = low, i, 1.0
+    for k in range(start + 1, len(x)):
+        out[k] = out[k - 1] if side == 0 else side * max(side * out[k], side * out[k - 1])
     return out
 
 
@@ -60,8 +73,7 @@ def reversal_path(
 ) -> Array:
     """Return (K,) the angles of a joint without overshoot and reversals caused by noise [rad].
 
-    The play's half width is the standard deviation of the noise that is left: of 0, 1 and 2 the
-    best, as for `WIDER`.
+    Turns back within two standard deviations of the noise that is left are none.
 
     Args:
         q: (K,) even samples of its angle [rad].
@@ -71,4 +83,4 @@ def reversal_path(
     """
     wide = min(WIDER * cutoff_hz, rate_hz / 2)
     left = angle_noise(q) * np.sqrt(2 * wide / rate_hz)
-    return np.asarray(play(lowpass(q, rate_hz, wide), np.array([left]))[:, 0])
+    return zigzag(lowpass(q, rate_hz, wide), 2 * left)

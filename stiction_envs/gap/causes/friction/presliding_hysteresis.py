@@ -14,7 +14,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, reversals
+from stiction_envs.gap.causes.motion import lacks_both_directions, reversals
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.maxwell_slip import ELEMENTS, maxwell_slip
@@ -56,7 +56,6 @@ class PreslidingHysteresis(Cause):
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (
         Parameter("bristle_stiffness", "N·m/rad", 0.0),
-        Parameter("bristle_damping", "N·m·s/rad", 0.0),
         Parameter("elements", "1", size=0),
     )
     view: ClassVar = View(
@@ -68,14 +67,13 @@ class PreslidingHysteresis(Cause):
     )
 
     def size(self, data: Data, joint: int) -> Array:
-        """Return a twentieth of what the joint can bear, and as much damping; assumed."""
-        return np.full(2, 0.05 * data.strength[joint])
+        """Return a twentieth of what the joint can bear [N·m]; assumed."""
+        return np.array([0.05 * data.strength[joint]])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return what the law adds to dry friction of 1 N·m, and its rate [rad/s]."""
-        zeta = _ratio(data, joint, shape)
-        lag = zeta - data.dry_friction_ratio(joint)
-        return data.smooth(np.stack([lag, shape[0] * along_runs(data, zeta)], axis=1))
+        """Return what the law adds to dry friction of 1 N·m."""
+        lag = _ratio(data, joint, shape) - data.dry_friction_ratio(joint)
+        return data.smooth(lag)[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return presliding distances d = F_c/σ0 [rad] of a bristle, and the best of elements.
@@ -86,7 +84,7 @@ class PreslidingHysteresis(Cause):
         rows, plain = data.block >= 0, data.dry_friction_ratio(joint)
         path, motion = data.reversal_path[:, [joint]], data.settings.motion
         laws = (
-            bristles(path, data.runs(), DISTANCES[None], motion)[:, 0],
+            bristles(path, data.runs(), DISTANCES[None], motion, data.dt)[:, 0],
             maxwell_slip(path[:, 0], data.runs(), DISTANCES, motion),
         )
         falls = np.exp(-np.abs(data.dq[:, joint]) / FALLING_SPEED)
@@ -124,9 +122,8 @@ class PreslidingHysteresis(Cause):
         return "friction law: one bristle, Dahl's or LuGre's"
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Set the bristle's stiffness, and its damping if there is any."""
+        """Set the bristle's stiffness."""
         draft.bristle[part.joint - 1] = part.coefficients[0] / part.shape[0]
-        draft.damping[part.joint - 1] = part.coefficients[1] or np.nan
         if len(part.shape) > 1:
             draft.leave_out(part, "one bristle in place of parallel elements: small loops differ")
 
@@ -151,4 +148,4 @@ def _ratio(data: Data, joint: int, shape: Shape) -> Array:
     path, motion = data.reversal_path[:, [joint]], data.settings.motion
     if len(shape) > 1:
         return maxwell_slip(path[:, 0], data.runs(), np.array(shape[:1]), motion)[:, 0]
-    return bristles(path, data.runs(), np.array([[shape[0]]]), motion)[:, 0, 0]
+    return bristles(path, data.runs(), np.array([[shape[0]]]), motion, data.dt)[:, 0, 0]

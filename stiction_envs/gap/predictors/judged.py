@@ -1,0 +1,263 @@
+"""The judgement of joint logs: the best model, found in rounds, and how sure it is.
+
+What a payload weighs changes the load of the gears, a delay shifts friction too, and nonlinear
+parameters are best proposed in what the rest of a model leaves. So the search is repeated with the
+columns as they are given the model of the round before, until its causes stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.causes.body.bodies import leaned
+from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.doubt import Draws
+from stiction_envs.gap.judge.problem import ARM, Term
+from stiction_envs.gap.judge.search import Model, Search
+from stiction_envs.gap.links import with_found_links
+from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
+from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.friction_state import presliding_distances
+
+Array = NDArray[np.float64]
+ROUNDS = 3
+"""Largest number of searches, each with the columns given the model before [-]; assumed."""
+STARTS = (0.1, 1.0)
+"""Sizes of the small errors from which searches start [-]; assumed: links exact, and usual ones."""
+TANGENT = 0.05
+"""Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
+TANGENT_SD = 1.0
+"""Prior standard deviation of that logarithm about the grid's best [-]; assumed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The best model of joint logs."""
+
+    predictor: TorquePredictor
+    model: Model
+    terms: list[Term]
+    """Small errors first, then the named terms."""
+    coefficients: Array
+    """(P,)."""
+
+
+def search_of(predictor: TorquePredictor, fold: int = -1) -> Search:
+    """Return the search among a predictor's candidates, without a fold of the rows."""
+    problem = predictor.problem if fold < 0 else predictor.problem.without(fold)
+    return Search(
+        problem, predictor.candidates, predictor.needs, predictor.refresh, predictor.possible
+    )
+
+
+def plain_friction(predictor: TorquePredictor) -> list[Term]:
+    """Return dry and viscous friction of every joint: a usual start of a search."""
+    return [t for t in predictor.candidates if t.cause in ("coulomb_friction", "viscous_friction")]
+
+
+def judge(
+    data: Data, causes: Sequence[Cause], say: Callable[[str, float], None] = lambda *_: None
+) -> Judged:
+    """Return the model with the most evidence.
+
+    Args:
+        data: the logs.
+        causes: hypotheses.
+        say: called with a stage and the part of it that is done.
+    """
+    say("columns of all causes", 0.0)
+    predictor = TorquePredictor(data, causes)
+    say("choosing causes", 0.0)
+    best = _first(predictor)
+    for k in range(1, ROUNDS):
+        say("choosing causes", k / ROUNDS)
+        best = _expected(predictor, best)
+        best = sharpened(predictor, best)
+        named = [t for t in best.terms if predictor.causes[t.cause].changes_arm or t.shape]
+        if not named:
+            break
+        before, (predictor, start) = best, _given(predictor, best, data, causes)
+        best = max(
+            (search_of(predictor).climb(x) for x in (start, plain_friction(predictor))),
+            key=lambda m: m.evidence,
+        )
+        predictor.problem.given(best.inflation, best.scales)
+        if {(t.cause, t.joint) for t in best.terms} == {(t.cause, t.joint) for t in before.terms}:
+            break
+    best = sharpened(predictor, _expected(predictor, best))
+    terms = predictor.problem.model(best.terms)
+    return Judged(predictor, best, terms, predictor.problem.fit(terms))
+
+
+def _first(predictor: TorquePredictor) -> Model:
+    """Return the best model from several starts."""
+    problem, found = predictor.problem, list[Model]()
+    for size in STARTS[1:] if predictor.links_known else STARTS:
+        for start in ([], plain_friction(predictor)):
+            problem.given(np.full(predictor.data.n, predictor.rows), (size, size))
+            search = search_of(predictor)
+            predictor.free = False
+            model = search.climb(start)
+            predictor.free = True
+            found.append(search.climb(model.terms))
+    best = max(found, key=lambda m: m.evidence)
+    problem.given(best.inflation, best.scales)
+    return best
+
+
+def _expected(predictor: TorquePredictor, model: Model) -> Model:
+    """Return the model with the likeliest size of what no model has, and what is best then."""
+    expected = predictor.expected(model)
+    if expected == predictor.expects:
+        return model
+    predictor.expect(predictor.problem, *expected)
+    starts = (model.terms, plain_friction(predictor))
+    best = max((search_of(predictor).climb(x) for x in starts), key=lambda m: m.evidence)
+    predictor.problem.given(best.inflation, best.scales)
+    return best
+
+
+def _given(
+    predictor: TorquePredictor, model: Model, data: Data, causes: Sequence[Cause]
+) -> tuple[TorquePredictor, list[Term]]:
+    """Return the predictor with columns as they are given a model, and its terms there.
+
+    ``data`` and ``causes`` are those before anything was given.
+    """
+    problem = predictor.problem
+    terms = problem.model(model.terms)
+    c = problem.fit(terms)
+    torques, own = predictor.torques(terms, c), predictor.causes
+    shares = dict(zip(terms, problem.split(terms, c), strict=True))
+    bodies = [t for t in terms if own[t.cause].changes_arm]
+    if bodies:
+        side = sum((own[t.cause].lean(shares[t]) for t in bodies), np.zeros(2))
+        gravity = leaned(data.pinocchio.gravity.linear, side) if side.any() else ()
+        arm = with_found_links(predictor, terms, c)
+        load = np.sum([torques[t] for t in bodies], axis=0)
+        data = data.carrying(load, tuple(float(x) for x in gravity), arm)
+    sound = [
+        t
+        for t in terms
+        if not isinstance(own[t.cause], ActuatorDelay) and not own[t.cause].resembles_delay
+    ]
+    late = data.nominal + np.sum([torques[t] for t in sound], axis=0)
+    lengths = [float(shares[t][0]) for t in terms if isinstance(own[t.cause], ActuatorDelay)]
+    given = [x.acting_on(late, lengths) if isinstance(x, ActuatorDelay) else x for x in causes]
+    if not data.has_friction:
+        dry = [t for t in terms if t.cause == "coulomb_friction"]
+        rest = np.sum([x for t, x in torques.items() if t not in dry], axis=0)
+        data = data.with_presliding(presliding_distances(data.recording, data.residual - rest))
+    after = TorquePredictor(data, given, torques)
+    level = data.friction.level.copy()
+    for t, mine in shares.items():
+        level[t.joint] += own[t.cause].dry_friction(mine)
+    start = []
+    for t in model.terms:
+        shape = own[t.cause].resized(t.shape, shares[t], float(level[t.joint]))
+        after.offer(own[t.cause], t.joint, [shape])
+        start.append(Term(t.cause, t.joint, tuple(float(x) for x in shape)))
+    after.expect(after.problem, *predictor.expects)
+    after.problem.given(model.inflation, model.scales)
+    return after, [t for t in start if t in after.problem.numbers]
+
+
+def sharpened(predictor: TorquePredictor, model: Model) -> Model:
+    """Return the model with nonlinear parameters refined on its score, one after the other."""
+    problem, terms = predictor.problem, list(model.terms)
+    alone = problem.only(problem.model(terms))
+    for i, term in enumerate(terms):
+        cause = predictor.causes[term.cause]
+        if not term.shape or term.joint == ARM or not cause.refinable:
+            continue
+        tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
+        ends = np.log(cause.between(term.shape, tried))
+
+        def with_parameter(log: float, i: int = i, term: Term = term) -> list[Term]:
+            moved = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
+            if moved not in alone.numbers:
+                predictor.add(alone, moved, 1)
+                alone.odds[moved] = problem.odds[term]
+            return [*terms[:i], moved, *terms[i + 1 :]]
+
+        found = minimize_scalar(
+            lambda log, of=with_parameter: -alone.score(of(log)),
+            bounds=tuple(ends),
+            method="bounded",
+            options={"xatol": 0.02, "maxiter": 8},
+        )
+        if -found.fun > alone.score(terms):
+            terms = with_parameter(float(found.x))
+            predictor.offer(cause, term.joint, [terms[i].shape])
+            problem.odds[terms[i]] = problem.odds[term]
+    if tuple(terms) == model.terms:
+        return model
+    evidence = predictor.refresh(problem, terms)
+    return Model(tuple(terms), problem.scales, problem.inflation.copy(), evidence)
+
+
+def held_out(judged: Judged, say: Callable[[float], None] = lambda _: None) -> Array:
+    """Return (n,) error on rows that a model was neither chosen nor fitted with [N·m].
+
+    Each fold is predicted by the search among the same candidates without it.
+    """
+    predictor, best = judged.predictor, judged.model
+    data, total = predictor.data, np.zeros(predictor.data.n)
+    for fold in range(FOLDS):
+        say(fold / FOLDS)
+        rows = predictor.fold == fold
+        if not rows.any():
+            continue
+        search = search_of(predictor, fold)
+        search.problem.given(best.inflation, best.scales)
+        model = search.climb(plain_friction(predictor))
+        terms = search.problem.model(model.terms)
+        c = search.problem.fit(terms)
+        for j in range(data.n):
+            left = data.residual[:, j] - predictor.torque(terms, c, j)
+            total[j] += float(np.square(left[rows]).sum())
+    return np.sqrt(total / max(int((predictor.fold >= 0).sum()), 1))
+
+
+def draws(judged: Judged, count: int, seed: int) -> Draws:
+    """Return ``count`` draws of (coefficients, nonlinear parameters) of each term's posterior.
+
+    Nonlinear parameters move along their tangents.
+    """
+    predictor, terms = judged.predictor, judged.terms
+    problem = predictor.problem
+    parts = problem.split(terms, judged.coefficients)
+    alone, bent = problem.only(terms), dict[int, Term]()
+    for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
+        if not term.shape or term.joint == ARM or not predictor.causes[term.cause].refinable:
+            continue
+        up, down = (
+            predictor.rows_of(term._replace(shape=(term.shape[0] * np.exp(x), *term.shape[1:])))
+            for x in (TANGENT, -TANGENT)
+        )
+        slope = {j: mine @ (up[j] - down[j])[: len(mine)] / (2 * TANGENT) for j in up}
+        bent[i] = Term("tangent", i)
+        free = np.full(1, np.inf)
+        columns = {j: x[None] for j, x in slope.items()}
+        alone.add(bent[i], columns, np.full(1, TANGENT_SD), (-free, free), 0.0)
+    every = [*terms, *bent.values()]
+    factor = np.linalg.cholesky(alone.covariance(every))
+    rng = np.random.default_rng(seed)
+    moved = rng.normal(size=(count, len(factor))) @ factor.T
+    split = dict(zip(every, alone.split(every, moved), strict=True))
+    out = []
+    for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
+        low, high = problem.bounds(term)
+        own = np.clip(mine + split[term], low, high)
+        shapes = [term.shape] * count
+        if i in bent:
+            steps = np.exp(np.clip(split[bent[i]][:, 0], -1, 1))
+            shapes = [(float(term.shape[0] * x), *term.shape[1:]) for x in steps]
+        out.append(list(zip(own, shapes, strict=True)))
+    return out

@@ -1,0 +1,204 @@
+"""What is said of a model of joint logs: its named causes, who takes how much, what is not shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.doubt import Draws
+from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown
+from stiction_envs.gap.judge.problem import ARM, LINKS, Term
+from stiction_envs.gap.judge.search import Search
+from stiction_envs.gap.predictors.judged import Judged, search_of
+
+Array = NDArray[np.float64]
+WIDTH = 1.96
+"""Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
+FAR = 5.0
+"""Number of robust standard deviations at which draws are clipped [-]; assumed: a quotient whose
+divisor comes near zero has no variance."""
+ALIKE = 3.0
+"""Nats within which two causes are confused."""
+MOST_ALIKE = 3
+"""Number of causes with which one is said to be confused."""
+MINOR = 1.0
+"""Part of the nominal error below which a cause is minor [%]; assumed."""
+HIDDEN = 0.5
+"""Standard deviation of a posterior over the prior's from which on data do not show it [-]."""
+
+
+def percent_gained(nominal: Array, extended: Array) -> float:
+    """Return 100 (1 − mean over joints of extended over nominal error) [%]."""
+    return float(100 * (1 - np.mean(extended / np.maximum(nominal, 1e-300))))
+
+
+def named_causes(
+    judged: Judged, drawn: Draws
+) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    """Return the named causes, strongest first, and the minor ones.
+
+    Args:
+        judged: the model.
+        drawn: draws of its posterior.
+    """
+    predictor, model = judged.predictor, judged.model
+    problem, search = predictor.problem, search_of(predictor)
+    now, residual = problem.score(model.terms), predictor.data.residual
+    nominal, full = _rms(residual), _left(judged, judged.terms, judged.coefficients)
+    out = []
+    for name in dict.fromkeys(t.cause for t in model.terms):
+        mine = [t for t in model.terms if t.cause == name]
+        rest = list(model.terms)
+        for term in mine:
+            rest = search.without(rest, term)
+        others = problem.model(rest)
+        without = _left(judged, others, problem.fit(others))
+        lost = 100 * np.mean((np.minimum(without, nominal) - full) / np.maximum(nominal, 1e-300))
+        rivals = _rivals(search, model.terms, mine, now)
+        joints = tuple(sorted(t.joint + 1 for t in mine))
+        if any(t.joint == ARM for t in mine):
+            joints = tuple(range(1, predictor.data.n + 1))
+        worst = int(np.argmax((without - full) / np.maximum(without, 1e-300)))
+        what = predictor.causes[name].describe(_coefficients(judged, mine[0]))
+        if assumed := predictor.causes[name].assumption(predictor.data, mine[0].shape):
+            what += f" ({assumed})"
+        out.append(
+            NamedCause(
+                name=name,
+                joints=joints,
+                gain_percent=float(lost),
+                parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
+                nats=now - problem.score(rest),
+                rivals=tuple(rivals),
+                evidence=(
+                    f"{what}: without it joint {worst + 1} is off by {without[worst]:.3g} N·m "
+                    f"(root mean square), with it by {full[worst]:.3g} N·m"
+                ),
+                confused_with=tuple(x for x, nats in rivals if nats < ALIKE)[:MOST_ALIKE],
+            )
+        )
+    out.sort(key=lambda x: -x.gain_percent)
+    minor = [c for c in out[1:] if c.gain_percent < MINOR]
+    return tuple(c for c in out if c not in minor), tuple(minor)
+
+
+def _rivals(
+    search: Search, terms: Sequence[Term], mine: Sequence[Term], now: float
+) -> list[tuple[str, float]]:
+    """Return the causes that could take the place of one, each with its nats, nearest first.
+
+    A cause of several joints has the rivals that one joint allows, or those of all of it together.
+    """
+    best: dict[str, float] = {}
+    for some in [[t] for t in mine] + ([list(mine)] if len(mine) > 1 else []):
+        for score, model in search.rivals(terms, some):
+            name = model[-1].cause
+            best[name] = min(best.get(name, np.inf), now - score)
+    return sorted(best.items(), key=lambda x: x[1])[: 2 * MOST_ALIKE]
+
+
+def _coefficients(judged: Judged, term: Term) -> Array:
+    """Return (k,) coefficients of a term of the model."""
+    parts = judged.predictor.problem.split(judged.terms, judged.coefficients)
+    return parts[judged.terms.index(term)]
+
+
+def _estimates(judged: Judged, term: Term, drawn: Draws) -> dict[str, Estimate]:
+    """Return the parameters of a term with their 95 % intervals."""
+    predictor, mine = judged.predictor, _coefficients(judged, term)
+    cause = predictor.causes[term.cause]
+    samples = [cause.values(x, shape) for x, shape in drawn[judged.terms.index(term)]]
+    tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
+    low, high = predictor.problem.bounds(term)
+    on_bound = bool(((mine <= low) | (mine >= high)).any()) or cause.at_edge(
+        term.shape, tried, 1.02
+    )
+    out = {}
+    for key, value in cause.values(mine, term.shape).items():
+        ends: object = [value, value]
+        if not isinstance(value, int):  # a choice among a few is no quantity
+            spread = WIDTH * near(np.array([x[key] for x in samples])).std(axis=0)
+            ends = np.stack([value - spread, value + spread], axis=-1).tolist()
+        out[key] = Estimate(value=value, ci95=ends, on_bound=on_bound)
+    return out
+
+
+def near(samples: Array) -> Array:
+    """Return draws (R, ...) of which outliers count as `FAR` deviations."""
+    low, middle, high = np.percentile(samples, [16, 50, 84], axis=0)
+    far = FAR * (high - low) / 2
+    return np.asarray(np.clip(samples, middle - far, middle + far))
+
+
+def _rms(x: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))
+
+
+def _left(judged: Judged, terms: Sequence[Term], c: Array) -> Array:
+    """Return (n,) error of a model on all rows, root mean square [N·m]."""
+    data = judged.predictor.data
+    each = [data.residual[:, j] - judged.predictor.torque(terms, c, j) for j in range(data.n)]
+    return _rms(np.stack(each, axis=1))
+
+
+def shares(judged: Judged) -> dict[str, float]:
+    """Return what takes how much off the nominal error, mean over joints [%].
+
+    The named causes' torque is taken off first, then that of the links' small errors, then that of
+    the set-up's.
+    """
+    data, torques = (
+        judged.predictor.data,
+        judged.predictor.torques(judged.terms, judged.coefficients),
+    )
+    kinds = {
+        "named": [x for t, x in torques.items() if not t.small],
+        "links": [x for t, x in torques.items() if t.shape == LINKS],
+        "set_up": [x for t, x in torques.items() if t.small and t.shape != LINKS],
+    }
+    left = np.array(data.residual)
+    nominal = np.maximum(_rms(left), 1e-300)
+    out, before = dict[str, float](), np.ones(data.n)
+    for kind, some in kinds.items():
+        left -= np.sum([np.zeros_like(left), *some], axis=0)
+        now = _rms(left) / nominal
+        out[kind] = float(100 * np.mean(before - now))
+        before = now
+    return {**out, "left": float(100 * np.mean(before))}
+
+
+def not_shown(judged: Judged) -> tuple[NotShown, ...]:
+    """Return the linear causes whose posterior beside the model is about as wide as their prior."""
+    predictor = judged.predictor
+    problem, have = predictor.problem, {t[:2] for t in judged.model.terms}
+    wide: dict[str, dict[int, dict[str, tuple[float, float]]]] = {}
+    shown = {t[:2]: t for t in reversed(predictor.candidates)}
+    for cause in predictor.causes.values():
+        if cause.random or not cause.is_linear or not any(p.size for p in cause.parameters):
+            continue
+        for joint in cause.joints(predictor.data):
+            if (cause.name, joint) in have:
+                continue
+            key, first = cause.parameters[0].name, cause.parameters[0].neutral
+            sd, mean = float(cause.size(predictor.data, joint)[0]), 0.0
+            if term := shown.get((cause.name, joint)):
+                terms = problem.model([*judged.model.terms, term])
+                k = len(problem.numbers[term])
+                mean = float(problem.fit(terms)[-k])
+                posterior = float(np.sqrt(problem.covariance(terms)[-k, -k]))
+                if posterior < HIDDEN * sd:
+                    continue
+                sd = posterior
+            low, high = (first + mean + x * WIDTH * sd for x in (-1, 1))
+            wide.setdefault(cause.name, {})[joint] = {key: (low, high)}
+    out = []
+    for name, each in wide.items():
+        if ARM in each:
+            out.append(NotShown(name=name, joints=(), parameters=each[ARM]))
+            continue
+        joints = tuple(j + 1 for j in each)
+        widest = max(each.values(), key=lambda x: next(np.ptp(v) for v in x.values()))
+        out.append(NotShown(name=name, joints=joints, parameters=widest))
+    return tuple(out)
