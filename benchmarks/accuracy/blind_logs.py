@@ -43,7 +43,6 @@ import numpy as np
 from benchmarks.harness import LOGS, Benchmark, Row, met
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
-from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden.hidden_logs import Case, Hidden, make_case
@@ -232,9 +231,7 @@ def second(case: Case, found: Diagnosis) -> Row:
         return assemble(robot, signals, friction=friction, settings=found.settings)
 
     def rms(data: Data, model: Data) -> list[float]:
-        weight = np.stack([certain(data, j) for j in range(data.n)], axis=1)
-        weight *= (data.block >= 0)[:, None]
-        off = (weight * np.square(data.tau - model.nominal)).sum(axis=0) / weight.sum(axis=0)
+        off = np.square(data.tau - model.nominal)[data.block >= 0].mean(axis=0)
         return np.sqrt(off).tolist()
 
     data = against(case.second, case.robot)

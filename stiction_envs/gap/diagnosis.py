@@ -18,12 +18,12 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
-from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.judgement import Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.predictors.judged import Judged, draws, held_out, judge
-from stiction_envs.gap.predictors.named import named_causes, not_shown, percent_gained, shares
+from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble

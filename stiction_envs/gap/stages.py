@@ -9,16 +9,15 @@ WEIGHTS = {
     "reading": 6,
     "inverse dynamics": 1,
     "columns of all causes": 10,
-    "choosing causes": 19,
-    "refitting": 41,
+    "choosing causes": 40,
+    "held-out rows": 20,
     "evidence": 4,
     "check": 10,
     "extended model": 1,
     "forward validation": 2,
     "report": 14,
 }
-"""Share of each stage [%], in order: mean of the real logs of a Panda and of an iiwa 14 in
-benchmarks/speed/diagnose_speed.md. ``check``, if there are logs to check with, is assumed."""
+"""Share of each stage, in order; assumed."""
 
 
 class Stages:

@@ -12,11 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from stiction_envs.gap.linear.bounded_fit import RIDGE
-from stiction_envs.gap.linear.grams import Gram
-from stiction_envs.gap.linear.joint_grams import JointGrams
-from stiction_envs.gap.linear.model_columns import ModelColumns
-from stiction_envs.gap.selection.candidates import RegressorLibrary
+from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import BaseSet, base_set, inertial_names, torque_regressor
 
@@ -25,9 +21,9 @@ SPEED_UP_TIME = 0.3
 """Time in which a joint usually comes to its speed limit [s]; assumed."""
 STATES_PER_JOINT = 40
 """Random states, over all of the range, from which the base parameters are found; assumed."""
-UNKNOWN = 1e-2
-"""A parameter is not known where its variance, over that without all other parameters, is this
-part of what the ridge allows at most [-]; assumed."""
+UNKNOWN = 1e-7
+"""Part of a parameter's information that is its own, apart from all others, below which it is
+rounding [-]; assumed."""
 
 
 def columns_of(model: pin.Model, q: Array, dq: Array, ddq: Array, own: Array) -> Array:
@@ -74,42 +70,50 @@ class BaseFit:
     """Least squares on r base parameters, without a prior."""
 
     values: Array
-    """(1 + B, r) of all blocks, and of all but each."""
+    """(1 + F, r) of all folds, and of all but each."""
     errors: Array
     """(r,) standard errors; infinite for parameters of which the rows say nothing."""
     condition: float
     """Condition number of the weighted columns, scaled to unit length [-]."""
 
 
-def fit_base(library: RegressorLibrary, columns: Array) -> BaseFit:
-    """Return least squares of the measured torque, with a library's weights and noise.
+def fit_base(predictor: TorquePredictor, columns: Array) -> BaseFit:
+    """Return least squares of the measured torque, with a predictor's weights and noise.
 
     The variance is that of noise that neighbouring rows share, or the mean of it and of the
-    jackknife over blocks, if that is larger. The former does not see what the model leaves at the
-    motion's own frequencies; the latter is too large for few blocks (B. Efron, C. Stein, "The
+    jackknife over folds, if that is larger. The former does not see what the model leaves at the
+    motion's own frequencies; the latter is too large for few folds (B. Efron, C. Stein, "The
     jackknife estimate of variance", Annals of Statistics 1981).
 
     Args:
-        library: of the logs; its ``inflation`` is by what a model like this leaves.
+        predictor: of the logs, with the noise that a model like this leaves.
         columns: (T, n, r) torque per base parameter.
     """
-    data, r = library.data, columns.shape[2]
-    weight = library.weight / np.square(data.noise)
-    sums = [
-        Gram.of(columns[:, j], data.tau[:, j], data.block, weight[:, j], data.blocks)
-        for j in range(data.n)
-    ]
-    grams, every = JointGrams(sums, library.inflation), (tuple(range(r)),) * data.n
-    model = ModelColumns(every, every, (-np.inf,) * r, (np.inf,) * r)
-    variance, square = np.diag(grams.covariance(model)), grams.system(model)[0]
-    size = np.sqrt(np.maximum(np.diag(square), 1e-200))
-    values = np.linalg.eigvalsh(square / np.outer(size, size))
-    least = max(float(values[0]), float(np.finfo(float).eps * values[-1]))
-    without = grams.leave_one_block_out(model)
-    jackknife = (data.blocks - 1) * without.var(axis=0)
-    known = variance * size**2 < UNKNOWN / RIDGE
+    data, r = predictor.data, columns.shape[2]
+    xx, xr = np.zeros((FOLDS, r, r)), np.zeros((FOLDS, r))
+    for j, channel in enumerate(predictor.problem.channels):
+        weight = channel.weight / predictor.problem.inflation[j]
+        for f in range(FOLDS):
+            rows = predictor.fold == f
+            own = columns[rows, j]
+            xx[f] += own.T @ (own * weight[rows, None])
+            xr[f] += own.T @ (data.tau[rows, j] * weight[rows])
+    whole, along = xx.sum(axis=0), xr.sum(axis=0)
+    size = np.sqrt(np.maximum(np.diag(whole), 1e-200))
+    across = np.outer(size, size)
+
+    def fitted(square: Array, target: Array) -> Array:
+        return np.linalg.lstsq(square / across, target / size, rcond=UNKNOWN)[0] / size
+
+    eigenvalues, v = np.linalg.eigh(whole / across)
+    least = max(float(eigenvalues[0]), float(np.finfo(float).eps * eigenvalues[-1]))
+    seen = eigenvalues > UNKNOWN
+    variance = (np.square(v[:, seen]) / eigenvalues[seen]).sum(axis=1) / size**2
+    known = np.square(v[:, ~seen]).sum(axis=1) < UNKNOWN
+    without = np.array([fitted(whole - x, along - y) for x, y in zip(xx, xr, strict=True)])
+    jackknife = (FOLDS - 1) * without.var(axis=0)
     return BaseFit(
-        values=np.vstack([grams.fit(model), without]),
+        values=np.vstack([fitted(whole, along), without]),
         errors=np.where(known, np.sqrt(np.maximum(variance, (variance + jackknife) / 2)), np.inf),
-        condition=float(np.sqrt(values[-1] / least)),
+        condition=float(np.sqrt(eigenvalues[-1] / least)),
     )

@@ -27,15 +27,13 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
-from stiction_envs.gap.noise_left import noise_left
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.identification.base_parameters import fit_base, structural_base
 from stiction_envs.identification.mixed_fit import (
-    SCALES,
     all_columns,
-    fit_library,
+    fit_predictor,
     held_out,
     kinds_of,
     not_shown,
@@ -331,20 +329,17 @@ def identify(
             f"{seen} independent torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
-    library = fit_library(data, signals)
-    terms, columns = terms_of(library), all_columns(library)
-    found = fit_base(library, columns[:, :, base.kept])
+    predictor = fit_predictor(data, signals)
+    terms, columns = terms_of(predictor), all_columns(predictor)
+    found = fit_base(predictor, columns[:, :, base.kept])
     say("fitting", 0.2)
-    library.given(library.inflation, library.likeliest(terms, SCALES)[1])
-    consistent = parameters(library, terms)
+    consistent = parameters(predictor, terms)
     say("held-out", 0.5)
-    nominal = parameters(library, [])
+    nominal = parameters(predictor, [])
     free = np.zeros_like(nominal)
     free[:, base.kept] = found.values
-    models = (nominal, parameters(library, library.candidates), free, consistent)
-    c = library.grams.fit(library.model_columns(terms))
-    noise, of_noise = noise_left(library, terms, c, signals)
-    hidden = np.isin(np.array(base.names)[base.kept], not_shown(library))
+    models = (nominal, parameters(predictor, predictor.candidates), free, consistent)
+    hidden = np.isin(np.array(base.names)[base.kept], not_shown(predictor))
     links, friction = np.split(consistent[0], [10 * data.n])
     *rotor, coulomb, viscous, offset = friction.reshape(-1, data.n)
     # torques are turned in all logs or none
@@ -362,9 +357,9 @@ def identify(
         viscous=viscous,
         offset=offset,
         rotor=rotor[0] if rotor else None,
-        rms={k: held_out(data, columns, x) for k, x in zip(MODELS, models, strict=True)},
-        noise=noise,
+        rms={k: held_out(predictor, columns, x) for k, x in zip(MODELS, models, strict=True)},
+        noise=np.array(predictor.data.noise),
         provenance=made,
         unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),
-        notes=(*signals.notes, *of_noise, *source, *sign),
+        notes=(*signals.notes, *source, *sign),
     )

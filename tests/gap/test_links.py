@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from stiction_envs.gap.selection.candidates import RegressorLibrary
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
@@ -11,7 +12,6 @@ from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, dump, read
-from stiction_envs.gap.selection.candidates import RegressorLibrary
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters

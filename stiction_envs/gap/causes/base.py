@@ -136,7 +136,7 @@ class Cause(ABC):
     """Log evidence beside small errors of all links from which on it is named, for causes that
     change the arm [nats]."""
     odds: ClassVar[float | None] = None
-    """Log prior odds against it on a joint, or on the arm [nats]; None for one of all hypotheses."""
+    """Log prior odds against it on a joint, or on the arm [nats]; None: one of all hypotheses."""
     distinctive: ClassVar[int | None] = None
     """How many of its first coefficients show it: one of them must be clear; None for all."""
     removed_first: ClassVar[bool] = False

@@ -8,7 +8,12 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stiction_envs.reporting.json_text import plain
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,3 +127,22 @@ class Judgement(ABC):
         if self.not_shown:
             out["not_shown"] = [x.to_json() for x in self.not_shown]
         return out
+
+
+def percent_gained(nominal: Array, extended: Array) -> float:
+    """Return 100 (1 − mean over joints of extended over nominal error) [%]."""
+    return float(100 * (1 - np.mean(extended / np.maximum(nominal, 1e-300))))
+
+
+def percent_lost(without: Array, extended: Array, nominal: Array) -> float:
+    """Return the loss when one cause is removed, mean over joints [%].
+
+    A fit without it may be worse on a joint than the nominal model; the loss is limited to that.
+
+    Args:
+        without: (n,) error of the extended model without the cause.
+        extended: (n,) error with it.
+        nominal: (n,) error of the nominal model.
+    """
+    lost = (np.minimum(without, nominal) - extended) / np.maximum(nominal, 1e-300)
+    return float(100 * np.mean(lost))

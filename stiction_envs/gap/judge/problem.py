@@ -10,7 +10,7 @@ the evidence of a model on a bound is that of Laplace's approximation at the bou
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -164,7 +164,7 @@ class Problem:
     def add(
         self,
         term: Term,
-        columns: dict[int, NDArray[np.floating]],
+        columns: Mapping[int, NDArray[np.floating]],
         sd: Array,
         bounds: tuple[Array, Array],
         odds: float,
@@ -290,7 +290,7 @@ class Problem:
         xx, xr, _ = self.sums()
         a = xx[np.ix_(at, at)] * np.outer(sd, sd) + np.eye(len(at))
         b = xr[at] * sd
-        root = np.linalg.cholesky(a)
+        root = np.asarray(np.linalg.cholesky(a), dtype=np.float64)
         c = solve_triangular(root, solve_triangular(root, b, lower=True), lower=True, trans=1)
         each = [self._bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
@@ -369,14 +369,14 @@ class Problem:
         xx, xr, _ = self.sums()
         z = solve_triangular(root, sd[:, None] * xx[self.at(terms)], lower=True)
         along = xr - solve_triangular(root, b, lower=True) @ z
-        small = {(t.cause, t.joint): self.sd(t) for t in terms if t.small}
+        small: dict[tuple[object, ...], Array] = {t[:2]: self.sd(t) for t in terms if t.small}
         numbers = [self.at(some) for some in offers]
         sizes, out = np.array([len(x) for x in numbers]), np.zeros(len(offers))
         for size in np.unique(sizes):
             which = np.flatnonzero(sizes == size)
             index = np.array([numbers[k] for k in which])
             variance = [
-                np.concatenate([self._beside(t, small.get((t.cause, t.joint))) for t in offers[k]])
+                np.concatenate([self._beside(t, small.get(t[:2])) for t in offers[int(k)]])
                 for k in which
             ]
             usual, zs = np.sqrt(np.array(variance)), z[:, index]

@@ -179,21 +179,26 @@ def sharpened(predictor: TorquePredictor, model: Model) -> Model:
         tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
         ends = np.log(cause.between(term.shape, tried))
 
-        def with_parameter(log: float, i: int = i, term: Term = term) -> list[Term]:
-            moved = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
-            if moved not in alone.numbers:
-                predictor.add(alone, moved, 1)
-                alone.odds[moved] = problem.odds[term]
-            return [*terms[:i], moved, *terms[i + 1 :]]
+        def moved(log: float, term: Term = term) -> Term:
+            out = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
+            if out not in alone.numbers:
+                predictor.add(alone, out, 1)
+                alone.odds[out] = problem.odds[term]
+            return out
+
+        def loss(
+            log: float,
+            i: int = i,
+            moved: Callable[[float], Term] = moved,
+            rest: tuple[Term, ...] = tuple(terms),
+        ) -> float:
+            return -alone.score([*rest[:i], moved(log), *rest[i + 1 :]])
 
         found = minimize_scalar(
-            lambda log, of=with_parameter: -alone.score(of(log)),
-            bounds=tuple(ends),
-            method="bounded",
-            options={"xatol": 0.02, "maxiter": 8},
+            loss, bounds=tuple(ends), method="bounded", options={"xatol": 0.02, "maxiter": 8}
         )
         if -found.fun > alone.score(terms):
-            terms = with_parameter(float(found.x))
+            terms[i] = moved(float(found.x))
             predictor.offer(cause, term.joint, [terms[i].shape])
             problem.odds[terms[i]] = problem.odds[term]
     if tuple(terms) == model.terms:

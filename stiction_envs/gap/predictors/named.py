@@ -1,4 +1,4 @@
-"""What is said of a model of joint logs: its named causes, who takes how much, what is not shown."""
+"""What is said of a model of joint logs: causes, who takes how much, what is not shown."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.doubt import Draws
-from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown
+from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown, percent_lost
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.predictors.judged import Judged, search_of
@@ -27,11 +27,6 @@ MINOR = 1.0
 """Part of the nominal error below which a cause is minor [%]; assumed."""
 HIDDEN = 0.5
 """Standard deviation of a posterior over the prior's from which on data do not show it [-]."""
-
-
-def percent_gained(nominal: Array, extended: Array) -> float:
-    """Return 100 (1 − mean over joints of extended over nominal error) [%]."""
-    return float(100 * (1 - np.mean(extended / np.maximum(nominal, 1e-300))))
 
 
 def named_causes(
@@ -55,7 +50,6 @@ def named_causes(
             rest = search.without(rest, term)
         others = problem.model(rest)
         without = _left(judged, others, problem.fit(others))
-        lost = 100 * np.mean((np.minimum(without, nominal) - full) / np.maximum(nominal, 1e-300))
         rivals = _rivals(search, model.terms, mine, now)
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if any(t.joint == ARM for t in mine):
@@ -68,7 +62,7 @@ def named_causes(
             NamedCause(
                 name=name,
                 joints=joints,
-                gain_percent=float(lost),
+                gain_percent=percent_lost(without, full, nominal),
                 parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
                 nats=now - problem.score(rest),
                 rivals=tuple(rivals),

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.judge.problem import ARM
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.series import Series
-from stiction_envs.gap.selection.candidates import ARM
 from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]

@@ -23,7 +23,6 @@ from stiction_envs.gap.validation.forward import (
     ForwardValidation,
     validate_forward,
 )
-from stiction_envs.gap.validation.left_out_motion import LeftOutMotion, leave_out_motions
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import listed, number, short, table_text
@@ -46,16 +45,14 @@ class LogDiagnosis(DiagnosisResult):
 
     @property
     def errors(self) -> Errors:
-        """Held-out residual, of the check logs, and of motions left out [N·m]."""
+        """Held-out residual, and that of the check logs [N·m]."""
         d, more = self.diagnosis, {}
         if self.check is not None:
             more["check, nominal"] = self.check.nominal_rms
             more["check, extended"] = self.check.extended_rms
-        if self.left_out_motion is not None:
-            more["extended, motions left out"] = self.left_out_motion.extended_rms
         return Errors(
-            what="Root mean square of measured less modelled torque, on blocks of time that were "
-            "not fitted",
+            what="Root mean square of measured less modelled torque, on rows with which the model "
+            "was neither chosen nor fitted",
             unit="N·m",
             joints=tuple(range(1, len(d.noise) + 1)),
             nominal=d.nominal_rms,
@@ -89,11 +86,6 @@ class LogDiagnosis(DiagnosisResult):
         """Both models driven by the measured torques, or the reason why not."""
         return validate_forward(self.diagnosis, threads=self.threads)
 
-    @cached_property
-    def left_out_motion(self) -> LeftOutMotion | None:
-        """Errors on each log under the fit to the others; None for a single one."""
-        return leave_out_motions(self.diagnosis)
-
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``; validates the model forward, which takes some seconds."""
         answer = self.diagnosis.to_json()
@@ -101,8 +93,6 @@ class LogDiagnosis(DiagnosisResult):
             answer["forward"] = self.forward.to_json()
         if self.check is not None:
             answer["check"] = self.check.to_json()
-        if self.left_out_motion is not None:
-            answer["left_out_motion"] = self.left_out_motion.to_json()
         return dict(plain(answer))
 
     def drawn(self, cause: NamedCause, plots: Path) -> str:
@@ -135,18 +125,14 @@ class LogDiagnosis(DiagnosisResult):
         return out
 
     def _elsewhere(self) -> list[str]:
-        """Return the causes that do not transfer to check logs or to a motion left out."""
+        """Return the causes that do not transfer to check logs."""
         out = []
         for x in self.check.transfers if self.check else ():
             if x.fails:
-                of = listed(f"joint {j} (share {number(x.share[j - 1], 2)})" for j in x.harmed)
-                out.append(f"**{x.name} does not transfer** to the check logs: {of}")
-        for c in self.left_out_motion.causes if self.left_out_motion else ():
-            if c.verdict == "does not transfer":
-                out.append(
-                    f"**{c.name} of joint {c.joint} does not transfer** between motions: error "
-                    f"{short(c.without_nm)} N·m without it, {short(c.with_nm)} N·m with it"
+                of = listed(
+                    f"joint {j} ({short(x.without[j - 1])} N·m without it)" for j in x.harmed
                 )
+                out.append(f"**{x.name} does not transfer** to the check logs: {listed(each)}")
         return out
 
     def series(self) -> Series:

@@ -148,7 +148,7 @@ class Data:
 
     @cached_property
     def strength(self) -> Array:
-        """(n,) torque that each joint can bear: its limit, or the motion's where that is more [N·m]."""
+        """(n,) torque that each joint can bear: its limit, or the motion's if larger [N·m]."""
         usual = np.sqrt(np.mean(np.square(self.recording.rigid), axis=0))
         return np.maximum(self.arm.limits.torque, usual)
 

@@ -20,7 +20,7 @@ from scipy.stats import chi2
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.judge.judgement import NamedCause, percent_lost
 from stiction_envs.gap.tables.causes import (
     Hypothesis,
     TableCause,
@@ -34,7 +34,6 @@ from stiction_envs.gap.tables.model import Fit, Model
 from stiction_envs.gap.tables.readings import Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
-from stiction_envs.gap.verdict import percent_lost
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm

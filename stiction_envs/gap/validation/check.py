@@ -8,19 +8,13 @@ the diagnosed ones, with the cutoff of these: the extended model was fitted belo
 then predict their torque, for the same arm, side of the gear and baseline.
 
 A joint is **worse** where the extended model's error exceeds the nominal model's by more than
-`WORSE` of it and the added error, √(extended² − nominal²), exceeds the noise floor. The model
-**holds** where no joint is worse.
+`WORSE` of it and the added error, √(extended² − nominal²), exceeds the noise floor, or where it is
+more than `LARGE` of the joint's torque and of the noise floor. The model **holds** where no joint
+is worse.
 
-A cause **does not transfer** where it makes a joint worse. Let p be the torque that its parts add
-to the model with all other causes, and e the residual without them. The share a = Σpe/Σpp is one
-where p is right and zero where p is unrelated to e; the squared error grows where a < 1/2. The
-share must be below a half by more than its scatter between blocks of time (Student's t at
-`CHANCE`), p must be at least `LEAST_TORQUE` of the noise floor, and p must add more than `HARM` to
-the joint's squared error. A cause that acts on several joints with the same coefficients is judged
-on all of them together: it fails where Σ log((without² + noise²)/(with² + noise²)) < 0.
-
-Rows in which a joint rests off its steady friction count little, as in the diagnosis: there the
-torque may be anything within the friction.
+A cause **does not transfer** where it makes a joint worse: with it the joint's squared error is
+larger by more than `HARM` than without it. A cause of several joints with the same coefficients is
+judged on all of them together: it fails where Σ log((without² + noise²)/(with² + noise²)) < 0.
 """
 
 from __future__ import annotations
@@ -31,14 +25,11 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
-from stiction_envs.gap.linear.grams import share_found
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.selection.row_weights import certain
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
@@ -56,8 +47,10 @@ WORSE = 0.05
 HARM = 0.1
 """Part of a joint's squared error that a cause must add to it [-]; assumed: 5 % of the error, as
 `WORSE`."""
-SHORTEST_BLOCK = 0.5
-"""Least length of a block [s]; assumed: neighbours share noise and friction state."""
+LARGE = 0.5
+"""Error over a joint's torque, root mean square, from which on no model holds [-]; assumed."""
+SEEN = 0.5
+"""Least torque of a cause over the noise floor for it to harm a joint [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,8 +62,6 @@ class Transfer:
     """(n,) root mean square of what it adds to the model [N·m]."""
     without: Array
     """(n,) error of the extended model without it [N·m]."""
-    share: Array
-    """(n,) part of its torque that the logs show [-]; NaN where it has none."""
     harmed: tuple[int, ...]
     """Joints, from 1, that its presence makes worse."""
     as_a_whole: bool
@@ -196,11 +187,13 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
     nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
-    weight = np.stack([certain(nominal, j) for j in range(arm.n)], axis=1)
     noise = base.noise
-    before, after = (_rms(base.tau - x, weight) for x in (nominal.nominal, extended))
+    before, after, torque_rms = (
+        _rms(x) for x in (base.tau - nominal.nominal, base.tau - extended, base.tau)
+    )
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
     worse = (after > (1 + WORSE) * before) & (added > noise)
+    worse |= after > np.maximum(LARGE * torque_rms, noise / LARGE)
     return Check(
         logs=tuple(logs),
         data=nominal,
@@ -209,7 +202,7 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         extended_rms=after,
         noise=noise,
         worse_joints=tuple(int(j) + 1 for j in np.flatnonzero(worse)),
-        transfers=_transfers(base, found, d.baseline, extended, weight),
+        transfers=_transfers(base, found, d.baseline, extended),
         notes=(f"logs that took no part: cutoff {signals.cutoff_hz:.3g} Hz", *signals.notes),
     )
 
@@ -229,71 +222,34 @@ def _same_sign(
     return inverted(logs, signals, text)
 
 
-def _rms(error: Array, weight: Array) -> Array:
-    """Return (n,) root mean square of (T, n) with weights of the rows."""
-    return np.asarray(np.sqrt((weight * error**2).sum(axis=0) / weight.sum(axis=0)))
+def _rms(error: Array) -> Array:
+    """Return (n,) root mean square of (T, n)."""
+    return np.asarray(np.sqrt(np.mean(np.square(error), axis=0)))
 
 
 def _transfers(
-    base: Data, found: Nominal, baseline: Nominal, extended: Array, weight: Array
+    base: Data, found: Nominal, baseline: Nominal, extended: Array
 ) -> tuple[Transfer, ...]:
     """Judge each cause by the model without its parts, as the module describes."""
-    new = found.parts[len(baseline.parts) :]
-    names = list(dict.fromkeys(p.cause for p in new))
-    block = blocks(base)
-    count, out = int(block.max()) + 1, []
-    own = base.settings.selection
-    limit = float(student.ppf(1 - own.chance, count - 1)) if count > 1 else np.inf
-    for name in names:
+    new, out = found.parts[len(baseline.parts) :], []
+    with_it = _rms(base.tau - extended)
+    for name in dict.fromkeys(p.cause for p in new):
         rest = [p for p in new if p.cause != name]
         less = replace(found, parts=(*baseline.parts, *rest)).extend(base).nominal
-        p, e = extended - less, base.tau - less
-        pe, pp, ee = (_sums(weight * x, block, count) for x in (p * e, p * p, e * e))
-        share, error = share_found(pe, pp)
-        torque = np.sqrt(pp.sum(axis=0) / weight.sum(axis=0))
-        before = ee.sum(axis=0)
-        grown = before - 2 * pe.sum(axis=0) + pp.sum(axis=0)
-        harmed = (
-            (share + limit * error < 0.5)
-            & (torque > own.least_torque * base.noise)
-            & (grown > (1 + HARM) * before)
-        )
+        torque, without = _rms(extended - less), _rms(base.tau - less)
+        harmed = (torque > SEEN * base.noise) & (with_it**2 > (1 + HARM) * without**2)
         cause = cause_named(name)
-        with_it, without = (np.maximum(x, 0) / weight.sum(axis=0) for x in (grown, before))
-        helps = np.log((without + base.noise**2) / (with_it + base.noise**2)).sum() > 0
+        helps = np.log((without**2 + base.noise**2) / (with_it**2 + base.noise**2)).sum() > 0
         out.append(
             Transfer(
                 name=name,
                 torque=torque,
-                without=np.sqrt(without),
-                share=share,
+                without=without,
                 harmed=tuple(int(j) + 1 for j in np.flatnonzero(harmed)),
                 as_a_whole=bool(helps) and (cause.arm_wide or cause.coupled),
             )
         )
     return tuple(out)
-
-
-def blocks(data: Data) -> NDArray[np.int64]:
-    """Return (T,) number of the block of each row: equal spans of each log, none too short.
-
-    Nothing is fitted, so that no guard is needed between them.
-    """
-    out, first = np.zeros(len(data.t), dtype=np.int64), 0
-    for log in np.unique(data.recording.log):
-        rows = np.flatnonzero(data.recording.log == log)
-        most = data.settings.recording.blocks
-        many = int(np.clip(len(rows) * data.dt / SHORTEST_BLOCK, 1, most))
-        out[rows] = first + np.arange(len(rows)) * many // len(rows)
-        first += many
-    return out
-
-
-def _sums(x: Array, block: NDArray[np.int64], count: int) -> Array:
-    """Return (B, n) sums of (T, n) over blocks."""
-    out = np.zeros((count, x.shape[1]))
-    np.add.at(out, block, x)
-    return out
 
 
 def describe(check: Check) -> str:
@@ -302,7 +258,7 @@ def describe(check: Check) -> str:
     before, after = check.nominal_rms, check.extended_rms
     if check.worse_joints:
         each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in check.worse_joints)
-        text = f"does not hold on {joint_list(check.worse_joints)}, where errors rise ({each} N·m)"
+        text = f"does not hold on {joint_list(check.worse_joints)}, whose errors go from {each} N·m"
     elif not check.transfers:
         text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
     else:

@@ -28,12 +28,11 @@ from stiction_envs.friction.model import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COU
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.predictors.torque import FOLDS
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
 
 Array = NDArray[np.float64]
-EVERY = 3
-"""One block of so many is simulated and not fitted [-]; assumed."""
 SECONDS = 0.5
 """Length of a window [s]; assumed."""
 REPLAY = 0.2
@@ -121,17 +120,13 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
     ``threads`` 0 is all processors.
     """
     base, nominal = diagnosis.base, diagnosis.baseline
-    blocks = diagnosis.library.grams.blocks
-    held = np.arange(1, blocks, EVERY)
+    held = np.arange(1, base.blocks, FOLDS)
     if not np.isfinite(base.dt) or len(held) == 0:
         return "the logs hold no motion"
     windows = _windows(base, held)
     if len(windows) < LEAST_WINDOWS:
         return f"no {LEAST_WINDOWS} windows of {SECONDS:g} s without a gap in the held-out blocks"
-    weight = np.ones(blocks)
-    weight[held] = 0.0
-    columns = diagnosis.library.model_columns(diagnosis.terms)
-    found = model_of(diagnosis, diagnosis.library.grams.fit(columns, weight))
+    found = model_of(diagnosis, diagnosis.predictor.problem.without(1).fit(diagnosis.terms))
     rolls = []
     try:
         for model in (nominal, found):

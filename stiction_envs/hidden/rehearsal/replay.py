@@ -217,8 +217,8 @@ def _dry_friction(own: Diagnosis) -> tuple[Array, Array]:
         if part.joint:
             c = np.array(part.coefficients)
             known[part.joint - 1] += cause_named(part.cause).dry_friction(c)
-    split = own.library.split(own.terms, own.coefficients)
+    split = own.predictor.problem.split(own.terms, own.coefficients)
     for term, c in zip(own.terms, split, strict=True):
         if term.joint >= 0:
-            found[term.joint] += own.library.causes[term.cause].dry_friction(c)
+            found[term.joint] += own.predictor.causes[term.cause].dry_friction(c)
     return np.maximum(known, 0.0), found

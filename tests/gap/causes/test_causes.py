@@ -7,6 +7,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from stiction_envs.gap.causes.gear.backlash import (
+    DRAGGED,
+    LOST,
+    crossings,
+    dragged,
+    lost,
+)
 
 from stiction_envs.gap.causes import CAUSES, Part, parameter_units
 from stiction_envs.gap.causes.body import payload
@@ -16,13 +23,6 @@ from stiction_envs.gap.causes.body.bodies import (
     link_directions,
     payload_of,
     with_link,
-)
-from stiction_envs.gap.causes.gear.backlash import (
-    DRAGGED,
-    LOST,
-    crossings,
-    dragged,
-    lost,
 )
 from stiction_envs.gap.causes.gear.deflection import masses
 from stiction_envs.gap.causes.gear.joint_elasticity import deflection

@@ -69,7 +69,7 @@ class Payload(Cause):
         return [(0.0, 0.0, 0.0)]
 
     def size(self, data: Data, joint: int) -> Array:
-        """Return a third of what the arm can lift at arm's length, 10 cm off the flange; assumed."""
+        """Return a third of what the arm can lift at its reach, 10 cm off the flange; assumed."""
         mass = USUAL_SHARE * data.lift
         return mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
 

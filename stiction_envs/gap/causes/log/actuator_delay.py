@@ -119,6 +119,12 @@ class ActuatorDelay(Cause):
         """Return whether the delay is below `LEAST`."""
         return abs(float(coefficients[0])) < LEAST
 
+    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
+        """Return whether the delay is on a bound, or shorter than half of the sampling time."""
+        return abs(float(coefficients[0])) < 0.5 * data.dt or super().on_bound(
+            coefficients, data, joint
+        )
+
     def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
         """Return false: the coefficient is the delay, and T' only linearises it."""
         return False

@@ -1,1 +1,0 @@
-"""Least squares on sums over blocks, with bounds, priors and random effects."""
