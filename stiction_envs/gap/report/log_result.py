@@ -129,9 +129,7 @@ class LogDiagnosis(DiagnosisResult):
         out = []
         for x in self.check.transfers if self.check else ():
             if x.fails:
-                of = listed(
-                    f"joint {j} ({short(x.without[j - 1])} N·m without it)" for j in x.harmed
-                )
+                each = [f"joint {j} ({short(x.without[j - 1])} N·m without it)" for j in x.harmed]
                 out.append(f"**{x.name} does not transfer** to the check logs: {listed(each)}")
         return out
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.judge.judgement import Estimate, Judgement
+from stiction_envs.gap.judge.judgement import Estimate, Judgement, percent_gained
 from stiction_envs.gap.tables.model import Fit
 from stiction_envs.gap.tables.readings import TableData
-from stiction_envs.gap.verdict import percent_gained
 
 Array = NDArray[np.float64]
 
