@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import StickingModel, link_inertia, mass_matrix
+from stiction_envs.friction.model import StickingModel, link_inertia
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
@@ -25,28 +25,22 @@ from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, cause_named
 from stiction_envs.gap.causes.draft import LEAST_FRICTION
-from stiction_envs.gap.extended_mjcf import TIMESTEP, mjcf_text, mjcf_tree
+from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.steady_friction import steady
 from stiction_envs.robots import ARMS, Arm
 
 Array = NDArray[np.float64]
 LEAST_BRISTLE = 1.0
 """Stiffness of the softest bristle [N·m/rad]; assumed."""
-MOST_DAMPED = 1.0
-"""Largest damping ratio of a bristle in the model [-]; assumed."""
-STIFFEST = 0.1
-"""Largest bristle stiffness over inertia/timestep² [-]; assumed: a twentieth of the chattering
-limit."""
-FASTEST_DECAY = 0.5
-"""Largest bristle damping over inertia/timestep [-]; assumed: up to four joints in line may stick,
-and Euler is stable while their sum is below 2."""
-BRISTLE_DAMPING_RATIO = 0.4
-"""ζ of a bristle without a nominal or diagnosed one [-]; assumed."""
-JOINT_DAMPING_RATIO = 0.15
-"""ζ of a joint's spring without a nominal one [-]; assumed."""
-POSES = 200
-"""Number of poses of the logs at which the joints' inertia is computed [-]; assumed."""
+MOST_ASYMMETRY = 0.9
+"""Most that a direction's dry friction differs from the mean, over it [-]; assumed: beyond 1 it
+would drive the joint."""
+NEGATIVE = "friction of joint {j} came out negative: the model has zero"
+ASYMMETRIC = "asymmetry of joint {j}: nine tenths of its Coulomb friction, more would drive it"
+LIGHTER = "friction of joint {j} came out falling with load: the model's does not"
+FALLING = "joint {j}: friction at rest came out below that in motion: the model has them equal"
 _COMMENT = """ {name} as its logs show it, written by stiction diagnose. SI units.
      Controls are joint torques [N m] as in the logs: they carry gravity themselves, nothing is
      compensated here. Friction is a LuGre bristle in each dcmotor, rotor inertia is armature,
@@ -162,68 +156,47 @@ def load_model(
     return replace(model, servos=read_servos(Path(path), arm.n))
 
 
-def _poses(data: Data) -> Array:
-    """Return poses of the logs and the arm's rest pose, evenly selected."""
-    step = max(1, len(data.q) // POSES)
-    return np.vstack([data.arm.rest, data.q[::step]])
-
-
 def _friction(
     draft: ModelDraft, data: Data, base: FrictionParameters | None, arm: Arm
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
 
-    def limited(text: str) -> None:
-        draft.not_in_mjcf.append(text)
-        draft.not_in_tables.append(text)
+    def limited(which: Array, text: str) -> None:
+        for j in np.flatnonzero(which):
+            said = text.format(j=j + 1)
+            draft.not_in_mjcf.append(said)
+            draft.not_in_tables.append(said)
 
-    coulomb = np.maximum(draft.coulomb, LEAST_FRICTION)
-    stiction = np.maximum(draft.stiction, coulomb)
-    for j in np.flatnonzero((draft.coulomb < 0).any(axis=1) | (draft.viscous < 0).any(axis=1)):
-        limited(f"friction of joint {j + 1} came out negative: the model has zero")
-    ratio = np.clip(coulomb / stiction, 1e-3, 1.0)
-    rotor, elastic = np.maximum(draft.rotor, 0.0), np.isfinite(draft.spring)
-    inertia = mass_matrix(arm, _poses(data)) + np.diag(np.where(elastic, 0.0, rotor))
-    # in line with others (a stretched arm) a joint that sticks moves less than its own link
-    free = np.min(1 / np.diagonal(np.linalg.inv(inertia), axis1=1, axis2=2), axis=0)
-    carried = np.where(elastic, rotor, free)
-    most = STIFFEST * carried / TIMESTEP**2
+    n, unknown = data.n, np.isnan(draft.bristle)
+    mean, half = draft.coulomb.mean(axis=1), np.diff(draft.coulomb, axis=1)[:, 0] / -2
+    limited((mean < 0) | (draft.viscous < 0).any(axis=1), NEGATIVE)
+    mean = np.maximum(mean, LEAST_FRICTION)
+    most = MOST_ASYMMETRY * mean
+    limited(np.abs(half) > most * (1 + 1e-9), ASYMMETRIC)
+    half = np.clip(half, -most, most)
+    coulomb = np.maximum(np.stack([mean + half, mean - half], axis=1), LEAST_FRICTION)
+    rise = draft.stiction - draft.coulomb
+    limited((rise < -LEAST_FRICTION).any(axis=1), FALLING)
+    stiction = coulomb + np.maximum(rise, 0.0)
     distance = data.friction.presliding_distance
-    soft = np.maximum(coulomb.mean(axis=1) / distance, LEAST_BRISTLE)
-    bristle = np.where(np.isnan(draft.bristle), soft, draft.bristle)
-    for j in np.flatnonzero(~np.isnan(draft.bristle) & (bristle > most)):
-        limited(f"bristle of joint {j + 1}: {most[j]:.4g} N·m/rad is the stiffest that holds still")
-    one = np.ones(data.n)
-    values = {
-        "load_low": 0.0 * one,
-        "load_high": np.inf * one,
-        "bristle_damping_ratio": BRISTLE_DAMPING_RATIO * one,
-        "joint_damping_ratio": JOINT_DAMPING_RATIO * one,
-        "load_coefficient": 0.0 * one,
-        "warm_up_viscous": 0.0 * one,
-        "gravity_error": 0.0 * one,
+    bristle = np.where(unknown, np.maximum(mean / distance, LEAST_BRISTLE), draft.bristle)
+    rotor = np.maximum(draft.rotor, 0.0)
+    values: dict[str, Array] = {
+        k: np.full(n, q.default) for k, q in QUANTITIES.items() if q.default is not None
     }
     values |= {k: getattr(base, k) for k in QUANTITIES} if base is not None else {}
-    # ours is a ratio to the critical damping of the inertia at the arm's rest pose; elsewhere the
-    # bristle may carry many times as much
-    at_rest = np.where(elastic, rotor, rotor + link_inertia(arm, arm.rest[None])[0])
-    critical = 2 * np.sqrt(np.clip(bristle, 1e-3, most) * at_rest)
-    most_damped = np.minimum(MOST_DAMPED, FASTEST_DECAY * carried / (TIMESTEP * critical))
-    for j in np.flatnonzero(draft.damping > most_damped * critical):
-        text = f"{most_damped[j] * critical[j]:.4g} N·m·s/rad is the most that a step can hold"
-        limited(f"bristle damping of joint {j + 1}: {text}")
-    damping = np.where(
-        np.isnan(draft.damping), values["bristle_damping_ratio"], draft.damping / critical
-    )
+    ratio = coulomb / stiction
+    own = values["load_coefficient"]
+    # ours scales stiction, which contains Coulomb friction; the cause scales Coulomb friction
+    load = own + draft.load / ratio.mean(axis=1)
+    limited(load < np.minimum(own, 0.0), LIGHTER)
     values |= {
         "stiction": stiction,
         "coulomb_ratio": ratio,
         "stribeck_velocity": draft.stribeck,
         "viscous": np.maximum(draft.viscous, 0.0),
-        # ours scales stiction, which contains Coulomb friction; the cause scales Coulomb friction
-        "load_coefficient": values["load_coefficient"] + draft.load / ratio.mean(axis=1),
-        "bristle_stiffness": np.clip(bristle, 1e-3, most),
-        "bristle_damping_ratio": np.clip(damping, 0.0, most_damped),
+        "load_coefficient": np.maximum(load, np.minimum(own, 0.0)),
+        "bristle_stiffness": np.maximum(bristle, 1e-3),
         "rotor_inertia": rotor,
         "joint_stiffness": draft.spring,
         "ripple_amplitude": draft.ripple[:, 0],
@@ -233,17 +206,28 @@ def _friction(
         "warm_up_time": draft.warm[:, 1],
         "offset": draft.offset,
     }
+    at_rest = rotor + np.where(np.isfinite(draft.spring), 0.0, link_inertia(arm, arm.rest[None])[0])
+    found_ratio = draft.damping / (2 * np.sqrt(values["bristle_stiffness"] * at_rest))
+    values["bristle_damping_ratio"] = np.where(
+        np.isnan(draft.damping), values["bristle_damping_ratio"], found_ratio
+    )
+
+    def say(joint: int, text: str) -> None:
+        if not unknown[joint] or "bristle" not in text:  # nothing was found that it bounds
+            limited(np.arange(n) == joint, "joint {j}: " + text)
+
+    friction = steady(FrictionParameters(**values), arm, data.arm, say=say)
     found = "stiction diagnose: nominal model and causes of [[cause]]"
     sources = dict.fromkeys(QUANTITIES, found)
     sources |= dict.fromkeys(
         ("bristle_damping_ratio", "joint_damping_ratio"), "assumed, or of the nominal model"
     )
-    if np.isnan(draft.bristle).any():
+    if unknown.any():
         sources["bristle_stiffness"] = (
             "assumed where no presliding was found: Coulomb friction over a distance of "
             f"{float(distance.mean()):.2g} rad, softer where a step of 1 ms needs it"
         )
-    return FrictionParameters(**values), sources
+    return friction, sources
 
 
 def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> FrictionParameters:
