@@ -161,7 +161,7 @@ def _friction(
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
 
-    def limited(which: Array, text: str) -> None:
+    def limited(which: NDArray[np.bool_], text: str) -> None:
         for j in np.flatnonzero(which):
             said = text.format(j=j + 1)
             draft.not_in_mjcf.append(said)
@@ -169,14 +169,14 @@ def _friction(
 
     n, unknown = data.n, np.isnan(draft.bristle)
     mean, half = draft.coulomb.mean(axis=1), np.diff(draft.coulomb, axis=1)[:, 0] / -2
-    limited((mean < 0) | (draft.viscous < 0).any(axis=1), NEGATIVE)
+    limited((mean < 0) | (draft.viscous.min(axis=1) < 0), NEGATIVE)
     mean = np.maximum(mean, LEAST_FRICTION)
     most = MOST_ASYMMETRY * mean
     limited(np.abs(half) > most * (1 + 1e-9), ASYMMETRIC)
     half = np.clip(half, -most, most)
     coulomb = np.maximum(np.stack([mean + half, mean - half], axis=1), LEAST_FRICTION)
     rise = draft.stiction - draft.coulomb
-    limited((rise < -LEAST_FRICTION).any(axis=1), FALLING)
+    limited(rise.min(axis=1) < -LEAST_FRICTION, FALLING)
     stiction = coulomb + np.maximum(rise, 0.0)
     distance = data.friction.presliding_distance
     bristle = np.where(unknown, np.maximum(mean / distance, LEAST_BRISTLE), draft.bristle)

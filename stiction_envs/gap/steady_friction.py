@@ -34,7 +34,7 @@ step is stable with, 160 Hz."""
 
 
 def steady(
-    friction: FrictionParameters, *arms: Arm, say: Callable[[int, str], None] | None = None
+    friction: FrictionParameters, *arms: Arm, say: Callable[[int, str], None] = lambda _, __: None
 ) -> FrictionParameters:
     """Return friction with which no joint shakes at steps of 1 ms.
 
@@ -44,7 +44,8 @@ def steady(
         say: called with each joint (from 0) that is bounded, and by what.
     """
     rng, h = np.random.default_rng(0), TIMESTEP
-    poses = rng.uniform(*arms[0].limits.position.T, size=(POSES, friction.n))
+    low, high = np.clip(arms[0].limits.position, -np.pi, np.pi).T
+    poses = rng.uniform(low, high, size=(POSES, friction.n))
     poses = np.vstack([arms[0].rest, poses])
     mass = np.concatenate([mass_matrix(arm, poses) for arm in arms])
     rotor, spring = friction.rotor_inertia, friction.joint_stiffness
@@ -54,14 +55,14 @@ def steady(
         return np.asarray(np.min(1 / np.diagonal(np.linalg.inv(own), axis1=1, axis2=2), axis=0))
 
     def bounded(value: Array, most: Array, text: str) -> Array:
-        for j in np.flatnonzero(value > most) if say is not None else ():
+        for j in np.flatnonzero(value > most):
             say(int(j), text.format(most[j]))
         return np.minimum(value, most)
 
     link = least(friction.elastic)
     swinging = rotor * link / (rotor + link)
     stiff = friction.elastic & (spring * h * h > STIFFEST_SPRING * swinging)
-    for j in np.flatnonzero(stiff) if say is not None else ():
+    for j in np.flatnonzero(stiff):
         say(int(j), f"its spring of {spring[j]:.4g} N·m/rad is rigid in steps of 1 ms")
     elastic = friction.elastic & ~stiff
     carried = np.where(elastic, rotor, least(elastic))

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.position_servo import ServoDrive, put_under_servos
-from stiction_envs.friction.model import build, link_inertia, mass_matrix
+from stiction_envs.friction.model import build, link_inertia
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.servos import PositionServos
-from stiction_envs.gap.extended_model import FASTEST_DECAY, POSES
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.parameters import FAR, INDEX
+from stiction_envs.gap.steady_friction import steady
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
@@ -44,18 +44,14 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
     def both(values: Array) -> Array:
         return np.stack([values, values], axis=1)
 
-    h, step = lone.STEP, CONTROL_DT
+    h = lone.STEP
     at_rest = link_inertia(arm, arm.rest[None])[0]
     rotor = np.maximum(of("armature"), lone.SLOWEST * h * h * of("stiffness") - at_rest)
     rotor = np.maximum(rotor, 0.0)
-    free = _least_inertia(arm, rotor)
     level = np.maximum(of("stiction"), 1e-6)
     usual = np.maximum(level + of("load") * load, 1e-6)
-    # the joint's inertia at rest bounds the fit; in other poses a step of the plant may hold less
-    most = lone.STIFFEST * np.minimum((rotor + at_rest) / h**2, free / step**2)
-    bristle = np.maximum(np.minimum(usual / of("bristle"), most), 1e-3)
-    critical = 2.0 * np.sqrt(bristle * (rotor + at_rest))
-    most_damped = FASTEST_DECAY * free / (step * critical)
+    # the joint's inertia at rest bounds the fit; in other poses a step may hold less
+    bristle = np.minimum(usual / of("bristle"), lone.STIFFEST * (rotor + at_rest) / h**2)
     plain = {k: np.full(arm.n, q.default) for k, q in QUANTITIES.items() if q.default is not None}
     found = dict(
         stiction=both(level),
@@ -63,20 +59,12 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
         stribeck_velocity=both(of("stribeck_velocity")),
         viscous=both(of("damping")),
         load_coefficient=of("load").copy(),
-        bristle_stiffness=bristle,
-        bristle_damping_ratio=np.minimum(lone.BRISTLE_DAMPING_RATIO, most_damped),
+        bristle_stiffness=np.maximum(bristle, 1e-3),
+        bristle_damping_ratio=np.full(arm.n, lone.BRISTLE_DAMPING_RATIO),
         rotor_inertia=rotor,
         gravity_error=-of("compensation"),
     )
-    return FrictionParameters(**{**plain, **found})
-
-
-def _least_inertia(arm: Arm, rotor: Array) -> Array:
-    """Return (n,) least inertia that a joint moves in any pose, whether the others stick or not."""
-    low, high = np.clip(arm.limits.position, -np.pi, np.pi).T
-    q = np.random.default_rng(0).uniform(low, high, size=(POSES, arm.n))
-    inverse = np.linalg.inv(mass_matrix(arm, q) + np.diag(rotor))
-    return np.asarray(np.min(1.0 / np.diagonal(inverse, axis1=1, axis2=2), axis=0))
+    return steady(FrictionParameters(**{**plain, **found}), arm)
 
 
 def reaching(arm: Arm, logs: Sequence[ServoLog], offset: Array | float = 0.0) -> Arm:
