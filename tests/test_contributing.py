@@ -36,7 +36,7 @@ def test_the_cause_is_named_drawn_and_put_into_the_model(tmp_path):
         made = extend(found.base, model_of(found))
         path.write_text(made.toml(meta={}, provenance={}), "utf-8")
         again = diagnose_logs([log], "panda", nominal=path)
-        caption = draw_cause(found, found.causes[0], tmp_path / "cause.png")
+        caption = draw_cause(found, found.causes[0], tmp_path)
     finally:
         unregister("magnetic_detent")
     (cause,) = found.causes
@@ -45,7 +45,7 @@ def test_the_cause_is_named_drawn_and_put_into_the_model(tmp_path):
     assert made.missing == ("magnetic_detent of joint 5: MuJoCo's joints have no such thing",)
     assert again.causes == ()
     assert "twelve waves a turn" in caption
-    assert (tmp_path / "cause.png").is_file()
+    assert (tmp_path / "cause_magnetic_detent.png").is_file()
 
 
 def test_the_waveform_shakes():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,8 @@ from stiction_envs.gap.report.series import Series
 from stiction_envs.reporting.png import save_small
 
 Array = NDArray[np.float64]
+PLOTS = "plots"
+"""Folder of the pictures, in the report's."""
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
 Style = str | tuple[int, tuple[int, int]]
 LINES: tuple[tuple[str, Style], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
@@ -80,41 +81,33 @@ def tidy(axes: Axes, *, zero: bool = True) -> None:
         axes.axhline(0, color="0.6", lw=0.7, zorder=0)
 
 
-def draw_errors(panels: Sequence[Errors], path: Path) -> str:
-    """Draw the error of each joint into a PNG: nominal, extended, noise floor; return its caption.
+def draw_errors(e: Errors, plots: Path) -> str:
+    """Draw the error of each joint: nominal, extended, noise floor.
 
-    Errors of another kind or unit have a panel each.
+    This and other pictures are PNG files in a folder; they are returned as Markdown with a caption.
     """
-    wide = max(4.4, 1.6 + 0.95 * max(len(e.joints) for e in panels))
-    figure = Figure(figsize=(wide, 3.4 * len(panels)), layout="constrained")
-    grid = figure.subplots(len(panels), squeeze=False)
-    for axes, e in zip(grid[:, 0], panels, strict=True):
-        x = np.arange(len(e.joints))
-        axes.vlines(x, e.nominal, e.extended, color="0.6", lw=2, zorder=1)
-        axes.plot(x, e.nominal, "o", color=BEFORE, ms=8, label="nominal")
-        axes.plot(x, e.extended, "o", color=AFTER, ms=8, label="extended")
-        if e.noise is not None:
-            axes.plot(x, e.noise, "_", color="0.1", ms=26, mew=1.6, label="noise floor")
-        axes.set_yscale("log")
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-        axes.yaxis.set_minor_formatter(NullFormatter())
-        axes.set_xticks(x, [f"joint {j}" for j in e.joints])
-        axes.set_xlim(-0.6, len(x) - 0.4)
-        axes.margins(y=0.12)
-        axes.set_ylabel(f"error [{e.unit}]")
-        tidy(axes, zero=False)
-    grid[0, 0].legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
-    save_small(figure, path)
-    return "; ".join(e.what for e in panels) + "."
+    x = np.arange(len(e.joints))
+    figure = Figure(figsize=(max(4.4, 1.6 + 0.95 * len(x)), 3.4), layout="constrained")
+    axes = figure.subplots()
+    axes.vlines(x, e.nominal, e.extended, color="0.6", lw=2, zorder=1)
+    axes.plot(x, e.nominal, "o", color=BEFORE, ms=8, label="nominal")
+    axes.plot(x, e.extended, "o", color=AFTER, ms=8, label="extended")
+    axes.plot(x, e.noise, "_", color="0.1", ms=26, mew=1.6, label="noise floor")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_xticks(x, [f"joint {j}" for j in e.joints])
+    axes.set_xlim(-0.6, len(x) - 0.4)
+    axes.margins(y=0.12)
+    axes.set_ylabel(f"error [{e.unit}]")
+    tidy(axes, zero=False)
+    axes.legend(fontsize=8, frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
+    return _saved(figure, plots / "summary.png", f"{e.what}.")
 
 
-def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> str:
-    """Draw a cause into a PNG: residual without it and its torque above, residual with it below.
-
-    Returns:
-        The caption.
-    """
+def draw_cause(d: Diagnosis, cause: NamedCause, plots: Path) -> str:
+    """Draw a cause: residual without it and its torque above, residual with it below."""
     data, view = d.data, cause_named(cause.name).view
     effect = d.cause_torque(cause.name)
     clear = np.sqrt(np.mean(np.square(effect), axis=0)) / data.noise
@@ -161,20 +154,16 @@ def draw_cause(d: Diagnosis, cause: NamedCause, path: Path) -> str:
     names = ["residual without it", "what the cause predicts", "residual with it"]
     figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8.5, frameon=False)
     figure.suptitle(f"{cause.name}: {view.note}", fontsize=10.5)
-    save_small(figure, path)
-    return (
+    caption = (
         f"{cause.name}: residual torque{folded} against {view.label}. Above without this cause "
         "(all others taken out), dashed what the cause predicts; below with it. "
         f"Line: mean, band: quartiles. Look for: {view.note}."
     )
+    return _saved(figure, plots / f"cause_{cause.name}.png", caption)
 
 
-def draw_joint(s: Series, joint: int, path: Path) -> str:
-    """Draw a joint, from 0, into a PNG: its fastest motion, and its residual against everything.
-
-    Returns:
-        The caption.
-    """
+def draw_joint(s: Series, joint: int, plots: Path) -> str:
+    """Draw a joint (from 0): its fastest motion, and its residual against everything."""
     t, segment = _joined(s.time)
     style = "." if s.at_rest else "-"
     scale, unit = (1e3, "mrad") if s.quantity == "angle" else (1.0, s.unit)
@@ -222,12 +211,17 @@ def draw_joint(s: Series, joint: int, path: Path) -> str:
         axes.set_ylim(-limit, limit)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         tidy(axes)
-    save_small(figure, path)
     contact = ", without contact" if s.contact is not None and s.contact.any() else ""
-    return (
+    caption = (
         f"Joint {joint + 1}: {STRETCH:g} s of its fastest motion; below what is left over all of "
         f"the logs{contact} (orange: nominal, blue: extended). Line: mean, band: quartiles."
     )
+    return _saved(figure, plots / f"joint_{joint + 1}.png", caption)
+
+
+def _saved(figure: Figure, path: Path, caption: str) -> str:
+    save_small(figure, path)
+    return f"![{path.stem.replace('_', ' ')}]({PLOTS}/{path.name})\n\n{caption}"
 
 
 def _joined(time: Array) -> tuple[Array, NDArray[np.int64]]:

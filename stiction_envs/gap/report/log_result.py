@@ -12,9 +12,9 @@ from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.links import LinkErrors
-from stiction_envs.gap.report.figures import draw_cause, draw_errors
+from stiction_envs.gap.report.figures import draw_cause
 from stiction_envs.gap.report.page import Errors
-from stiction_envs.gap.report.result import DiagnosisResult, shown
+from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, log_series
 from stiction_envs.gap.validation.check import Check, describe
 from stiction_envs.gap.validation.forward import (
@@ -25,7 +25,7 @@ from stiction_envs.gap.validation.forward import (
 )
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.json_text import plain
-from stiction_envs.reporting.markdown import listed, number, short, table_text
+from stiction_envs.reporting.markdown import listed, number, percent, short, table_text
 
 FAR = 3.0
 """Prior standard deviations beyond which an error of a link is no tolerance [-]; assumed."""
@@ -46,10 +46,9 @@ class LogDiagnosis(DiagnosisResult):
     @property
     def errors(self) -> Errors:
         """Held-out residual, and that of the check logs [N·m]."""
-        d, more = self.diagnosis, {}
-        if self.check is not None:
-            more["check, nominal"] = self.check.nominal_rms
-            more["check, extended"] = self.check.extended_rms
+        d, c, more = self.diagnosis, self.check, {}
+        if c is not None:
+            more = {"check, nominal": c.nominal_rms, "check, extended": c.extended_rms}
         return Errors(
             what="Root mean square of measured less modelled torque, on rows with which the model "
             "was neither chosen nor fitted",
@@ -97,50 +96,41 @@ class LogDiagnosis(DiagnosisResult):
 
     def drawn(self, cause: NamedCause, plots: Path) -> str:
         """See `DiagnosisResult.drawn`."""
-        path = plots / f"cause_{cause.name}.png"
-        return shown(path, draw_cause(self.diagnosis, cause, path))
+        return draw_cause(self.diagnosis, cause, plots)
 
     def details(self, plots: Path) -> dict[str, object]:
         """Return links, forward validation, what does not transfer, and what was corrected."""
         d, check = self.diagnosis, self.check
         out: dict[str, object] = {
             "record": d.what_to_record or ("nothing: every cause could be seen",),
-            "notes": [
-                *_about(d.logs),
-                *_about(check.logs if check else (), " (check)"),
-                *dict.fromkeys((*d.notes, *(check.notes if check else ()))),
-            ],
-            "elsewhere": self._elsewhere(),
-            "forward": f"None: {self.forward}."
-            if isinstance(self.forward, str)
-            else _forward(self.forward, plots / "forward.png"),
+            "forward": forward_text(self.forward),
         }
+        about = [f"torques of the {self.torque} side of the gears", *_about(d.logs)]
+        notes = dict.fromkeys(d.notes)
+        if check is not None:
+            about += _about(check.logs, " (check)")
+            notes |= dict.fromkeys(check.notes)
+            out["elsewhere"] = [
+                f"**{x.name} does not transfer** to the check logs: joint {j} is off by "
+                f"{short(x.without[j - 1])} N·m without it, {short(check.extended_rms[j - 1])} N·m "
+                "with it"
+                for x in check.transfers
+                if x.fails
+                for j in x.harmed
+            ]
+        out["notes"] = [*about, *notes]
         if d.links is not None:
-            out["links"] = link_table(d.links)
             usual = "an earlier diagnosis left in doubt"
             if d.baseline.links is None:
                 usual = "CAD is usually off by (mass 10 %, centre 15 mm, shape 20 %)"
             near = f"All are within {FAR:g} standard deviations of what {usual}."
+            out["links"] = link_table(d.links)
             out["about_links"] = far_links(d.links) or near
-        return out
-
-    def _elsewhere(self) -> list[str]:
-        """Return the causes that do not transfer to check logs."""
-        out = []
-        for x in self.check.transfers if self.check else ():
-            if x.fails:
-                each = [f"joint {j} ({short(x.without[j - 1])} N·m without it)" for j in x.harmed]
-                out.append(f"**{x.name} does not transfer** to the check logs: {listed(each)}")
         return out
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""
         return log_series(self.diagnosis, self.summary)
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Return seed, side of the torque, and nominal model."""
-        seed, side = str(self.provenance["seed"]), f"{self.torque} side"
-        return [("seed", seed), ("torque", side), *super().rows()]
 
 
 def far_links(links: LinkErrors | None) -> str:
@@ -157,53 +147,42 @@ def far_links(links: LinkErrors | None) -> str:
 
 def link_table(links: LinkErrors) -> str:
     """Return mass and centre that each link has more than the model."""
+    each = zip(links.mass, links.centre, links.distance, strict=True)
     rows = [
-        [
-            f"link {k}",
-            f"{short(mass[0])} ± {short(mass[1])}",
-            *(f"{number(1e3 * x)} ± {1e3 * width:.1f}" for x, width in centre),
-            short(far, 2),
-        ]
-        for k, mass, centre, far in zip(
-            range(1, len(links.mass) + 1), links.mass, links.centre, links.distance, strict=True
-        )
+        [f"link {k}", f"{short(mass[0])} ± {short(mass[1])}"]
+        + [f"{number(1e3 * x)} ± {1e3 * width:.1f}" for x, width in centre]
+        + [short(far, 2)]
+        for k, (mass, centre, far) in enumerate(each, start=1)
     ]
     header = ["", "mass [kg]", "centre x [mm]", "y [mm]", "z [mm]", "off by [prior deviations]"]
     return table_text(header, rows)
 
 
-def _forward(forward: ForwardValidation, path: Path) -> str:
-    """Draw both models in simulation; return the picture and what it shows in Markdown."""
+def forward_text(forward: ForwardValidation | str) -> str:
+    """Return how both models fare in simulation, as Markdown."""
+    if isinstance(forward, str):
+        return f"None: {forward}."
     n, e = forward.nominal, forward.extended
-    joints = tuple(range(1, len(n.position_rms) + 1))
-    replay = Errors(
-        what=f"Above, replay: how far the arm strays in {REPLAY:g} s under the measured torques "
-        "alone",
-        unit="rad",
-        joints=joints,
-        nominal=n.position_rms,
-        extended=e.position_rms,
-    )
-    tracking = Errors(
-        what="below, tracking: what a servo must add to keep it on the measured motion",
-        unit="N·m",
-        joints=joints,
-        nominal=n.torque_rms,
-        extended=e.torque_rms,
-    )
-    text = shown(path, draw_errors([replay, tracking], path))
-    text += (
-        f"\n\nBoth models run in stock MuJoCo on {len(forward.start)} windows of {SECONDS:g} s "
-        "that were not fitted, each from the measured state. The causes take "
-        f"{number(forward.position_gain.mean(), 0)} % (replay) and "
-        f"{number(forward.torque_gain.mean(), 0)} % (tracking) off, in the mean of the joints."
+    columns = [n.position_rms, e.position_rms, n.torque_rms, e.torque_rms]
+    rows = [
+        [f"joint {j}", *(short(x) for x in values)]
+        for j, values in enumerate(zip(*columns, strict=True), start=1)
+    ]
+    means = [f"**{percent(-x.mean(), 0)}**" for x in (forward.position_gain, forward.torque_gain)]
+    rows.append(["mean", "", means[0], "", means[1]])
+    text = (
+        f"Both models run in stock MuJoCo on {len(forward.start)} windows of {SECONDS:g} s that "
+        "were not fitted, each from the measured state. Replay: how far the arm strays in "
+        f"{REPLAY:g} s under the measured torques alone. Tracking: what a servo must add to keep "
+        "it on the measured motion."
     )
     if forward.unstable:
         text += (
             f" The simulation is unstable in places: {forward.unstable}. {forward.shortened} "
             f"windows ended before that, {forward.left_out} more did not count."
         )
-    return text
+    header = ["", "replay, nominal [rad]", "extended", "tracking, nominal [N·m]", "extended"]
+    return f"{text}\n\n{table_text(header, rows)}"
 
 
 def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:

@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.gap.causes import parameter_units
 from stiction_envs.gap.judge.judgement import Estimate, Judgement, NamedCause, NotShown
-from stiction_envs.reporting.markdown import joints, listed, number, percent, short, table_text
+from stiction_envs.reporting.markdown import joints, number, percent, short, table_text
 
 Array = NDArray[np.float64]
 UNITS = {
@@ -17,8 +18,6 @@ UNITS = {
     "nms": "N·m·s",
     "nm_per_s": "N·m/s",
     "nm_per_rad": "N·m/rad",
-    "bristle_stiffness": "N·m/rad",
-    "stribeck_velocity": "rad/s",
     "rad_s": "rad/s",
     "rad": "rad",
     "s": "s",
@@ -26,10 +25,10 @@ UNITS = {
     "m": "m",
     "kgm2": "kg·m²",
 }
-"""Unit by the end of a parameter's name, or by its name."""
+"""Unit by the end of a parameter's name."""
 LISTED = 4
 """Most numbers of one parameter that the table of causes shows [-]; assumed."""
-SHARES = {"named": "the named causes", "links": "errors of links", "set_up": "the set-up"}
+SHARES = "named", "links", "set_up", "left"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,10 +42,10 @@ class Errors:
     """From 1."""
     nominal: Array
     extended: Array
-    noise: Array | None = None
-    """Noise floor, where known."""
+    noise: Array
+    """Noise floor; NaN where unknown."""
     more: Mapping[str, Array] = field(default_factory=dict)
-    """The same error on other data or of other fits, by a column's heading."""
+    """The same error on other data, by a column's heading."""
 
     @property
     def means(self) -> str:
@@ -56,17 +55,14 @@ class Errors:
 
     def table(self) -> str:
         """Return the table of the report."""
-        rows = []
-        columns = {"nominal": self.nominal, "extended": self.extended}
-        columns |= {} if self.noise is None else {"noise floor": self.noise}
-        for k, j in enumerate(self.joints):
-            before, after = self.nominal[k], self.extended[k]
-            change = percent(100 * (after / before - 1), 0) if before > 0 else "–"
-            cells = [*(short(x[k]) for x in columns.values()), change]
-            rows.append([f"joint {j}", *cells, *(short(x[k]) for x in self.more.values())])
-        header = [f"{name} [{self.unit}]" for name in (*columns, *self.more)]
-        header.insert(len(columns), "change")
-        return table_text(["", *header], rows)
+        columns = {"nominal": self.nominal, "extended": self.extended, "noise floor": self.noise}
+        columns |= self.more
+        change = 100 * (self.extended / np.maximum(self.nominal, 1e-300) - 1)
+        rows = [
+            [f"joint {j}", percent(change[k], 0), *(short(x[k]) for x in columns.values())]
+            for k, j in enumerate(self.joints)
+        ]
+        return table_text(["", "change", *(f"{name} [{self.unit}]" for name in columns)], rows)
 
 
 def where(numbers: Sequence[int]) -> str:
@@ -80,8 +76,11 @@ def shares(d: Judgement, errors: Errors) -> str:
     text += f"{errors.means}."
     if not d.shares_percent:
         return text
-    each = listed(f"{who} {number(d.shares_percent[k], 0)} %" for k, who in SHARES.items())
-    return f"{text} Of it take {each}; {number(d.shares_percent['left'], 0)} % is left."
+    named, *others, left = (number(d.shares_percent[k], 0) for k in SHARES)
+    return (
+        f"{text} The named causes take {named} % of the nominal error, errors of links "
+        f"{others[0]} % and the set-up {others[1]} %; {left} % is left."
+    )
 
 
 def cause_table(causes: Sequence[NamedCause]) -> str:
@@ -101,11 +100,11 @@ def cause_table(causes: Sequence[NamedCause]) -> str:
 
 
 def unit_of(key: str) -> str:
-    """Return the unit of a parameter, by its name; nothing where it has none."""
-    name = key.split()[0]
-    parts = name.split("_")
-    ends = ("_".join(parts[k:]) for k in range(len(parts)))
-    return next((UNITS[x] for x in ends if x in UNITS), "")
+    """Return the unit of a parameter; nothing where it has none."""
+    parts = key.split()[0].split("_")
+    ends = ["_".join(parts[k:]) for k in range(len(parts))]
+    units = UNITS | parameter_units()
+    return next((units[x] for x in ends if x in units), "")
 
 
 def _main_value(cause: NamedCause) -> str:
@@ -150,23 +149,16 @@ def _nats(value: float) -> str:
 
 def rivals(cause: NamedCause) -> list[str]:
     """Return its rivals and their nats, bold where the data cannot tell them from it."""
-    confused = [f"**{name}**" for name in cause.confused_with]
-    each = [
-        f"**{name}** {_nats(nats)}" if name in cause.confused_with else f"{name} {_nats(nats)}"
-        for name, nats in cause.rivals
-    ]
-    return each or confused
+    bold = {name: f"**{name}**" for name in cause.confused_with}
+    each = [f"{bold.get(name, name)} {_nats(nats)}" for name, nats in cause.rivals]
+    return each or list(bold.values())
 
 
 def parameter_table(cause: NamedCause) -> str:
     """Return the parameters of a cause on each joint."""
+    bound = "**on its bound**"
     rows = [
-        [
-            "arm" if j == 0 else f"joint {j}",
-            f"`{key}`",
-            quantity(key, e),
-            "**on its bound**" * e.on_bound,
-        ]
+        [f"joint {j}" if j else "arm", f"`{key}`", quantity(key, e), bound * e.on_bound]
         for j, found in sorted(cause.parameters.items())
         for key, e in found.items()
     ]

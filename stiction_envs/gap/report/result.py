@@ -15,7 +15,7 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import Judgement, NamedCause
 from stiction_envs.gap.report import page
-from stiction_envs.gap.report.figures import draw_errors, draw_joint
+from stiction_envs.gap.report.figures import PLOTS, draw_errors, draw_joint
 from stiction_envs.gap.report.page import Errors, where
 from stiction_envs.gap.report.series import Series
 from stiction_envs.measured.logs.sources import LogSources
@@ -27,7 +27,6 @@ from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
 
 TEMPLATE = Path(__file__).parent / "templates" / "diagnosis.md.j2"
-PLOTS = "plots"
 HEADLINES = {
     "explained": "The named causes{links} explain what the simulation gets wrong, down to the "
     "noise.",
@@ -106,16 +105,12 @@ class DiagnosisResult(Result):
         return None
 
     def details(self, plots: Path) -> dict[str, object]:
-        """Draw more pictures into a folder; return more variables of the report's template."""
+        """Return more variables of the report's template; pictures go into a folder."""
         return {}
 
     def drawn(self, cause: NamedCause, plots: Path) -> str:
-        """Draw a cause into a folder; return the picture in Markdown, or nothing."""
+        """Draw a cause into a folder; return the picture as Markdown, or nothing."""
         return ""
-
-    def rows(self) -> list[tuple[str, str]]:
-        """Return rows of the report's provenance, besides inputs and versions."""
-        return [("nominal", self.nominal_name)]
 
     # ---- of all kinds ------------------------------------------------------------------------
 
@@ -130,7 +125,7 @@ class DiagnosisResult(Result):
             return f"{text} Strongest first: {names}. {page.shares(d, e)}"
         if links and self.verdict == "explained":
             return f"Errors of links explain what the simulation gets wrong. {page.shares(d, e)}"
-        if e.noise is None or not (e.nominal > 0).any():
+        if not (e.nominal > 0).any():
             return text
         spans = [f"{short(x.min())} to {short(x.max())} {e.unit}" for x in (e.nominal, e.noise)]
         far = e.nominal / e.noise
@@ -181,18 +176,16 @@ class DiagnosisResult(Result):
         title = f"{self.robot} as its {self.data} show it"
         meta = {"title": title, "units": "SI", "verdict": self.verdict}
         write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
-        (folder / PLOTS).mkdir(exist_ok=True)
-        series, pictures = self.series(), []
+        plots = folder / PLOTS
+        plots.mkdir(exist_ok=True)
+        series, e = self.series(), self.errors
         if series is not None:
             write_text_atomic(folder / "series.csv", series.csv())
-            for j in range(series.arm.n):
-                picture = folder / PLOTS / f"joint_{j + 1}.png"
-                pictures.append(shown(picture, draw_joint(series, j, picture)))
-        inputs = [
+        made = [
             (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
             for name, sha in hashes.items()
         ]
-        made = [*inputs, ("commit", str(self.provenance["git_commit"])), *self.rows()]
+        made.append(("commit", str(self.provenance["git_commit"])))
         made += [(k, str(v)) for k, v in self.provenance["versions"].items() if v]
         write_md_and_html(
             folder,
@@ -204,22 +197,17 @@ class DiagnosisResult(Result):
             headline=self.headline,
             checked=self.checked,
             nominal_name=self.nominal_name,
-            errors=self.errors,
-            picture=self._summary(folder / PLOTS),
-            sections=[self._section(c, folder / PLOTS) for c in self.causes],
+            errors=e,
+            picture=draw_errors(e, plots) if (e.nominal > 0).any() else "",
+            sections=[self._section(c, plots) for c in self.causes],
             cause_table=page.cause_table(self.causes),
             not_shown=page.not_shown(self.diagnosis.not_shown),
-            joints=pictures,
+            joints=[draw_joint(series, j, plots) for j in range(series.arm.n)] if series else [],
             lacking={"model.xml": extension.missing, "model.toml": extension.friction_missing},
             provenance=table_text(["", ""], made),
-            **self.details(folder / PLOTS),
+            **self.details(plots),
         )
         say("report", 1.0)
-
-    def _summary(self, plots: Path) -> str:
-        """Return the first picture."""
-        e, path = self.errors, plots / "summary.png"
-        return shown(path, draw_errors([e], path)) if (e.nominal > 0).any() else ""
 
     def _section(self, c: NamedCause, plots: Path) -> dict[str, object]:
         """Return what a cause's section shows besides its own fields."""
@@ -242,11 +230,6 @@ class DiagnosisResult(Result):
         keys = ("name", "joints", "gain_percent", "confused_with")
         causes = [{k: getattr(c, k) for k in keys} for c in self.causes]
         return describe(self.verdict, self.summary, causes)
-
-
-def shown(path: Path, caption: str) -> str:
-    """Return a picture of the folder of plots and its caption in Markdown."""
-    return f"![{path.stem.replace('_', ' ')}]({PLOTS}/{path.name})\n\n{caption}"
 
 
 def describe(verdict: str, summary: str, causes: Iterable[JsonRecord]) -> str:

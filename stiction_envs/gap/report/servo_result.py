@@ -6,17 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
-from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension
-from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, servo_series
-from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.servo.model import said_of, servo_mjcf, servo_toml
+from stiction_envs.gap.servo.model import servo_extension
 from stiction_envs.gap.servo.parameters import FAR, PARAMETERS
 from stiction_envs.reporting.markdown import joints, short, table_text
 from stiction_envs.robots import Arm
@@ -46,18 +42,6 @@ ALWAYS = (
 """What positions alone cannot tell."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoExtension(Extension):
-    """A model with its servos."""
-
-    servo: str
-    """The table ``[servo]``."""
-
-    def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """See `Extension.toml`."""
-        return super().toml(meta=meta, provenance=provenance) + self.servo
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ServoResult(DiagnosisResult):
     """What a simulation gets wrong about logs of commanded and measured positions."""
@@ -72,10 +56,9 @@ class ServoResult(DiagnosisResult):
     @property
     def errors(self) -> Errors:
         """Held-out error of the angle, and that of the check logs [mrad]."""
-        d, more = self.diagnosis, {}
-        if d.check is not None:
-            more["check, nominal"] = 1e3 * d.check.nominal_rms
-            more["check, extended"] = 1e3 * d.check.extended_rms
+        d, c, more = self.diagnosis, self.diagnosis.check, {}
+        if c is not None:
+            more = {"check, nominal": 1e3 * c.nominal_rms, "check, extended": 1e3 * c.extended_rms}
         return Errors(
             what="Root mean square of measured less simulated angle, the whole arm simulated from "
             "its commands alone, each part of the time under the fit of the others",
@@ -103,31 +86,7 @@ class ServoResult(DiagnosisResult):
     @cached_property
     def extension(self) -> Extension:
         """The model with its causes."""
-        d, parts = self.diagnosis, self.before.parts
-        if d.payload is not None:
-            level = 1 + max((p.level for p in parts), default=0)
-            parts = (*parts, d.payload.part(level))
-        arm = reaching(changed_arm(self.arm, parts), d.logs)
-        xml, missing = servo_mjcf(arm, d.parameters, d.load)
-        friction = friction_of(arm, d.parameters, d.load)
-        found = said_of([c.name for c in d.causes])
-        sources = dict.fromkeys(QUANTITIES, "assumed: no servo log shows it") | found
-        return ServoExtension(
-            xml=xml,
-            friction=friction,
-            sources=sources,
-            nominal=Nominal(
-                friction=friction,
-                parts=parts,
-                robot=arm.name,
-                payload=arm.payload,
-                tilt=arm.tilt,
-            ),
-            missing=missing,
-            friction_missing=(),
-            left_out=np.zeros((0, arm.n)),
-            servo=servo_toml(d.parameters),
-        )
+        return servo_extension(self.diagnosis, self.arm, self.before)
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""

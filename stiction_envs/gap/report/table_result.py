@@ -5,17 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from stiction_envs.friction.assumed import friction_note
-from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.extended_model import Extension
-from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
-from stiction_envs.gap.tables.extended import extended_friction
+from stiction_envs.gap.tables.extended import table_extension
 from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.reporting.markdown import sentence
 from stiction_envs.robots import Arm
@@ -31,11 +26,6 @@ class TableResult(DiagnosisResult):
     arm: Arm
     friction: FrictionParameters
     """Nominal."""
-
-    @property
-    def note(self) -> str:
-        """A note at the top of the report, where friction is assumed."""
-        return friction_note(self.arm, self.friction)
 
     @property
     def errors(self) -> Errors:
@@ -56,21 +46,12 @@ class TableResult(DiagnosisResult):
         """Why the tables are not, or not fully, explained."""
         return sentence(self.diagnosis.reason) if self.diagnosis.reason else ""
 
+    @property
+    def note(self) -> str:
+        """See `DiagnosisResult.note`."""
+        return friction_note(self.arm, self.friction)
+
     @cached_property
     def extension(self) -> Extension:
         """The arm with its causes."""
-        friction, changed, missing = extended_friction(
-            self.arm, self.friction, self.diagnosis.causes
-        )
-        found = {k: f"stiction diagnose: {v} in torque tables" for k, v in changed.items()}
-        sources = dict.fromkeys(QUANTITIES, f"nominal friction: {self.nominal_name}") | found
-        arm = self.arm
-        return Extension(
-            xml=plain_mjcf(build(arm, friction), friction_name="a diagnosis of torque tables"),
-            friction=friction,
-            sources=sources,
-            nominal=Nominal(friction=friction, robot=arm.name, payload=arm.payload, tilt=arm.tilt),
-            missing=missing,
-            friction_missing=missing,
-            left_out=np.zeros((0, arm.n)),
-        )
+        return table_extension(self.arm, self.friction, self.nominal_name, self.causes)

@@ -5,15 +5,19 @@ from __future__ import annotations
 import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
-from stiction_envs.gap.servo.arm import friction_of
+from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.servo.arm import friction_of, reaching
+from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
@@ -25,6 +29,41 @@ _COMMENT = """ {name} under position servos as its logs show it, by stiction dia
      damping is joint damping. Gravity acts. Keep integrator Euler and a timestep of at most
      {timestep:g} s. Contacts are off. What was found and MuJoCo cannot express:
 {missing} """
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoExtension(Extension):
+    """A model with its servos."""
+
+    servo: str
+    """The table ``[servo]``."""
+
+    def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
+        """See `Extension.toml`."""
+        return super().toml(meta=meta, provenance=provenance) + self.servo
+
+
+def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtension:
+    """Return the arm with what a diagnosis found, and what earlier ones found at its flange."""
+    parts = before.parts
+    if d.payload is not None:
+        parts = (*parts, d.payload.part(1 + max((p.level for p in parts), default=0)))
+    arm = reaching(changed_arm(arm, parts), d.logs)
+    xml, missing = servo_mjcf(arm, d.parameters, d.load)
+    friction = friction_of(arm, d.parameters, d.load)
+    found = said_of([c.name for c in d.causes])
+    return ServoExtension(
+        xml=xml,
+        friction=friction,
+        sources=dict.fromkeys(QUANTITIES, "assumed: no servo log shows it") | found,
+        nominal=Nominal(
+            friction=friction, parts=parts, robot=arm.name, payload=arm.payload, tilt=arm.tilt
+        ),
+        missing=missing,
+        friction_missing=(),
+        left_out=np.zeros((0, arm.n)),
+        servo=servo_toml(d.parameters),
+    )
 
 
 def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str, ...]]:

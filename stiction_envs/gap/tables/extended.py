@@ -7,11 +7,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from stiction_envs.experiments.sje.poses import find_poses
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.model import build
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.tables.causes import cause_named
 from stiction_envs.reporting.markdown import joints
 from stiction_envs.robots import Arm
+
+
+def table_extension(
+    arm: Arm, friction: FrictionParameters, nominal_name: str, causes: Sequence[NamedCause]
+) -> Extension:
+    """Return the arm with the causes of a diagnosis; ``friction`` is nominal."""
+    more, changed, missing = extended_friction(arm, friction, causes)
+    found = {k: f"stiction diagnose: {v} in torque tables" for k, v in changed.items()}
+    return Extension(
+        xml=plain_mjcf(build(arm, more), friction_name="a diagnosis of torque tables"),
+        friction=more,
+        sources=dict.fromkeys(QUANTITIES, f"nominal friction: {nominal_name}") | found,
+        nominal=Nominal(friction=more, robot=arm.name, payload=arm.payload, tilt=arm.tilt),
+        missing=missing,
+        friction_missing=missing,
+        left_out=np.zeros((0, arm.n)),
+    )
 
 
 def extended_friction(

@@ -7,17 +7,15 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.report import rerun_file
 from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.rerun_file import body_poses
 from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.reporting.rerun_solids import body_poses
 
 Array = NDArray[np.float64]
 
@@ -103,31 +101,6 @@ def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
         turn = read.values(f"/arm/{name}/upper", "Transform3D:quaternion")[:, 0]
         assert turn[:, 3] == pytest.approx(turns[:, model.body("upper").id, 0], abs=1e-6)
         assert np.ptp(turn, axis=0).max() > 0.05
-
-
-def test_the_solids_that_mujoco_s_viewer_shows_are_drawn(
-    tmp_path: Path, angles: ServoResult
-) -> None:
-    """Geoms that only collide are not drawn where a link has others."""
-    kinds = {
-        "box": 'type="box" size="1 1 1"',
-        "ball": 'type="sphere" size="0.1"',
-        "ellipsoid": 'type="ellipsoid" size="1 2 3"',
-        "cylinder": 'type="cylinder" size="0.1 1"',
-        "capsule": 'type="capsule" size="0.1 1"',
-        "mesh": 'type="mesh" mesh="m"',
-    }
-    seen = "".join(f'<geom {x} contype="0" conaffinity="0"/>' for x in kinds.values())
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody>'
-        f'<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{seen}'
-        '<geom type="box" size="1 1 1"/><geom group="3" size="1"/></body></worldbody></mujoco>'
-    )
-    drawn = [[type(x).__name__ for x in solid] for _, solid in rerun_file._geoms(model, (1, 2, 3))]
-    assert drawn == [
-        *(["Boxes3D"], ["Ellipsoids3D"], ["Ellipsoids3D"], ["Cylinders3D"], ["Capsules3D"]),
-        ["Transform3D", "Mesh3D"],
-    ]
 
 
 def test_what_cannot_be_written_is_refused(
