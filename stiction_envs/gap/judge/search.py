@@ -75,7 +75,9 @@ class Search:
         terms, problem = list(start), self.problem
         evidence = self.refresh(problem, terms)
         for _ in range(MOST_STEPS):
-            step = self._step(terms) or self._swapped(terms, problem.score(terms))
+            step = self._step(terms)
+            if step is None:
+                step = self._swapped(terms, problem.score(terms))
             if step is None:
                 break
             terms = step
