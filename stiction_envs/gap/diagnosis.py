@@ -36,7 +36,7 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-DRAWS = 400
+DRAWS = 1000
 """Number of draws of the posterior for intervals [-]; assumed."""
 CLOSE = 3.0
 """Held-out error over the noise floor below which nothing is left [-]; assumed."""

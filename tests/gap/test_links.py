@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from stiction_envs.gap.selection.candidates import RegressorLibrary
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
@@ -12,6 +11,7 @@ from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, dump, read
+from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters
@@ -34,12 +34,10 @@ def a_little_off(seed: int = 0) -> Arm:
 
 def found_of(seed: int) -> tuple[LinkErrors, np.ndarray]:
     true = a_little_off(seed)
-    library = RegressorLibrary(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
-    noise = library.given(library.inflation, 1.0).noise_under(library.beside([]))
-    library.given(noise, library.given(noise, 1.0).likeliest([])[1])
-    terms = library.beside([])
-    c = library.grams.fit(library.model_columns(terms))
-    found = link_errors(library, terms, c)
+    predictor = TorquePredictor(data_of(panda(), hidden(panda(), true=true)), [TOLERANCES])
+    predictor.refresh(predictor.problem, [])
+    terms = predictor.problem.model([])
+    found = link_errors(predictor, terms, predictor.problem.fit(terms))
     assert found is not None
     return found, inertial_parameters(true.pinocchio()) - NOMINAL
 
