@@ -135,8 +135,6 @@ class Cause(ABC):
     least_evidence: ClassVar[float] = 0.0
     """Log evidence beside small errors of all links from which on it is named, for causes that
     change the arm [nats]."""
-    odds: ClassVar[float | None] = None
-    """Log prior odds against it on a joint, or on the arm [nats]; None: one of all hypotheses."""
     distinctive: ClassVar[int | None] = None
     """How many of its first coefficients show it: one of them must be clear; None for all."""
     removed_first: ClassVar[bool] = False
@@ -154,6 +152,10 @@ class Cause(ABC):
 
         ``joint`` counts from 0 and is -1 for causes of the whole arm.
         """
+
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return log prior odds against it on a joint, or on the arm, among so many [nats]."""
+        return float(np.log(hypotheses))
 
     def joints(self, data: Data) -> list[int]:
         """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""

@@ -69,6 +69,7 @@ class Channel:
         """(F,) of the residual squared."""
         self.count = np.array([float(len(rows)) for rows in self._rows])
         """(F,) number of rows."""
+        self._summed = 0
         self.reweigh(self.weight)
 
     @property
@@ -83,7 +84,7 @@ class Channel:
         out._columns, out.at, out.width = self._columns[own], self.at[own], len(own)
         folds = len(self._rows)
         out.xx, out.xr = np.empty((folds, len(own), len(own))), np.empty((folds, len(own)))
-        out._whole = {}
+        out._whole, out._summed = {}, 0
         return out
 
     def append(self, columns: NDArray[np.floating], at: Sequence[int]) -> None:
@@ -102,16 +103,17 @@ class Channel:
         self._columns[before:after] = columns
         self.width = after
         self.at = np.append(self.at, np.asarray(at, dtype=np.int64))
-        self._sum(before)
 
     def reweigh(self, weight: Array) -> None:
         """Take other weights (T,) of the rows; all sums are computed anew."""
         self.weight = weight
         self.rr = np.array([float(weight[r] @ np.square(self.residual[r])) for r in self._rows])
-        self._sum(0)
+        self._summed = 0
+        self._whole.clear()
 
     def sums(self, held_out: int) -> tuple[Array, Array, float]:
         """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over all folds but ``held_out`` (-1 for none)."""
+        self._sum()
         if held_out not in self._whole:
             p = self.width
             each = self.xx[:, :p, :p], self.xr[:, :p], self.rr
@@ -121,18 +123,26 @@ class Channel:
             self._whole[held_out] = xx, xr, float(rr)
         return self._whole[held_out]
 
-    def _sum(self, first: int) -> None:
-        """Compute the sums of the columns from ``first`` on, with all columns."""
-        self._whole.clear()
-        if first == self.width:
+    def of_fold(self, fold: int) -> tuple[Array, Array, float]:
+        """Return XᵀWX (P, P), XᵀWr (P,) and rᵀWr over one fold."""
+        self._sum()
+        p = self.width
+        return self.xx[fold, :p, :p], self.xr[fold, :p], float(self.rr[fold])
+
+    def _sum(self) -> None:
+        """Compute the sums of the columns that were added since the last time."""
+        first, last = self._summed, self.width
+        if first == last:
             return
+        self._summed = last
+        self._whole.clear()
         for f, rows in enumerate(self._rows):
-            every = self._columns[: self.width, rows].astype(np.float64)
+            every = self._columns[:last, rows].astype(np.float64)
             mine = every[first:] * self.weight[rows]
             part = mine @ every.T
-            self.xx[f, first : self.width, : self.width] = part
-            self.xx[f, : self.width, first : self.width] = part.T
-            self.xr[f, first : self.width] = mine @ self.residual[rows]
+            self.xx[f, first:last, :last] = part
+            self.xx[f, :last, first:last] = part.T
+            self.xr[f, first:last] = mine @ self.residual[rows]
 
 
 @dataclass(eq=False)
@@ -323,7 +333,7 @@ class Problem:
             if fold is None:
                 xx, xr, rr = channel.sums(self.held_out)
             else:
-                xx, xr, rr = channel.xx[fold], channel.xr[fold], float(channel.rr[fold])
+                xx, xr, rr = channel.of_fold(fold)
             some = mine[own]
             out[k] = rr - 2 * xr[own] @ some + some @ xx[np.ix_(own, own)] @ some
         return np.maximum(out, 0.0)

@@ -151,8 +151,7 @@ class TorquePredictor:
             return False
         k = len(next(iter(columns.values())))
         low, high = cause.bounds(data, term.joint)
-        odds = float(np.log(self._hypotheses)) if cause.odds is None else cause.odds
-        odds += 0.5 * float(np.log(max(count, 1)))
+        odds = cause.odds(data, self._hypotheses) + 0.5 * float(np.log(max(count, 1)))
         size = cause.size(data, term.joint)[:k]
         problem.add(term, columns, size, (low[:k], high[:k]), odds)
         usual, small = cause.tolerance(data, term.joint), Term(term.cause, term.joint, (), True)

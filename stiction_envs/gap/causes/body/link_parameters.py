@@ -62,6 +62,15 @@ class LinkParameters(Cause):
         """Return which link it is, and what it weighs in the model [kg]."""
         return [(joint + 1.0, float(data.recording.derived(link_masses)[joint]))]
 
+    def joints(self, data: Data) -> list[int]:
+        """Return all but the last: what is wrong with that link is named payload."""
+        return super().joints(data)[:-1]
+
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return seven nats more where links were diagnosed before: tools change, links do not."""
+        known = data.recording.link_factor is not None
+        return super().odds(data, hypotheses) + (7.0 if known else 0.0)
+
     def size(self, data: Data, joint: int) -> Array:
         """Return standard deviations about the nominal."""
         return self.prior(data, joint)

@@ -52,7 +52,6 @@ class Payload(Cause):
     """
 
     name: ClassVar[str] = "payload"
-    odds: ClassVar[float] = 1.0  # tools are mounted all the time
     what: ClassVar[str] = "unmodelled mass on the flange"
     what_to_record: ClassVar[str] = "static poses with the flange turned all ways"
     arm_wide: ClassVar[bool] = True
@@ -67,6 +66,10 @@ class Payload(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the flange: the centre is not known yet."""
         return [(0.0, 0.0, 0.0)]
+
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return one nat: tools are mounted all the time."""
+        return 1.0
 
     def size(self, data: Data, joint: int) -> Array:
         """Return a third of what the arm can lift at its reach, 10 cm off the flange; assumed."""

@@ -16,7 +16,6 @@ class CoulombFriction(Cause):
     """A torque of constant size against the motion."""
 
     name: ClassVar[str] = "coulomb_friction"
-    odds: ClassVar[float] = 1.0  # every joint has some
     what: ClassVar[str] = "dry friction missing or wrong"
     depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
@@ -27,6 +26,10 @@ class CoulombFriction(Cause):
     view: ClassVar = View(
         "joint speed [rad/s]", variable("dq"), note="a step where the motion turns round"
     )
+
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return one nat: every joint has some."""
+        return 1.0
 
     def size(self, data: Data, joint: int) -> Array:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""

@@ -30,6 +30,10 @@ class DirectionAsymmetry(Cause):
         "joint speed [rad/s]", variable("dq"), note="both directions lie off zero to the same side"
     )
 
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return two nats more than usual: an offset looks alike, and is more common; assumed."""
+        return super().odds(data, hypotheses) + 2.0
+
     def size(self, data: Data, joint: int) -> Array:
         """Return a fiftieth of what the joint can bear [N·m]; assumed."""
         return np.array([0.02 * data.strength[joint]])

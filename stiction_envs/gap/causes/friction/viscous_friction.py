@@ -16,7 +16,6 @@ class ViscousFriction(Cause):
     """A torque in proportion to speed."""
 
     name: ClassVar[str] = "viscous_friction"
-    odds: ClassVar[float] = 1.0  # every joint has some
     what: ClassVar[str] = "slope of friction with speed"
     depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
@@ -24,6 +23,10 @@ class ViscousFriction(Cause):
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
     view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope with speed")
+
+    def odds(self, data: Data, hypotheses: int) -> float:
+        """Return one nat: every joint has some."""
+        return 1.0
 
     def size(self, data: Data, joint: int) -> Array:
         """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
