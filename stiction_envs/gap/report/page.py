@@ -47,12 +47,6 @@ class Errors:
     more: Mapping[str, Array] = field(default_factory=dict)
     """The same error on other data, by a column's heading."""
 
-    @property
-    def means(self) -> str:
-        """The means over the joints."""
-        before, after = (short(x.mean()) for x in (self.nominal, self.extended))
-        return f"from {before} to {after} {self.unit} in the mean of the joints"
-
     def table(self) -> str:
         """Return the table of the report."""
         columns = {"nominal": self.nominal, "extended": self.extended, "noise floor": self.noise}
@@ -66,20 +60,25 @@ class Errors:
 
 
 def where(numbers: Sequence[int]) -> str:
-    """Return ``joint 3``, ``joints 1 and 2`` or ``whole arm``."""
+    """Return ``joint 3``, ``joints 1 and 2``, ``joints 1 to 7`` or ``whole arm``."""
+    if len(numbers) > 2 and list(numbers) == list(range(numbers[0], numbers[-1] + 1)):
+        return f"joints {numbers[0]} to {numbers[-1]}"
     return joints(numbers) if numbers else "whole arm"
 
 
 def shares(d: Judgement, errors: Errors) -> str:
-    """Return who takes how much off the nominal error, in a sentence or two."""
-    text = f"The extended model takes {number(d.gain_percent, 0)} % off the held-out error, "
-    text += f"{errors.means}."
+    """Return who takes how much off the nominal error, a sentence."""
+    before, after = (short(x.mean()) for x in (errors.nominal, errors.extended))
+    text = (
+        f"The extended model takes {number(d.gain_percent, 0)} % off the held-out error, from "
+        f"{before} to {after} {errors.unit} in the mean of the joints"
+    )
     if not d.shares_percent:
-        return text
-    named, *others, left = (number(d.shares_percent[k], 0) for k in SHARES)
+        return f"{text}."
+    named, links, set_up, left = (number(d.shares_percent[k], 0) for k in SHARES)
     return (
-        f"{text} The named causes take {named} % of the nominal error, errors of links "
-        f"{others[0]} % and the set-up {others[1]} %; {left} % is left."
+        f"{text}: the named causes {named} %, errors of links {links} %, the set-up {set_up} %; "
+        f"{left} % is left."
     )
 
 
@@ -168,12 +167,15 @@ def parameter_table(cause: NamedCause) -> str:
 
 def not_shown(entries: Sequence[NotShown]) -> list[str]:
     """Return a line for each cause that these data do not show, with the numbers."""
-    out: dict[str, list[str]] = {}
-    for x in entries:
-        each = [
-            f"{key} {short(low / 2 + high / 2, 2)} ± {short(high / 2 - low / 2, 2)} {unit_of(key)}"
-            for key, (low, high) in x.parameters.items()
-        ]
-        of = f"{joints(x.joints)} " if x.joints else ""
-        out.setdefault(x.name, []).append(of + ", ".join(each).rstrip())
-    return [f"{name}: {'; '.join(each)}" for name, each in out.items()]
+    return [
+        f"{x.name}, {where(x.joints)}: "
+        + ", ".join(f"`{key}` {_plus_minus(*ends)} {unit_of(key)}".rstrip() for key, ends in each)
+        for x in entries
+        if (each := x.parameters.items())
+    ]
+
+
+def _plus_minus(low: float, high: float) -> str:
+    """Return ``0 ± 6``: an interval's middle, with as many decimals as its half width."""
+    half = short(high / 2 - low / 2, 2)
+    return f"{number(low / 2 + high / 2, len(half.partition('.')[2]))} ± {half}"

@@ -21,7 +21,7 @@ from stiction_envs.gap.report.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
-from stiction_envs.reporting.markdown import listed, short, table_text
+from stiction_envs.reporting.markdown import short, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
@@ -121,8 +121,7 @@ class DiagnosisResult(Result):
         links = " and errors of links" if d.shares_percent.get("links", 0.0) >= 1.0 else ""
         text = HEADLINES[self.verdict].format(data=self.data, links=links)
         if self.causes:
-            names = listed(f"{c.name} ({where(c.joints)})" for c in self.causes)
-            return f"{text} Strongest first: {names}. {page.shares(d, e)}"
+            return f"{text} {page.shares(d, e)}"
         if links and self.verdict == "explained":
             return f"Errors of links explain what the simulation gets wrong. {page.shares(d, e)}"
         if not (e.nominal > 0).any():

@@ -34,8 +34,8 @@ COULOMB = NamedCause(
 def test_the_table_has_value_interval_unit_nats_and_the_best_rival() -> None:
     last = cause_table([COULOMB]).splitlines()[2]
     assert last == (
-        "| `coulomb_friction` | joints 1, 2 and 3 | `coulomb_nm` 0.500 [0.400, 0.600] N·m on joint "
-        "2, 0.10 to 0.30 on the others | 120 | **viscous_friction** 1.2 |"
+        "| `coulomb_friction` | joints 1 to 3 | `coulomb_nm` 0.500 [0.400, 0.600] N·m on joint 2, "
+        "0.10 to 0.30 on the others | 120 | **viscous_friction** 1.2 |"
     )
     assert rivals(COULOMB) == ["**viscous_friction** 1.2", "link_inertia 33"]
 
@@ -86,13 +86,17 @@ def test_a_parameter_s_name_says_its_unit(key: str, unit: str) -> None:
 
 def test_what_was_not_shown_has_its_numbers() -> None:
     entries = [
-        NotShown(name="payload", joints=(), parameters={"mass_kg": (-6.0, 6.0)}),
-        NotShown(name="torque_scale", joints=(2,), parameters={"scale": (0.5, 1.5)}),
-        NotShown(name="torque_scale", joints=(4,), parameters={"scale": (0.0, 2.0)}),
+        NotShown(name="payload", joints=(), parameters={"mass_kg": (-5.998, 6.002)}),
+        NotShown(
+            name="external_spring",
+            joints=(2, 4),
+            parameters={"stiffness_nm_per_rad": (-3.0, 33.0), "rest_rad": (0.9, 1.1)},
+        ),
     ]
     assert not_shown(entries) == [
-        "payload: mass_kg 0 ± 6.0 kg",
-        "torque_scale: joint 2 scale 1.0 ± 0.50; joint 4 scale 1.0 ± 1.0",
+        "payload, whole arm: `mass_kg` 0.0 ± 6.0 kg",
+        "external_spring, joints 2 and 4: `stiffness_nm_per_rad` 15 ± 18 N·m/rad, "
+        "`rest_rad` 1.00 ± 0.10 rad",
     ]
 
 
@@ -111,12 +115,12 @@ def test_links_beyond_three_deviations_are_no_tolerance(
 ) -> None:
     assert far_links(links(0.1, 0.25)) == ""
     assert "link 2 is off by 94 prior standard deviations" in far_links(links(0.1, 9.4))
-    shares = {"named": 60.0, "links": 30.0, "set_up": 0.0, "left": 10.0}
+    percent = {"named": 60.0, "links": 30.0, "set_up": 0.0, "left": 10.0}
     for mass, says, not_said in (
         (0.2, "what CAD is usually off by", "No tolerance"),
         (9.4, "No tolerance: link 2", "CAD"),
     ):
-        d = replace(torques.diagnosis, links=links(0.0, mass), shares_percent=shares)
+        d = replace(torques.diagnosis, links=links(0.0, mass), shares_percent=percent)
         result = replace(torques, diagnosis=d)
         result.__dict__["extension"] = torques.extension
         folder = tmp_path / f"{mass}"
@@ -125,7 +129,8 @@ def test_links_beyond_three_deviations_are_no_tolerance(
         text = (folder / "report.md").read_text("utf-8")
         assert says in text
         assert not_said not in text
-        assert "causes take 60 % of the nominal error, errors of links 30 % and the set-up" in text
+        shares = "the named causes 60 %, errors of links 30 %, the set-up 0 %; 10 % is left"
+        assert shares in text
         assert "The named causes and errors of links explain" in text
 
 
@@ -139,7 +144,12 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
     replace(torques, diagnosis=d).write(tmp_path)
     text = (tmp_path / "report.md").read_text("utf-8")
     first, section = text.split("## 1. coulomb_friction, joints 1 and 2")
-    for words in ("**Explained.**", "plots/summary.png", "| 50 |", "payload: mass_kg 0 ± 6.0 kg"):
+    for words in (
+        "**Explained.**",
+        "plots/summary.png",
+        "| 50 |",
+        "payload, whole arm: `mass_kg` 0.0 ± 6.0 kg",
+    ):
         assert words in first
     assert "**viscous_friction** 1.2, link_inertia 33 nats" in section
     assert "from viscous_friction: constant speed" in section
