@@ -34,6 +34,11 @@ def check_schema(found: dict, n: int) -> None:
         assert all(x >= 0 for x in found[key]["rms_nm"])
     assert len(found["noise_floor_nm"]) == n
     assert isinstance(found["gain_percent"], float)
+    assert set(found["shares_percent"]) == {"named", "links", "set_up", "left"}
+    assert sum(found["shares_percent"].values()) == pytest.approx(100)
+    for cause in found.get("not_shown", []):
+        assert set(cause["parameters"]) <= PARAMETERS[cause["name"]]
+        assert all(low < high for low, high in (x["ci95"] for x in cause["parameters"].values()))
     gains = [c["gain_percent"] for c in found["causes"]]
     assert gains == sorted(gains, reverse=True)
     for cause in found["causes"]:
@@ -41,7 +46,11 @@ def check_schema(found: dict, n: int) -> None:
         assert all(1 <= j <= n for j in cause["joints"])
         assert cause["evidence"]
         assert "\n" not in cause["evidence"]
-        assert set(cause["confused_with"]) <= set(PARAMETERS) - {cause["name"]}
+        assert cause["nats"] > 0
+        rivals = {x["name"]: x["nats"] for x in cause["rivals"]}
+        assert list(rivals.values()) == sorted(rivals.values())
+        assert cause["confused_with"] == [x for x in rivals if rivals[x] < 3][:3]
+        assert set(rivals) <= set(PARAMETERS) - {cause["name"]}
         shown = {k: v for k, v in cause["parameters"].items() if k != "by_joint"}
         assert shown
         for key, p in shown.items():

@@ -130,7 +130,7 @@ class LogDiagnosis(DiagnosisResult):
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""
-        return log_series(self.diagnosis, self.summary)
+        return log_series(self.diagnosis)
 
 
 def far_links(links: LinkErrors | None) -> str:

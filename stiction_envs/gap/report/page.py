@@ -86,7 +86,7 @@ def cause_table(causes: Sequence[NamedCause]) -> str:
     """Return the report's first table."""
     rows = [
         [
-            f"`{c.name}`",
+            c.name,
             where(c.joints),
             _main_value(c),
             _nats(c.nats),
@@ -149,19 +149,19 @@ def _nats(value: float) -> str:
 def rivals(cause: NamedCause) -> list[str]:
     """Return its rivals and their nats, bold where the data cannot tell them from it."""
     bold = {name: f"**{name}**" for name in cause.confused_with}
-    each = [f"{bold.get(name, name)} {_nats(nats)}" for name, nats in cause.rivals]
+    each = [f"{bold.get(name, name)} ({_nats(nats)})" for name, nats in cause.rivals]
     return each or list(bold.values())
 
 
 def parameter_table(cause: NamedCause) -> str:
     """Return the parameters of a cause on each joint."""
-    bound = "**on its bound**"
+    bound = ", **on its bound**"
     rows = [
-        [f"joint {j}" if j else "arm", f"`{key}`", quantity(key, e), bound * e.on_bound]
+        [f"joint {j}" if j else "arm", f"`{key}`", quantity(key, e) + bound * e.on_bound]
         for j, found in sorted(cause.parameters.items())
         for key, e in found.items()
     ]
-    header = ["", "parameter", "value (95 % interval)", ""]
+    header = ["", "parameter", "value (95 % interval)"]
     return table_text(header, rows) if rows else ""
 
 

@@ -51,8 +51,8 @@ def check_rrd(path: Path, *, force: bool = False, made: Path | None = None) -> N
         raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
 
 
-def rrd_bytes(s: Series) -> bytes:
-    """Return the file; starts no viewer and opens no connection."""
+def rrd_bytes(s: Series, words: str) -> bytes:
+    """Return the file, with ``words`` in Markdown; starts no viewer and opens no connection."""
     import rerun as rr
 
     recording = rr.RecordingStream(f"stiction_envs {s.arm.name}", send_properties=False)
@@ -63,11 +63,17 @@ def rrd_bytes(s: Series) -> bytes:
             _send_lines(recording, f"{group}/joint_{j + 1}", s.time, alone)
     if s.contact is not None:
         _send_lines(recording, "contact", s.time, {"contact": (s.contact.astype(float), BEFORE)})
-    document = rr.TextDocument(
-        f"# {s.arm.name}\n\n{s.text}{_pose_note(s)}", media_type="text/markdown"
-    )
+    every = max(1, -(-len(s.time) // POSES))
+    parts = [f"# {s.arm.name}", words]
+    if s.step > 1:
+        parts.append(f"One row of {s.step} is in this file.")
+    if every > 1:
+        parts.append(f"The arm is drawn at one row of {every} of this file.")
+    if s.q_simulated is None:
+        parts.append("Torques are simulated along the measured motion: one arm is drawn.")
+    document = rr.TextDocument("\n\n".join(parts), media_type="text/markdown")
     recording.log("diagnosis", document, static=True)
-    some = slice(None, None, poses_every(s))
+    some = slice(None, None, every)
     clock = rr.TimeColumn(TIMELINE, duration=s.time[some])
     model = s.arm.model()
     send_arm(recording, "arm/measured", model, clock, s.q[some], MEASURED)
@@ -108,19 +114,6 @@ def _send_lines(
     recording.log(path, look, static=True)
     clock = rr.TimeColumn(TIMELINE, duration=time)
     recording.send_columns(path, [clock], rr.Scalars.columns(scalars=values))
-
-
-def poses_every(s: Series) -> int:
-    """Return which share of the rows the arm is drawn at: one of so many."""
-    return max(1, -(-len(s.time) // POSES))
-
-
-def _pose_note(s: Series) -> str:
-    every = poses_every(s)
-    drawn = f"\nThe arm is drawn at one row of {every} of this file." if every > 1 else ""
-    if s.q_simulated is None:
-        drawn += "\nTorques are simulated along the measured motion: one arm is drawn."
-    return drawn and f"{drawn}\n"
 
 
 def _blueprint(s: Series) -> Rerun:

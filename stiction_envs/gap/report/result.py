@@ -155,7 +155,8 @@ class DiagnosisResult(Result):
         if series is None:
             raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
         check_rrd(path, force=force)
-        write_bytes_atomic(path, rrd_bytes(series))
+        words = [self.summary, page.cause_table(self.causes), *(c.evidence for c in self.causes)]
+        write_bytes_atomic(path, rrd_bytes(series, "\n\n".join(words)))
         return path
 
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
@@ -199,7 +200,7 @@ class DiagnosisResult(Result):
             errors=e,
             picture=draw_errors(e, plots) if (e.nominal > 0).any() else "",
             sections=[self._section(c, plots) for c in self.causes],
-            cause_table=page.cause_table(self.causes),
+            cause_table=page.cause_table([*self.causes, *self.diagnosis.minor]),
             not_shown=page.not_shown(self.diagnosis.not_shown),
             joints=[draw_joint(series, j, plots) for j in range(series.arm.n)] if series else [],
             lacking={"model.xml": extension.missing, "model.toml": extension.friction_missing},

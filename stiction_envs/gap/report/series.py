@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.robots import Arm
@@ -52,8 +51,8 @@ class Series:
     """Whether the rows are poses without time."""
     contact: NDArray[np.bool_] | None = None
     """(T,) whether the arm touches something, of servo logs."""
-    text: str
-    """Verdict and evidence of each cause, and whether rows were left out, as Markdown."""
+    step: int = 1
+    """One row of so many was kept."""
 
     @property
     def unit(self) -> str:
@@ -76,13 +75,13 @@ class Series:
         return out.getvalue()
 
 
-def log_series(d: Diagnosis, text: str) -> Series:
+def log_series(d: Diagnosis) -> Series:
     """Return the series of joint logs: filtered torques, all models along the measured motion."""
     data = d.data
-    n = data.n
-    extended = data.nominal + np.stack([d.torque(j) for j in range(n)], axis=1)
+    extended = data.nominal + np.stack([d.torque(j) for j in range(data.n)], axis=1)
     time = common_time(data.t, data.recording.log, d.logs)
-    at, every = _rows(len(time))
+    step = _step(len(time))
+    at = slice(None, None, step)
     return Series(
         arm=data.arm,
         quantity="torque",
@@ -94,11 +93,11 @@ def log_series(d: Diagnosis, text: str) -> Series:
         dq=data.dq[at],
         at_rest=not np.isfinite(data.dt),
         causes={c.name: d.cause_torque(c.name)[at] for c in d.causes},
-        text=_text(text, d.causes, every),
+        step=step,
     )
 
 
-def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
+def servo_series(d: ServoDiagnosis, arm: Arm) -> Series:
     """Return the series of servo logs: angles at the rows of the logs that were simulated."""
     log = np.repeat(np.arange(len(d.logs)), [len(x.t) for x in d.logs])
     t = np.concatenate([x.t for x in d.logs])
@@ -111,8 +110,8 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
         for begin, end in stretches:
             contact |= (log == k) & (t >= begin) & (t <= end)
     known = np.flatnonzero(np.isfinite(simulated).all(axis=1) & np.isfinite(nominal).all(axis=1))
-    some, every = _rows(len(known))
-    at = known[some]
+    step = _step(len(known))
+    at = known[::step]
     return Series(
         arm=arm,
         quantity="angle",
@@ -126,7 +125,7 @@ def servo_series(d: ServoDiagnosis, arm: Arm, text: str) -> Series:
         q_simulated=simulated[at],
         causes={},
         contact=contact[at],
-        text=_text(text, d.causes, every),
+        step=step,
     )
 
 
@@ -154,19 +153,6 @@ def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> A
     return out
 
 
-def _rows(count: int) -> tuple[slice, int]:
-    """Return which of so many rows are kept, and that it is one of how many."""
-    every = max(1, -(-count // ROWS))
-    return slice(None, None, every), every
-
-
-def _text(summary: str, causes: Sequence[NamedCause], every: int) -> str:
-    parts = [summary]
-    for c in causes:
-        of = ", ".join(map(str, c.joints)) or "all"
-        parts.append(f"## {c.name}, joints {of}: {c.gain_percent:.1f} %\n\n{c.evidence}")
-        if c.confused_with:
-            parts.append(f"These logs do not tell it from {', '.join(c.confused_with)}.")
-    if every > 1:
-        parts.append(f"One row of {every} is in this file.")
-    return "\n\n".join(parts) + "\n"
+def _step(count: int) -> int:
+    """Return which share of so many rows is kept: one of so many."""
+    return max(1, -(-count // ROWS))

@@ -90,7 +90,7 @@ class ServoResult(DiagnosisResult):
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""
-        return servo_series(self.diagnosis, self.arm, self.summary)
+        return servo_series(self.diagnosis, self.arm)
 
     def tells_apart(self, cause: str, other: str) -> str:
         """See `DiagnosisResult.tells_apart`."""

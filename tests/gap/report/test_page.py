@@ -34,10 +34,10 @@ COULOMB = NamedCause(
 def test_the_table_has_value_interval_unit_nats_and_the_best_rival() -> None:
     last = cause_table([COULOMB]).splitlines()[2]
     assert last == (
-        "| `coulomb_friction` | joints 1 to 3 | `coulomb_nm` 0.500 [0.400, 0.600] N·m on joint 2, "
-        "0.10 to 0.30 on the others | 120 | **viscous_friction** 1.2 |"
+        "| coulomb_friction | joints 1 to 3 | `coulomb_nm` 0.500 [0.400, 0.600] N·m on joint 2, "
+        "0.10 to 0.30 on the others | 120 | **viscous_friction** (1.2) |"
     )
-    assert rivals(COULOMB) == ["**viscous_friction** 1.2", "link_inertia 33"]
+    assert rivals(COULOMB) == ["**viscous_friction** (1.2)", "link_inertia (33)"]
 
 
 @pytest.mark.parametrize(
@@ -151,7 +151,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
         "payload, whole arm: `mass_kg` 0.0 ± 6.0 kg",
     ):
         assert words in first
-    assert "**viscous_friction** 1.2, link_inertia 33 nats" in section
+    assert "[nats]: **viscous_friction** (1.2), link_inertia (33)." in section
     assert "from viscous_friction: constant speed" in section
     assert {p.name for p in (tmp_path / "plots").iterdir()} == {
         *("summary.png", "cause_coulomb_friction.png", "joint_1.png", "joint_2.png")
