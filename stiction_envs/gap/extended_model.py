@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
@@ -206,11 +206,6 @@ def _friction(
         "warm_up_time": draft.warm[:, 1],
         "offset": draft.offset,
     }
-    at_rest = rotor + np.where(np.isfinite(draft.spring), 0.0, link_inertia(arm, arm.rest[None])[0])
-    found_ratio = draft.damping / (2 * np.sqrt(values["bristle_stiffness"] * at_rest))
-    values["bristle_damping_ratio"] = np.where(
-        np.isnan(draft.damping), values["bristle_damping_ratio"], found_ratio
-    )
 
     def say(joint: int, text: str) -> None:
         if not unknown[joint] or "bristle" not in text:  # nothing was found that it bounds

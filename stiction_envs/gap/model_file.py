@@ -5,10 +5,8 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +27,7 @@ from stiction_envs.gap.signals.sessions import Spans
 from stiction_envs.gap.signals.torque_lag import Lag
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.tables import check_range, largest
+from stiction_envs.robots.tables import Table, check_range, largest, read_toml
 
 Array = NDArray[np.float64]
 FACTOR = "covariance_factor"
@@ -198,102 +196,97 @@ def read(path: Path) -> Nominal:
     Raises:
         StictionError: unreadable, not TOML, or not as `stiction diagnose` writes it.
     """
+    where = f"nominal {path}"
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StictionError(f"nominal {path}: {error.strerror}") from None
-    except ValueError as error:  # TOML, UTF-8, or an integer of thousands of digits
-        raise StictionError(f"nominal {path}: not TOML ({error})") from None
+        table = read_toml(path)
+    except StictionError as error:
+        raise StictionError(f"nominal {error}") from None
     if "arm" not in table:
         return Nominal()
     try:
-        arm = table["arm"]
-        base = arm.get("friction")
-        parts = tuple(
-            Part(
-                cause=str(c["name"]),
-                joint=int(c["joint"]),
-                shape=tuple(float(x) for x in c["shape"]),
-                coefficients=tuple(float(x) for x in c["coefficients"]),
-                level=int(c["level"]),
-                carried=bool(c.get("carried", False)),
-                doubt=tuple(tuple(float(x) for x in row) for row in c.get(FACTOR, ())),
-            )
-            for c in table.get("cause", [])
-        )
-        friction = base and FrictionParameters(**{k: np.array(base[k]) for k in QUANTITIES})
-        payload = tuple(float(x) for x in arm["payload"]) or None
-        tilt = float(arm["tilt"][0]), float(arm["tilt"][1])
-        robot = str(arm["robot"])
-        distance = tuple(float(x) for x in arm["distance"]) or None
-        sign = int(arm.get("torque_sign", 0))
-        lag = tuple(float(x) for x in arm["torque_lag"]) if "torque_lag" in arm else None
-        spans = tuple((float(a), float(b)) for a, b in arm.get("sessions", ()))
+        return _parsed(table, where)
     except (KeyError, TypeError, ValueError, OverflowError, IndexError, AttributeError) as error:
         raise StictionError(
-            f"nominal {path}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
+            f"{where}: [arm] or [[cause]] is not as stiction diagnose writes it ({error!r})"
         ) from None
-    links = _matrix(table["links"], path) if "links" in table else None
-    where = f"nominal {path}: [arm]"
-    check_range((payload or ())[:1], "kg", f"{where} payload", low=0.0)
-    check_range((payload or ())[1:], "m", f"{where} payload")
-    check_range(tilt, "rad", f"{where} tilt")
-    check_range(distance or (), "rad", f"{where} distance", low=0.0)
+
+
+def _parsed(table: Table, where: str) -> Nominal:
+    arm, base = table["arm"], table["arm"].get("friction")
+    own = f"{where}: [arm]"
+    friction = FrictionParameters(**{k: np.array(base[k]) for k in QUANTITIES}) if base else None
     if friction:
-        check_possible(friction, where)
-    for part in parts:
-        at = f"nominal {path}: cause {part.cause} on joint {part.joint}"
-        for x in (*part.shape, *part.coefficients, *chain.from_iterable(part.doubt)):
-            if not abs(x) <= largest():  # in any unit
-                raise StictionError(f"{at}: {x:g}: expected up to {largest():g}")
-        try:
-            arm_wide = cause_named(part.cause).arm_wide
-        except StictionError as error:
-            raise StictionError(f"nominal {path}: {error}") from None
-        if part.joint < 0 or (part.joint == 0) != arm_wide:
-            expected = "0, the whole arm" if arm_wide else "1 or more"
-            raise StictionError(f"{at}: expected {expected}")
-        rows, most = len(part.doubt), len(part.coefficients)
-        if rows > most or len({len(row) for row in part.doubt}) > 1:
-            raise StictionError(f"{at}: {FACTOR}: expected up to {most} rows of as many numbers")
-    if lag is not None and len(lag) != 2:
-        raise StictionError(f"{where} torque_lag has {len(lag)} numbers: expected 2")
-    check_range(lag or (), "s", f"{where} torque_lag", low=0.0)
+        check_possible(friction, own)
+    payload = _numbers(arm["payload"], f"{own} payload", "", sizes=(0, 4))
+    check_range(payload[:1], "kg", f"{own} payload", low=0.0)
+    check_range(payload[1:], "m", f"{own} payload")
+    lag = _numbers(arm.get("torque_lag", ()), f"{own} torque_lag", "s", low=0.0, sizes=(0, 2))
+    tilt = _numbers(arm["tilt"], f"{own} tilt", "rad", sizes=(2,))
+    spans = tuple((float(a), float(b)) for a, b in arm.get("sessions", ()))
     for a, b in spans:
         if not 0 <= a <= b <= largest():
-            raise StictionError(f"{where} sessions: {a:g} to {b:g} s: expected dates that rise")
-    if sign not in (-1, 0, 1):
-        raise StictionError(f"{where} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
-    if payload is not None and len(payload) != 4:
-        raise StictionError(f"nominal {path}: payload has {len(payload)} numbers: expected 4")
+            raise StictionError(f"{own} sessions: {a:g} to {b:g} s: expected dates that rise")
+    if (sign := int(arm.get("torque_sign", 0))) not in (-1, 0, 1):
+        raise StictionError(f"{own} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
+    links = table["links"][FACTOR] if "links" in table else None
     return Nominal(
-        friction=friction or None,
-        parts=parts,
-        robot=robot,
-        payload=payload,
-        tilt=tilt,
-        distance=distance,
+        friction=friction,
+        parts=tuple(_part(c, where) for c in table.get("cause", ())),
+        robot=str(arm["robot"]),
+        payload=(payload[0], payload[1], payload[2], payload[3]) if payload else None,
+        tilt=(tilt[0], tilt[1]),
+        distance=_numbers(arm["distance"], f"{own} distance", "rad", low=0.0) or None,
         torque_sign=sign,
-        torque_lag=lag and (lag[0], lag[1]),
+        torque_lag=(lag[0], lag[1]) if lag else None,
         sessions=spans,
-        links=links,
+        links=None if links is None else _matrix(links, f"{where}: [links]"),
     )
 
 
-def _matrix(table: Any, path: Path) -> Array:
-    """Return the matrix of the table ``[links]``.
-
-    Raises:
-        StictionError: none, or one with other than finite numbers.
-    """
+def _part(table: Table, where: str) -> Part:
+    name, joint = str(table["name"]), int(table["joint"])
+    at = f"{where}: cause {name} on joint {joint}"
+    coefficients = _numbers(table["coefficients"], at)
     try:
-        out = np.array(table[FACTOR], dtype=np.float64)
-    except (KeyError, TypeError, ValueError, OverflowError):
+        cause = cause_named(name)
+    except StictionError as error:
+        raise StictionError(f"{where}: {error}") from None
+    least, most = (0 if cause.arm_wide or cause.arm_too else 1), (0 if cause.arm_wide else np.inf)
+    if not least <= joint <= most:
+        raise StictionError(f"{at}: expected {'0, the whole arm' if most == 0 else '1 or more'}")
+    doubt = _matrix(table[FACTOR], at).tolist() if table.get(FACTOR) else []
+    if len(doubt) > len(coefficients):
+        raise StictionError(f"{at}: {FACTOR}: expected up to {len(coefficients)} rows")
+    return Part(
+        cause=name,
+        joint=joint,
+        shape=_numbers(table["shape"], at),
+        coefficients=coefficients,
+        level=int(table["level"]),
+        carried=bool(table.get("carried", False)),
+        doubt=tuple(map(tuple, doubt)),
+    )
+
+
+def _numbers(
+    values: Sequence[Any], where: str, unit: str = "", *, low: float = -np.inf, sizes: Any = None
+) -> tuple[float, ...]:
+    """Return numbers that a joint can have in a unit; "" for the largest of all units."""
+    out = tuple(float(x) for x in values)
+    if sizes and len(out) not in sizes:
+        raise StictionError(f"{where} has {len(out)} numbers: expected {max(sizes)}")
+    check_range(out, unit, where, low=low)
+    return out
+
+
+def _matrix(rows: Any, where: str) -> Array:
+    """Return rows of as many numbers."""
+    try:
+        out = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
         out = np.empty(0)
-    if out.ndim != 2 or not np.isfinite(out).all():
-        raise StictionError(
-            f"nominal {path}: [links] {FACTOR}: expected rows of as many finite numbers"
-        )
+    if out.ndim != 2 or not (np.abs(out) <= largest()).all():
+        raise StictionError(f"{where} {FACTOR}: expected rows of as many finite numbers")
     return out
 
 
@@ -305,29 +298,29 @@ def dump(nominal: Nominal) -> str:
         "tilt": [float(x) for x in nominal.tilt],
         "distance": [float(x) for x in nominal.distance or ()],
     }
-    if nominal.torque_sign:
-        arm["torque_sign"] = nominal.torque_sign
-    if nominal.torque_lag is not None:
-        arm["torque_lag"] = list(nominal.torque_lag)
-    if nominal.sessions:
-        arm["sessions"] = [list(x) for x in nominal.sessions]
-    if nominal.friction is not None:
-        arm["friction"] = {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES}
-    causes = [
-        {
-            "name": part.cause,
-            "joint": part.joint,
-            "shape": [float(x) for x in part.shape],
-            "coefficients": [float(x) for x in part.coefficients],
-            "level": part.level,
-            "carried": part.carried,
-            **({FACTOR: [list(row) for row in part.doubt]} if part.doubt else {}),
-        }
-        for part in nominal.parts
-    ]
-    what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."
-    tables = {"arm": arm, **({"cause": causes} if causes else {})}
+    known = {
+        "torque_sign": nominal.torque_sign,
+        "torque_lag": list(nominal.torque_lag or ()),
+        "sessions": [list(x) for x in nominal.sessions],
+        "friction": nominal.friction
+        and {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES},
+    }
+    tables: dict[str, object] = {"arm": arm | {k: x for k, x in known.items() if x}}
+    if nominal.parts:
+        tables["cause"] = [
+            {
+                "name": part.cause,
+                "joint": part.joint,
+                "shape": list(part.shape),
+                "coefficients": list(part.coefficients),
+                "level": part.level,
+                "carried": part.carried,
+                **({FACTOR: [list(row) for row in part.doubt]} if part.doubt else {}),
+            }
+            for part in nominal.parts
+        ]
     if nominal.links is not None:
         tables["links"] = {FACTOR: nominal.links.tolist()}
+    what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."
     doubt = "F of the covariance F Fᵀ of the links' parameters (m, m c, I), link after link."
     return "\n" + toml_text(tables, comments={"arm": what, "links": doubt})

@@ -54,11 +54,6 @@ def steady(
         own = mass + np.diag(np.where(elastic, 0.0, rotor))
         return np.asarray(np.min(1 / np.diagonal(np.linalg.inv(own), axis1=1, axis2=2), axis=0))
 
-    def bounded(value: Array, most: Array, text: str) -> Array:
-        for j in np.flatnonzero(value > most):
-            say(int(j), text.format(most[j]))
-        return np.minimum(value, most)
-
     link = least(friction.elastic)
     swinging = rotor * link / (rotor + link)
     stiff = friction.elastic & (spring * h * h > STIFFEST_SPRING * swinging)
@@ -68,20 +63,15 @@ def steady(
     carried = np.where(elastic, rotor, least(elastic))
     dry = friction.stiction * friction.coulomb_ratio
     carried /= (1 + friction.stiction.max(axis=1) / dry.min(axis=1)) / 2
-    bristle = bounded(
-        friction.bristle_stiffness,
-        np.maximum(STIFFEST * carried / h**2, SOFTEST),
-        "{:.4g} N·m/rad is the stiffest bristle that holds still",
-    )
+    most = np.maximum(STIFFEST * carried / h**2, SOFTEST)
+    for j in np.flatnonzero(friction.bristle_stiffness > most):
+        say(int(j), f"{most[j]:.4g} N·m/rad is the stiffest bristle that holds still")
+    bristle = np.minimum(friction.bristle_stiffness, most)
     at_rest = np.max([link_inertia(arm, arm.rest[None])[0] for arm in arms], axis=0)
     critical = 2 * np.sqrt(bristle * (rotor + np.where(elastic, 0.0, at_rest)))
-    damping = bounded(
-        friction.bristle_damping_ratio * critical,
-        FASTEST_DECAY * carried / h,
-        "{:.4g} N·m·s/rad is the most bristle damping that a step holds",
-    )
+    most_damped = FASTEST_DECAY * carried / (h * critical)
     return friction.replace(
         joint_stiffness=np.where(stiff, np.inf, spring),
         bristle_stiffness=bristle,
-        bristle_damping_ratio=damping / critical,
+        bristle_damping_ratio=np.minimum(friction.bristle_damping_ratio, most_damped),
     )

@@ -42,12 +42,12 @@ ALL = (
     part("warm_up_drift", 0.01),
     part("torque_offset", 0.7),
     part("torque_scale", 0.1),
+    part("falling_torque", 0.4),
     part("position_dependent_torque", 0.3, 0.2, -0.1, 0.4, 0.1, shape=(2.0,)),
     part("payload", *PAYLOAD, joint=0),
     part("base_tilt", 0.02, -0.01, FALL, joint=0),
     part("link_parameters", 0.3, 0.02, -0.01, 0.03, shape=(4.0, 3.6)),
     part("link_inertia", 0.3),
-    part("backlash", 1.0, shape=(0.01,)),
     part("joint_elasticity", 1.0, shape=(8000.0,)),
     part("actuator_delay", 0.005, joint=0, shape=(0.005,)),
     part("encoder_offset", 0.05, shape=(0.05,)),
@@ -63,7 +63,8 @@ SMOOTH = (
 )
 LISTED = (
     *("direction_asymmetry", "load_dependent_friction", "warm_up_drift", "torque_scale"),
-    *("backlash", "joint_elasticity", "actuator_delay", "gravity_compensation_missing"),
+    "falling_torque",
+    *("joint_elasticity", "actuator_delay", "gravity_compensation_missing"),
 )
 MADE = {"title": "made up"}
 
@@ -336,7 +337,7 @@ def table(name: str, joint: int, shape: str, coefficients: str) -> str:
         (table("payload", 0, "[]", "[1,0.1,0,0,0,0,0,0,0,0]"), "no body has the parameters"),
         (table("link_parameters", 3, "[3.0,3.2]", "[-9,0,0,0]"), "link 3"),
         (BARE.replace("panda", "iiwa7"), "of robot iiwa7"),
-        ("no toml", "not TOML"),
+        ("no toml", "not a TOML file"),
     ],
 )
 def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
@@ -349,15 +350,13 @@ def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
     assert says in str(error.value)
 
 
-def test_damping_of_a_bristle_is_carried_over(data):
-    """σ1 = 2ζ√(σ0 J): as a ratio to what the bristle carries; none that was found is assumed."""
-
-    def ratio(sigma: float) -> float:
-        bristle = part("presliding_hysteresis", 0.6, sigma, shape=(0.01,))
-        level = part("coulomb_friction", 0.6)
-        made = extend(data, Nominal(robot="panda", parts=(level, bristle)))
-        return float(made.friction.bristle_damping_ratio[3])
-
-    assert ratio(0.0) == 0.4
-    assert np.isclose(ratio(2.0), 2 * ratio(1.0))
-    assert np.isclose(ratio(2.0), 2.0 / (2 * np.sqrt(60.0 * 0.5)), rtol=0.7)
+def test_one_unit_of_all_joints_is_one_cause(data, tmp_path):
+    """Of the whole arm, as no other cause of a joint can be."""
+    scale = part("torque_scale", 0.1, joint=0)
+    made = extend(data, Nominal(robot="panda", parts=(scale,)))
+    path = tmp_path / "model.toml"
+    path.write_text(made.toml(meta=MADE, provenance={}), encoding="utf-8")
+    np.testing.assert_allclose(read(path).extend(data).nominal, 1.1 * data.nominal)
+    path.write_text(path.read_text("utf-8").replace("torque_scale", "torque_offset"), "utf-8")
+    with pytest.raises(StictionError, match="torque_offset on joint 0: expected 1 or more"):
+        read(path)

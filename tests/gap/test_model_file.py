@@ -59,7 +59,7 @@ def test_a_good_file_is_read(tmp_path):
 def test_a_number_that_no_joint_can_have_is_refused(number, value, tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(changed(number, value), encoding="utf-8")
-    expected = rf"nominal .*model\.toml: (\[arm\] )?({NUMBERS[number]}|or \[\[cause|not TOML)"
+    expected = rf"nominal .*model\.toml: (\[arm\] )?({NUMBERS[number]}|or \[\[cause|not a TOML)"
     with pytest.raises(StictionError, match=expected) as error:
         read(path)
     assert "\n" not in str(error.value)
@@ -70,7 +70,7 @@ def test_a_number_that_no_joint_can_have_is_refused(number, value, tmp_path):
 def test_what_is_no_whole_number_is_refused(number, value, tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(changed(number, value), encoding="utf-8")
-    with pytest.raises(StictionError, match=r"model\.toml: (\[arm\] or \[\[cause|not TOML)"):
+    with pytest.raises(StictionError, match=r"model\.toml: (\[arm\] or \[\[cause|not a TOML file)"):
         read(path)
 
 

@@ -61,7 +61,7 @@ def drawn(rng: np.random.Generator, arm: Arm) -> tuple[Part, ...]:
             "direction_asymmetry": ((dry * side,), ()),
             "stribeck_friction": ((dry * rng.uniform(0, 1),), (log(1e-3, 0.5),)),
             "load_dependent_friction": ((rng.uniform(0, 0.2),), ()),
-            "presliding_hysteresis": ((dry, log(1e-3, 100)), (log(1e-6, 0.1),)),
+            "presliding_hysteresis": ((dry,), (log(1e-6, 0.1),)),
             "position_dependent_friction": (
                 tuple(dry * rng.uniform(-0.3, 0.3, 2)),
                 (float(rng.integers(1, 300)),),

@@ -97,6 +97,8 @@ class Cause(ABC):
 
     arm_wide: ClassVar[bool] = False
     """One hypothesis with the same coefficients in all joints."""
+    arm_too: ClassVar[bool] = False
+    """Whether it is one hypothesis of the whole arm too, beside one on each joint."""
     coupled: ClassVar[bool] = False
     """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
     is_linear: ClassVar[bool] = True
@@ -161,7 +163,8 @@ class Cause(ABC):
         """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""
         if not np.isfinite(data.dt) and not self.shown_at_rest:
             return []
-        return [-1] if self.arm_wide else list(range(data.n))
+        whole = [-1] if self.arm_wide or self.arm_too else []
+        return whole if self.arm_wide else [*range(data.n), *whole]
 
     def drives(self, coefficients: Array, level: float) -> bool:
         """Return whether it is friction that drives, beside a joint's dry friction ``level``."""

@@ -69,8 +69,6 @@ class ModelDraft:
     """(n,) Coulomb friction per N·m of load that was found [-]."""
     bristle: Array
     """(n,) stiffness σ0 [N·m/rad]; NaN where none is known."""
-    damping: Array
-    """(n,) σ1 that was found [N·m·s/rad]; NaN where none was."""
     rotor: Array
     """(n,) inertia [kg·m²]."""
     spring: Array
@@ -121,7 +119,6 @@ class ModelDraft:
             viscous=none.copy() if base is None else base.viscous.copy(),
             load=np.zeros(n),
             bristle=np.full(n, np.nan) if base is None else base.bristle_stiffness.copy(),
-            damping=np.full(n, np.nan),
             rotor=np.zeros(n) if base is None else base.rotor_inertia.copy(),
             spring=np.full(n, np.inf) if base is None else base.joint_stiffness.copy(),
             offset=np.zeros(n) if base is None else base.offset.copy(),

@@ -26,16 +26,13 @@ class TorqueScale(Cause):
     what: ClassVar[str] = "torque gain wrong"
     what_to_record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
     shown_at_rest: ClassVar[bool] = True
+    arm_too: ClassVar[bool] = True  # another unit is one hypothesis, not one per joint
     parameters: ClassVar = (Parameter("scale", "1", neutral=1.0),)
     view: ClassVar = View(
         "nominal torque [N·m]",
         variable("nominal"),
         note="a slope: an error in proportion to the torque",
     )
-
-    def joints(self, data: Data) -> list[int]:
-        """Return each joint, and all of them: another unit is one hypothesis, not one per joint."""
-        return [*range(data.n), -1]
 
     def size(self, data: Data, joint: int) -> Array:
         """Return the error of another unit [-]."""
