@@ -70,9 +70,8 @@ def test_a_stretched_arm_follows_its_log(stretched, tmp_path, monkeypatch, capfd
     result = validate_forward(stretched, threads=1)
     assert isinstance(result, ForwardValidation)
     assert result.unstable == ""
-    assert result.shortened == result.left_out == 0
     for run in (result.nominal, result.extended):
-        assert np.isfinite(run.angle).all()
+        assert np.isfinite(run.position_rms).all()
         assert np.isfinite(run.torque_rms).all()
     assert result.torque_gain.mean() > 50
     assert list(tmp_path.iterdir()) == []
@@ -96,10 +95,9 @@ def test_an_unstable_model_is_a_reason_and_no_result(stretched, tmp_path, monkey
     monkeypatch.setattr(forward, "extend", damped)
     result = validate_forward(stretched, threads=1)
     assert isinstance(result, str)
-    assert "the simulation is unstable in" in result
+    assert "the simulation is unstable" in result
     assert "nominal" not in result
     assert "the extended model in" in result
-    assert "damping over inertia reaches" in result
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
 

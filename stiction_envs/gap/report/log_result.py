@@ -171,16 +171,13 @@ def forward_text(forward: ForwardValidation | str) -> str:
     means = [f"**{percent(-x.mean(), 0)}**" for x in (forward.position_gain, forward.torque_gain)]
     rows.append(["mean", "", means[0], "", means[1]])
     text = (
-        f"Both models run in stock MuJoCo on {len(forward.start)} windows of {SECONDS:g} s that "
+        f"Both models run in stock MuJoCo on {forward.windows} windows of {SECONDS:g} s that "
         "were not fitted, each from the measured state. Replay: how far the arm strays in "
         f"{REPLAY:g} s under the measured torques alone. Tracking: what a servo must add to keep "
         "it on the measured motion."
     )
     if forward.unstable:
-        text += (
-            f" The simulation is unstable in places: {forward.unstable}. {forward.shortened} "
-            f"windows ended before that, {forward.left_out} more did not count."
-        )
+        text += f" What is unstable does not count: {forward.unstable}."
     header = ["", "replay, nominal [rad]", "extended", "tracking, nominal [N·m]", "extended"]
     return f"{text}\n\n{table_text(header, rows)}"
 

@@ -6,9 +6,8 @@ simulations:
 * replay: the measured torques alone; the result is the arm's distance from the log;
 * tracking: a servo keeps the arm on the measured motion; the result is the torque that it adds.
 
-Coefficients come from the blocks that are not simulated. Where the simulation of one model becomes
-unstable, the window ends for both models before that. A window of which too little is left does
-not count. With too few windows the result is a reason.
+Coefficients come from the blocks that are not simulated. A window in which one model becomes
+unstable does not count. With too few windows the result is a reason.
 """
 
 from __future__ import annotations
@@ -24,11 +23,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import BRISTLE_DAMPING, BRISTLE_STIFFNESS, COULOMB
+from stiction_envs.friction.model import BRISTLE_STIFFNESS, COULOMB
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.predictors.torque import FOLDS
+from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
 
@@ -50,22 +50,14 @@ TRANSIENT = 0.15
 FASTEST = 200.0
 """Speed above which the simulation counts as unstable [rad/s]; assumed: forty times what arms do. A
 wrist without its friction reaches 50 in 0.2 s."""
-MARGIN = 0.02
-"""Time that is cut off before a simulation is unstable [s]; assumed: the error grows for some steps
-before."""
-SHORTEST = 0.5
-"""Part of what counts of a window that must be left of one that ends early [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Run:
     """One model in all windows."""
 
-    angle: Array
-    """(W, R, n) simulated angles under the measured torques alone [rad], NaN behind the end of a
-    window that was shortened."""
     position_rms: Array
-    """(n,) from the measured angles [rad]."""
+    """(n,) distance from the measured angles under the measured torques alone [rad]."""
     torque_rms: Array
     """(n,) of what the tracking servo adds [N·m]."""
 
@@ -74,26 +66,17 @@ class Run:
 class ForwardValidation:
     """Nominal against extended, on windows of blocks that were not fitted."""
 
-    time: Array
-    """(K,) since the start of a window [s]."""
-    measured: Array
-    """(W, K, n) [rad]."""
+    windows: int
     nominal: Run
     extended: Run
-    start: Array
-    """(W,) start of each window on its log's clock [s]."""
-    shortened: int = 0
-    """Windows that end early, where the simulation of a model is unstable."""
-    left_out: int = 0
-    """Windows of which too little was left."""
     unstable: str = ""
-    """Which model is unstable there, and by what measure."""
+    """In how many more windows which model is unstable."""
 
     def to_json(self) -> dict[str, object]:
         """Return ``forward`` of ``diagnosis.json``."""
         both = {"nominal": self.nominal, "extended": self.extended}
         out: dict[str, object] = {
-            "windows": len(self.start),
+            "windows": self.windows,
             "replay_rad": {k: x.position_rms for k, x in both.items()},
             "tracking_nm": {k: x.torque_rms for k, x in both.items()},
         }
@@ -135,25 +118,18 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
                 rolls.append(_simulate(made.xml, base, windows, made.left_out, threads))
     except StictionError as error:
         return str(error)
-    ends = np.minimum(*(roll.ends for roll in rolls))
-    full = np.array([_steps(REPLAY), _steps(SECONDS)])
-    skipped = np.array([0, _steps(TRANSIENT)])
-    kept = (ends - skipped >= SHORTEST * (full - skipped)).all(axis=1)
-    unstable = _unstable(rolls, ends < full)
-    if np.count_nonzero(kept) < LEAST_WINDOWS:
-        many = f"{np.count_nonzero(~kept)} of {len(windows)} windows"
-        return f"the simulation is unstable in {many}: {unstable}"
-    measured = _resampled(base, windows, base.q)[kept]
-    runs = [_run(roll, measured, ends, kept) for roll in rolls]
+    stable = [np.isfinite(added).all(axis=(1, 2)) for _, added in rolls]
+    unstable = " and ".join(
+        f"the {name} model in {np.count_nonzero(~x)} of {len(windows)} windows"
+        for name, x in zip(("nominal", "extended"), stable, strict=True)
+        if not x.all()
+    )
+    good = stable[0] & stable[1]
+    if np.count_nonzero(good) < LEAST_WINDOWS:
+        return f"the simulation is unstable: {unstable}"
+    runs = [Run(position_rms=_rms(x[good]), torque_rms=_rms(added[good])) for x, added in rolls]
     return ForwardValidation(
-        time=_times(),
-        measured=measured,
-        nominal=runs[0],
-        extended=runs[1],
-        start=np.array([base.t[w.start] for w in windows])[kept],
-        shortened=int(np.count_nonzero((ends < full).any(axis=1) & kept)),
-        left_out=int(np.count_nonzero(~kept)),
-        unstable=unstable,
+        windows=int(np.count_nonzero(good)), nominal=runs[0], extended=runs[1], unstable=unstable
     )
 
 
@@ -203,27 +179,20 @@ def silent_engine() -> Iterator[None]:
         before.set()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Roll:
-    """One model in all windows, as far as the engine went."""
+def _simulate(
+    text: str, data: Data, windows: list[slice], left_out: Array, threads: int
+) -> tuple[Array, Array]:
+    """Return (W, R, n) how far a model strays [rad] and (W, K, n) what its servo adds [N·m].
 
-    angle: Array
-    """(W, R, n) under the measured torques alone [rad]."""
-    added: Array
-    """(W, K, n) torque of the servo [N·m]."""
-    ends: NDArray[np.int64]
-    """(W, 2) steps of replay and of tracking before the simulation is unstable."""
-    decay: float
-    """Largest h λ(M⁻¹C) of the bristles' damping C at the windows' starts; Euler holds below 2."""
-
-
-def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, threads: int) -> _Roll:
+    Both of a window are NaN where one is unstable.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     names = data.arm.joint_names
     dof = np.array([model.joint(j).dofadr[0] for j in names])
     act = np.array([model.actuator(f"{j}_torque").id for j in names])
     starts = np.array([w.start for w in windows])
-    bristle = _bristle(data, model, act)[starts]
+    distance = model.actuator_biasprm[act, COULOMB] / model.actuator_dynprm[act, BRISTLE_STIFFNESS]
+    dragged = bristles(data.q, data.runs(), distance[:, None])[starts, :, 0]
     measured = _resampled(data, windows, data.q)
     speed = _resampled(data, windows, data.q, 1)
     # a torque is held for one step: that of the step's start
@@ -236,7 +205,7 @@ def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, thre
         "act": np.zeros((len(windows), model.na)),
     }
     start["qpos"][:, dof], start["qvel"][:, dof] = data.q[starts], data.dq[starts]
-    start["act"][:, model.actuator_actadr[act]] = bristle
+    start["act"][:, model.actuator_actadr[act]] = distance * dragged
     control = np.zeros((*torque.shape[:2], model.nu))
     control[:, :, act] = torque
     # no further than it counts: a joint whose friction is missing spins up in half a second
@@ -257,53 +226,15 @@ def _simulate(text: str, data: Data, windows: list[slice], left_out: Array, thre
         return out
 
     tracked = steer(model, start, servo, control.shape[1], fastest=fast, threads=threads)
-    # viscous friction is stepped implicitly, a bristle's damping is not
-    decay = np.linalg.eigvals(np.linalg.inv(inertia) * model.actuator_dynprm[act, BRISTLE_DAMPING])
-    return _Roll(
-        angle=_link(replayed, model, names),
-        added=added,
-        ends=np.stack([_end(x) for x in (replayed, tracked)], axis=1),
-        decay=TIMESTEP * float(np.abs(decay).max()),
-    )
-
-
-def _end(qpos: Array) -> NDArray[np.int64]:
-    """Return (W,) steps before positions (W, K, nq) are NaN, less what grows just before it."""
-    good = np.all(np.isfinite(qpos), axis=2)
-    count = good.sum(axis=1)
-    return np.where(np.all(good, axis=1), count, np.maximum(count - _steps(MARGIN), 0))
-
-
-def _unstable(rolls: list[_Roll], early: NDArray[np.bool_]) -> str:
-    """Return which models are unstable and by what measure; "" without one."""
-    if not early.any():
-        return ""
-    full = np.array([rolls[0].angle.shape[1], rolls[0].added.shape[1]])
-    of = [
-        f"the {name} model in {np.count_nonzero((roll.ends < full).any(axis=1))} windows "
-        f"(step times bristle damping over inertia reaches {roll.decay:.2g}; stable is below 2)"
-        for name, roll in zip(("nominal", "extended"), rolls, strict=True)
-        if (roll.ends < full).any()
-    ]
-    return " and ".join(of)
-
-
-def _run(roll: _Roll, measured: Array, ends: NDArray[np.int64], kept: NDArray[np.bool_]) -> Run:
-    """Return a model's errors in the windows that are kept, up to the end of both models."""
-    angle, added = (
-        np.where((np.arange(x.shape[1]) < end[:, None])[..., None], x, np.nan)[kept]
-        for x, end in zip((roll.angle, roll.added), ends.T, strict=True)
-    )
-    return Run(
-        angle=angle,
-        position_rms=_rms(angle - measured[:, : angle.shape[1]]),
-        torque_rms=_rms(added[:, _steps(TRANSIENT) :]),
-    )
+    strayed = _link(replayed, model, names) - measured[:, :steps]
+    bad = ~(np.isfinite(replayed).all(axis=(1, 2)) & np.isfinite(tracked).all(axis=(1, 2)))
+    strayed[bad] = added[bad] = np.nan
+    return strayed, added[:, _steps(TRANSIENT) :]
 
 
 def _rms(x: Array) -> Array:
-    """Return (n,) root mean square of (W, K, n) as far as windows go."""
-    return np.asarray(np.sqrt(np.nanmean(np.square(x), axis=(0, 1))))
+    """Return (n,) root mean square of (W, K, n)."""
+    return np.asarray(np.sqrt(np.mean(np.square(x), axis=(0, 1))))
 
 
 def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:
@@ -324,17 +255,3 @@ def _mass(model: mujoco.MjModel, q: Array, dof: NDArray[np.int64]) -> Array:
     full = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, work, full)
     return np.asarray(full[np.ix_(dof, dof)])
-
-
-def _bristle(data: Data, model: mujoco.MjModel, act: NDArray[np.int64]) -> Array:
-    """Return (T, n) deflection [rad] of bristles dragged along the measured motion."""
-    stiffness = model.actuator_dynprm[act, BRISTLE_STIFFNESS]
-    most = model.actuator_biasprm[act, COULOMB] / np.maximum(stiffness, 1e-9)
-    out = np.zeros_like(data.q)
-    for run in data.runs():
-        z = np.clip(np.sign(data.dq[run.start]), -1, 1) * most
-        out[run.start] = z
-        for k in range(run.start + 1, run.stop):
-            z = np.clip(z + data.q[k] - data.q[k - 1], -most, most)
-            out[k] = z
-    return out
