@@ -24,7 +24,7 @@ from benchmarks.accuracy.real_logs import PANDA, iiwa_logs
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row, machine
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.prepare import MOST_ROWS, Signals, prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog, read_logs
@@ -50,7 +50,7 @@ class Parts:
     what: tuple[str, str, str]
     """The three in words."""
 
-    def signals(self, logs: list[JointLog], rows: int | None = None) -> Signals:
+    def signals(self, logs: list[JointLog], rows: int = MOST_ROWS) -> Signals:
         """Return them through the filter that fits the logs to identify from."""
         cutoff = prepare(self.fit).cutoff_hz
         still = all(x.static for x in logs)
@@ -91,9 +91,7 @@ def iiwa14() -> Parts:
     """Sweeps of one joint at a time; every third speed is held out, poses are the check."""
     arm, (sweeps, poses) = load_arm("iiwa14"), iiwa_logs()
     # together: some of them alone do not tell the torques' sign
-    (*logs, poses), _ = correct_torques(
-        [*sweeps, poses], arm, lambda x: prepare(x, most_samples=40_000)
-    )
+    (*logs, poses), _ = correct_torques([*sweeps, poses], arm, prepare)
     fit = [cut(log, s) for log in logs for k, s in enumerate(log.segments) if k % 3 != 1]
     held = [cut(log, s) for log in logs for k, s in enumerate(log.segments) if k % 3 == 1]
     what = ("sweeps of joints 1, 2, 3, 5, 6 and 7, two of three speeds", "the other speeds")

@@ -36,8 +36,6 @@ class SpectraSettings:
 class RecordingSettings:
     """How the logs' time is cut into held-out blocks."""
 
-    most_rows: Count
-    """Rows of all logs together; longer logs are thinned out after the filter, with a note."""
     blocks: Count
     """Blocks of time, over all logs, that are held out in turn: enough to see their spread."""
     guard: NotNegative
@@ -57,9 +55,6 @@ class NoiseSettings:
     """Least change of a torque, over the noise floor, for it to be visible [-]."""
     clear: Positive
     """The same for a torque that scales or shifts what a cause adds [-]."""
-    falling: Positive
-    """Least drop of the torque's spectrum over the octave above the band that shows a low-pass
-    before logging [-]; a first-order filter has 4, white noise 1."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,7 +18,7 @@ from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import FrictionState, friction_torque
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.recording import Recording, join, rate
+from stiction_envs.gap.signals.recording import Recording, join
 from stiction_envs.gap.signals.rigid_body import mass_matrices
 from stiction_envs.robots import Arm
 
@@ -115,7 +115,7 @@ class Data:
 
     @property
     def reversal_path(self) -> Array:
-        """(T, n) angles without overshoot and noise, for friction's turns [rad]."""
+        """(F, n) angles without overshoot and noise, for friction's turns [rad]."""
         return self.recording.reversal_path
 
     @property
@@ -136,6 +136,9 @@ class Data:
         """Return (T, ...) after the filter of the signals, segment by segment.
 
         Nonlinear functions of the signals must pass it before a comparison.
+
+        Args:
+            x: (F, ...) along the reversal path, or (T, ...).
         """
         return self.recording.smooth(x)
 
@@ -213,24 +216,24 @@ class Data:
 
     @cached_property
     def directions(self) -> Array:
-        """(T, n) direction of motion in [-1, 1], unfiltered; at rest the last direction.
+        """(F, n) direction of motion in [-1, 1], unfiltered; at rest the last direction.
 
         A joint that stops keeps its friction until it goes back by the presliding distance.
         """
         return self.recording.bristles(self.friction.presliding_distance[:, None])[..., 0]
 
     def direction(self, joint: int) -> Array:
-        """Return (T,) direction of a joint (from 0) as in `directions`."""
+        """Return (F,) direction of a joint (from 0) as in `directions`."""
         return self.directions[:, joint]
 
     def dry_friction_ratio(self, joint: int) -> Array:
-        """Return (T,) dry friction over its steady level, unfiltered: ζ + (σ1/σ0) dζ/dt [-]."""
+        """Return (F,) dry friction over its steady level, unfiltered: ζ + (σ1/σ0) dζ/dt [-]."""
         return self._leading(self.direction(joint), joint)
 
     def side(self, joint: int) -> Array:
-        """Return (T,) sign of the motion by which each row was reached; at rest the last one."""
-        out = np.zeros(len(self.t))
-        for run in self.runs():
+        """Return (F,) sign of the motion by which each row was reached; at rest the last one."""
+        out = np.zeros(len(self.reversal_path))
+        for run in self.recording.path_runs:
             path = self.reversal_path[run, joint]
             step = np.sign(np.diff(path, prepend=path[0]))
             last = np.maximum.accumulate(np.where(step != 0, np.arange(len(step)), 0))
@@ -238,25 +241,31 @@ class Data:
         return out
 
     def growth(self, joint: int, weight: Array, ratio: float = 0.0) -> Array:
-        """Return (T,) dry friction per unit of a level that grows by ``weight`` (T,), unfiltered.
+        """Return (F,) dry friction per unit of a level that grows by a weight, unfiltered.
 
-        In steady sliding it is the weight in the direction of motion. ``ratio`` is the growth per
-        unit of weight over the level (`grown`).
+        In steady sliding it is the weight in the direction of motion.
+
+        Args:
+            joint: from 0.
+            weight: (F,) along the reversal path, or smooth (T,).
+            ratio: the growth per unit of weight over the level (`grown`).
         """
+        recording = self.recording
+        fine = len(weight) == len(recording.reversal_path)
         eta = grown(
-            self.reversal_path[:, joint],
-            self.runs(),
+            recording.reversal_path[:, joint],
+            recording.path_runs,
             float(self.friction.presliding_distance[joint]),
             self.direction(joint),
-            weight,
+            weight if fine else recording.along_path(weight),
             ratio,
         )
         return self._leading(eta, joint)
 
     def _leading(self, x: Array, joint: int) -> Array:
-        """Return (T,) a bristle's torque including its damping."""
+        """Return (F,) a bristle's torque including its damping."""
         lead = self.friction.bristle_lead_time[joint]
-        return x if lead == 0 else x + lead * rate(x, self.runs(), self.dt)
+        return x if lead == 0 else x + lead * self.recording.path_rate(x)
 
 
 def assemble(

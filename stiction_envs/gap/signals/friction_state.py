@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.signals.recording import Recording, rate
+from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
 PRESLIDING_DISTANCE = 2e-4
@@ -72,29 +72,39 @@ def friction_torque(recording: Recording, friction: FrictionParameters) -> Array
     It is our friction in steady sliding, with the direction of bristles, warm-up since the session
     began, ripple, rotor inertia (seen in front of the gear) and offset.
     """
-    state, load, dq = FrictionState.of(friction), recording.gravity, recording.dq
+    state, path = FrictionState.of(friction), recording.reversal_path
     direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
-    direction = direction + state.bristle_lead_time * rate(direction, recording.runs, recording.dt)
-    level = friction.stiction_at(np.abs(load))
-    side = (dq < 0).astype(int)
-
-    def of_side(x: Array) -> Array:
-        return np.take_along_axis(np.broadcast_to(x, level.shape), side[..., None], axis=-1)[..., 0]
-
-    stiction, ratio = of_side(level), of_side(friction.coulomb_ratio)
-    stribeck = of_side(friction.stribeck_velocity)
-    g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(dq / stribeck)))
-    cold = np.exp(-recording.since_session[:, None] / friction.warm_up_time)
-    angle = friction.ripple_periods * recording.q + friction.ripple_phase
-    clipped = np.clip(load, -friction.load_high, friction.load_high)
-    return recording.smooth(
-        direction * (g * (1.0 + friction.warm_up_friction * cold))
-        + of_side(friction.viscous) * (1.0 + friction.warm_up_viscous * cold) * dq
-        - friction.ripple_amplitude * np.sin(angle)
+    direction = direction + state.bristle_lead_time * recording.path_rate(direction)
+    speed = recording.path_rate(path)
+    level = friction.stiction_at(np.abs(recording.along_path(recording.gravity)))
+    stiction, ratio, stribeck = (
+        _of_side(x, speed, level.shape)
+        for x in (level, friction.coulomb_ratio, friction.stribeck_velocity)
+    )
+    g = stiction * (ratio + (1.0 - ratio) * np.exp(-np.square(speed / stribeck)))
+    since = recording.since_session[:, None]
+    warm = 1.0 + friction.warm_up_friction * np.exp(-since / friction.warm_up_time)
+    level = direction * g * recording.along_path(warm)
+    angle = friction.ripple_periods * path + friction.ripple_phase
+    uneven = recording.smooth(level - friction.ripple_amplitude * np.sin(angle))
+    # what follows is smooth, and the signals have passed the filter
+    dq = recording.dq
+    viscous = _of_side(friction.viscous, dq, (*dq.shape, 2))
+    warm = 1.0 + friction.warm_up_viscous * np.exp(-since / friction.warm_up_time)
+    clipped = np.clip(recording.gravity, -friction.load_high, friction.load_high)
+    return np.asarray(
+        uneven
+        + viscous * warm * dq
         + (recording.torque == "motor") * friction.rotor_inertia * recording.ddq
         + friction.offset
         + friction.gravity_error * clipped
     )
+
+
+def _of_side(x: Array, speed: Array, shape: tuple[int, ...]) -> Array:
+    """Return (..., n) values of two directions (..., n, 2) for the sign of a speed (..., n)."""
+    side = (speed < 0).astype(int)[..., None]
+    return np.take_along_axis(np.broadcast_to(x, shape), side, axis=-1)[..., 0]
 
 
 def presliding_distances(

@@ -1,10 +1,7 @@
 """The noise floor of a residual: the part that no cause can explain.
 
-`noise_floor` takes the noise from above the band and from its upper half, where there is no motion.
-Torques that were low-passed before logging have more noise than that, at low frequencies.
-`slow_noise` finds it once the causes are known: what they leave falls with frequency until noise
-dominates, and the noise below is taken to have the same density. Noise that is slower than the
-model's error cannot be distinguished from it.
+It is the noise above the band and in its upper half, where there is no motion. Slower noise cannot
+be distinguished from the model's error.
 
 A joint at rest can hold any torque inside its friction band. Repeated poses show the scatter: equal
 poses differ only by noise and friction. A joint that rests throughout a log while others move is
@@ -12,8 +9,6 @@ held by friction in the same way, and its torque creeps, far below the sensors' 
 """
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +19,8 @@ from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
-LONGEST_WINDOW = 2.0
-"""Longest window of the spectrum for slow noise [s]; assumed: two periods of the slowest noise."""
-LEAST_WINDOWS = 4.0
-"""Least number of windows that fit into the longest run [-]; assumed."""
 LEAST_PAIRS = 10
 """Least number of pairs of equal poses for an estimate of their scatter [-]; assumed."""
-LEVEL = 2.0
-"""Largest ratio of a spectrum to its median in the octave above where it is flat [-]; assumed."""
 
 
 def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
@@ -43,47 +32,6 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
         residual: (T, n) measured less nominal torque [N·m].
     """
     return np.maximum(_floor(recording, noise_tau, residual), _creep(recording, residual))
-
-
-def slow_noise(recording: Recording, left: Array, motion_hz: float) -> tuple[Array, Array]:
-    """Return (n,) noise of a residual from where it dominates [N·m], and (n,) that frequency [Hz].
-
-    The spectrum S stops falling at the lowest f with S(f) ≤ `LEVEL`·median of S, the octave above
-    (as in `spectra`, which uses three octaves: a low-pass before the log may leave only one). Above
-    it everything is noise, and below it the noise is taken to have the same density:
-    σ² = f S(f) + ∫_f S. For white noise this is the whole noise. NaN where there is no such point,
-    as the noise is then not visible, or where it is in the band of the motion, which also contains
-    the model's error.
-
-    Args:
-        recording: of the logs.
-        left: (T, n) torque that the extended model leaves [N·m].
-        motion_hz: upper end of the motion's band [Hz].
-    """
-    n = left.shape[1]
-    sigma, start = np.full(n, np.nan), np.full(n, np.nan)
-    longest = max(recording.runs, key=lambda r: r.stop - r.start)
-    rows = longest.stop - longest.start
-    if not np.isfinite(recording.dt):
-        return sigma, start
-    window = int(min(rows / LEAST_WINDOWS, LONGEST_WINDOW / recording.dt))
-    if window < 16:
-        return sigma, start
-    f, power = welch(left[longest], 1 / recording.dt, nperseg=window, average="median", axis=0)
-    # by half octaves; the lowest frequency contains the window's leakage
-    edges = np.searchsorted(f, 2 * f[1] * 2 ** (np.arange(40) / 2) * (1 - 1e-9))
-    edges = np.unique(edges[f[np.minimum(edges, len(f) - 1)] < recording.cutoff])
-    level = np.array([power[a:b].mean(axis=0) for a, b in pairwise(edges)]).reshape(-1, n)
-    for j in range(n):
-        for i, at in enumerate(edges[: max(len(level) - 2, 0)]):
-            if level[i, j] <= LEVEL * np.median(level[i + 1 : i + 3, j]):
-                if f[at] <= motion_hz:
-                    break
-                start[j] = f[at]
-                dense = level[i : i + 2, j].mean()
-                sigma[j] = np.sqrt(f[at] * dense + power[at:, j].sum() * f[1])
-                break
-    return sigma, start
 
 
 def scatter(q: Array, residual: Array, same_pose: float) -> Array | None:
@@ -138,7 +86,9 @@ def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
     for j in range(q.shape[1]):
         x = np.stack([direction[:, j], dq[:, j], ddq[:, j], np.ones(len(q))], axis=1)
         left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
-        f, power = welch(left[longest], 1 / recording.dt, nperseg=window, average="median")
+        f, power = welch(
+            left[longest], 1 / recording.dt, nperseg=window, nfft=8 * window, average="median"
+        )
         high = (f > 0.5 * recording.cutoff) & (f < 1.5 * recording.cutoff)
         upper = float(power[high].sum() * f[1])
         out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + least

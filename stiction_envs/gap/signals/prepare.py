@@ -27,7 +27,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.gap.signals.reversal_path import reversal_path
+from stiction_envs.gap.signals.reversal_path import WIDER, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
@@ -41,11 +41,18 @@ TRIM_PERIODS = 2.0
 Measured on sines: the acceleration's error is 0.3 % there."""
 TRIM_SHARE = 0.15
 """Largest share of a segment that is cut off at each end [-]; assumed."""
-MOST_RATE = 100.0
-"""Largest number of samples kept per period of the cutoff [-]; assumed: times are right to a
-hundredth of the filter's period. With a fiftieth, delays and bristles of a real log were lost."""
+RATE = 8.0
+"""Number of rows kept per period of the cutoff [-]: measured on simulated logs, Coulomb and viscous
+friction and presliding distances are those of all rows to 0.1 %."""
 LEAST_RATE = 5.0
-"""Least number of samples kept per period of the cutoff [-]; assumed."""
+"""Least number of rows kept per period of the cutoff [-]; assumed."""
+MOST_ROWS = 40_000
+"""Most rows of all logs together [-]; assumed, to limit time and memory."""
+PATH_RATE = 50.0
+"""Number of rows of reversal paths per period of the cutoff [-]: measured likewise; with 20 of
+them, friction is off by up to 6 % and presliding distances by 5 %."""
+MOST_PATH_ROWS = 160_000
+"""Most rows of reversal paths of all logs together [-]; assumed, to limit the time."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,8 +72,11 @@ class Segment:
     tau: Array
     """Torques, (K, n), N·m."""
     reversal_path: Array
-    """Angles without overshoot or reversals caused by noise, (K, n), rad: for friction's reversals
+    """Angles without overshoot or reversals caused by noise, (F, n), rad, at finer times than ``t``
+    and from before its start to after its end: for friction's reversals
     (:mod:`stiction_envs.gap.signals.reversal_path`)."""
+    first: int = 0
+    """Row of the reversal path at the first time."""
     static: bool = False
     """At rest throughout: poses without time, or never faster than ``rest_speed``."""
 
@@ -82,15 +92,12 @@ class Signals:
     segments: tuple[Segment, ...]
     dt: float
     """Time between samples of every segment except static poses, s; NaN without motion logs."""
+    every: int = 1
+    """Rows of the reversal path per sample."""
     cutoff_hz: float
     """Cutoff of the filter, Hz, where the amplitude is halved; NaN without any motion log."""
     noise_tau: Array
     """Noise of the filtered torques, standard deviation, (n,), N·m: the scale for residuals."""
-    motion_hz: float
-    """Frequency that bounds nearly all of the motion, Hz; NaN without any motion log."""
-    low_passed: NDArray[np.bool_]
-    """Whether torque spectra continue to fall above the filter's band, (n,), as after a low-pass
-    before logging: then the band may contain more noise than ``noise_tau`` from above it."""
     sessions: Sessions
     """When the logs were recorded."""
     notes: tuple[str, ...]
@@ -125,7 +132,7 @@ def prepare(
     logs: Sequence[JointLog],
     *,
     cutoff_hz: float | None = None,
-    most_samples: int | None = None,
+    most_samples: int = MOST_ROWS,
     settings: GapSettings | None = None,
 ) -> Signals:
     """Compute evenly sampled, filtered and differentiated signals of ``logs``.
@@ -133,8 +140,7 @@ def prepare(
     Args:
         logs: one or more logs of the same robot.
         cutoff_hz: cutoff of the filter, Hz; chosen from the data if None.
-        most_samples: samples kept of all logs together; longer logs are thinned out after the
-            filter; None for those of the settings.
+        most_samples: samples kept of all logs together, at most.
         settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
@@ -142,7 +148,6 @@ def prepare(
             segment long enough for it.
     """
     own = settings or gap_settings()
-    most_samples = own.recording.most_rows if most_samples is None else most_samples
     if not logs:
         raise StictionError("no log given: expected one or more")
     for log in logs:
@@ -164,8 +169,6 @@ def prepare(
             dt=float("nan"),
             cutoff_hz=float("nan"),
             noise_tau=np.full(n, np.nan),
-            motion_hz=float("nan"),
-            low_passed=np.zeros(n, dtype=bool),
             sessions=sessions(logs),
             notes=("poses at rest only: nothing filtered",),
         )
@@ -175,21 +178,20 @@ def prepare(
     spectra = Spectra([log for _, log in moving], steps, own)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
-    slowest = max(steps)
-    enough = int(1 / (slowest * MOST_RATE * cutoff))
-    thin = max(1, enough, int(np.ceil(seconds / slowest / most_samples)))
-    dt = thin * slowest
-    if thin > 1:
-        text = f"thinned out after the filter to every {thin}th sample, {1 / dt:.4g} Hz"
-        most = 1 / (LEAST_RATE * dt)
-        if cutoff_hz is None and cutoff > most:
-            text += f"; the cutoff is lowered for it from {cutoff:.3g} Hz"
-            cutoff = most
-        notes.append(text)
+    fine = _multiple(max(steps), PATH_RATE * cutoff, MOST_PATH_ROWS / seconds)
+    dt = _multiple(fine, RATE * cutoff, most_samples / seconds)
+    every = round(dt / fine)
+    most = 1 / (LEAST_RATE * dt)
+    if cutoff_hz is None and cutoff > most:
+        notes.append(
+            f"the cutoff is lowered from {cutoff:.3g} Hz to {most:.3g} Hz: in {seconds:.4g} s "
+            f"there are too many rows for more, thinned out to {1 / dt:.4g} Hz"
+        )
+        cutoff = most
     left_out, shortest = 0, (PERIODS - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
-            made = _segment(i, log, rows, step, dt, cutoff, own.motion.rest_speed)
+            made = _segment(i, log, rows, step, fine, every, cutoff, own.motion.rest_speed)
             left_out += made is None
             segments += [made] if made is not None else []
     if left_out:
@@ -213,17 +215,28 @@ def prepare(
     return Signals(
         segments=tuple(segments),
         dt=dt,
+        every=every,
         cutoff_hz=cutoff,
         noise_tau=spectra.noise(cutoff),
         sessions=sessions(logs),
-        motion_hz=spectra.motion_hz,
-        low_passed=spectra.low_passed(cutoff, own.noise.falling),
         notes=tuple(notes),
     )
 
 
+def _multiple(step: float, rate: float, most_rate: float) -> float:
+    """Return the multiple of a step [s] that leaves a rate, but no more than another [Hz]."""
+    return step * max(1, int(1 / (step * rate)), int(np.ceil(1 / (step * most_rate) - 1e-9)))
+
+
 def _segment(
-    number: int, log: JointLog, rows: slice, step: float, dt: float, cutoff: float, slow: float
+    number: int,
+    log: JointLog,
+    rows: slice,
+    step: float,
+    fine: float,
+    every: int,
+    cutoff: float,
+    slow: float,
 ) -> Segment | None:
     """Return the signals of some rows of a log; None where they are too short for the filter."""
     seconds = log.t[rows][-1] - log.t[rows][0]
@@ -231,35 +244,50 @@ def _segment(
     if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
         return None
     t, q, tau = resample(log, rows, step)
-    smooth = lowpass(q, 1 / step, cutoff)
     path = by_column(lambda x: reversal_path(x, 1 / step, cutoff, lowpass), q)
-    core = {
-        "q": smooth,
-        "dq": by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, smooth),
-        "ddq": by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, smooth),
-        "tau": lowpass(tau, 1 / step, cutoff),
-        "reversal_path": path,
-    }
-    # The filter does not know the signal before and after.
-    ends = min(TRIM_PERIODS / cutoff, TRIM_SHARE * seconds)
-    cut = max(3, int(np.ceil(ends / step)))
-    factor = round(dt / step)
-    if abs(factor * step - dt) < 1e-6 * dt:
-        kept = slice(cut, len(t) - cut, factor)
-        at, core = t[kept], {name: x[kept].copy() for name, x in core.items()}
+    q, tau = lowpass(q, 1 / step, cutoff), lowpass(tau, 1 / step, cutoff)
+    dq = by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, q)
+    ddq = by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, q)
+    # The filter does not know the signal before and after, nor does the wider one of the path.
+    cut = max(3 * step, min(TRIM_PERIODS / cutoff, TRIM_SHARE * seconds))
+    start, factor = int(np.ceil(cut / WIDER / step)), round(fine / step)
+    first = int(np.ceil(cut / fine)) - start // factor
+    if abs(factor * step - fine) < 1e-6 * fine:
+        even = slice(start, len(t) - start, factor)
+        t, path, q, dq, ddq, tau = (x[even] for x in (t, path, q, dq, ddq, tau))
     else:
-        at = np.arange(t[cut], t[-cut - 1], dt)
-        core = {name: by_column(lambda x: CubicSpline(t, x)(at), y) for name, y in core.items()}
-        core["reversal_path"] = by_column(lambda x: np.interp(at, t, x), path)
-    static = bool(np.abs(core["dq"]).max() < slow)
-    return Segment(log=number, t=at, **core, static=static)
+        at = np.arange(t[start], t[-1 - start], fine)
+        path = by_column(lambda x: np.interp(at, t, x), path)
+        q, dq, ddq, tau = (CubicSpline(t, x)(at) for x in (q, dq, ddq, tau))
+        t = at
+    rows = slice(first, len(t) - first, every)
+    t, q, dq, ddq, tau = (x[rows].copy() for x in (t, q, dq, ddq, tau))
+    return Segment(
+        log=number,
+        t=t,
+        q=q,
+        dq=dq,
+        ddq=ddq,
+        tau=tau,
+        reversal_path=path.copy(),
+        first=first,
+        static=bool(np.abs(dq).max() < slow),
+    )
 
 
 def _poses(number: int, log: JointLog) -> Segment:
     """Return poses as a segment at rest."""
-    t, q, tau, zero = log.t.copy(), log.q.copy(), log.tau.copy(), np.zeros_like(log.q)
-    core = {"q": q, "dq": zero, "ddq": zero, "tau": tau, "reversal_path": q}
-    return Segment(log=number, t=t, **core, static=True)
+    q, zero = log.q.copy(), np.zeros_like(log.q)
+    return Segment(
+        log=number,
+        t=log.t.copy(),
+        q=q,
+        dq=zero,
+        ddq=zero,
+        tau=log.tau.copy(),
+        reversal_path=q,
+        static=True,
+    )
 
 
 def _rest(segments: Sequence[Segment], dt: float, slow: float) -> list[str]:

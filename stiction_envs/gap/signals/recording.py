@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,10 +11,11 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
 from stiction_envs.gap.signals.bristle import bristles
-from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass
+from stiction_envs.gap.signals.prepare import Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
@@ -58,7 +59,14 @@ class Recording:
     tau: Array
     """(T, n) measured [N·m]."""
     reversal_path: Array
-    """(T, n) angles without overshoot and noise, for friction's turns [rad]."""
+    """(F, n) angles without overshoot and noise, for friction's turns [rad]: at finer times, since
+    a turn within a time step shows in the filtered torque."""
+    path_rows: NDArray[np.int64]
+    """(T,) row of the reversal path at each time."""
+    path_dt: float
+    """Sampling time of the reversal path within a segment [s]; NaN for poses alone."""
+    path_segment: NDArray[np.int64]
+    """(F,) number of the segment."""
     segment: NDArray[np.int64]
     """(T,) number of the segment: time runs on within one."""
     block: NDArray[np.int64]
@@ -85,6 +93,11 @@ class Recording:
     def runs(self) -> list[slice]:
         """Rows of each segment."""
         return runs_of(self.segment)
+
+    @cached_property
+    def path_runs(self) -> list[slice]:
+        """Rows of the reversal path of each segment."""
+        return runs_of(self.path_segment)
 
     @cached_property
     def rigid(self) -> Array:
@@ -114,23 +127,45 @@ class Recording:
         return cast(Derived, kept[1])
 
     def bristles(self, distance: Array) -> Array:
-        """Return (T, n, k) `bristles` along the reversal path, unfiltered [-].
+        """Return (F, n, k) `bristles` along the reversal path, unfiltered [-].
 
         Args:
             distance: (n, k) presliding distances [rad].
         """
-        return bristles(self.reversal_path, self.runs, distance, self.settings.motion, self.dt)
+        motion, dt = self.settings.motion, self.path_dt
+        return bristles(self.reversal_path, self.path_runs, distance, motion, dt)
+
+    def along_path(self, x: Array) -> Array:
+        """Return (F, ...) of smooth (T, ...), at the times of the reversal path.
+
+        Before the first row of a segment and after its last it is constant.
+        """
+        out = np.empty((len(self.reversal_path), *x.shape[1:]))
+        for run, path in zip(self.runs, self.path_runs, strict=True):
+            at, here = np.arange(path.start, path.stop), self.path_rows[run]
+            at = np.clip(at, here[0], here[-1])
+            out[path] = x[run] if len(here) == len(at) else CubicSpline(here, x[run])(at)
+        return out
+
+    def path_rate(self, x: Array) -> Array:
+        """Return the time derivative of (F, ...) along the reversal path, per second."""
+        return rate(x, self.path_runs, self.path_dt)
 
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, by segment; poses are unchanged.
 
         Nonlinear functions of the signals must pass it before a comparison.
+
+        Args:
+            x: (F, ...) along the reversal path, or (T, ...).
         """
         out = np.array(x, dtype=np.float64)
-        if np.isfinite(self.dt) and np.isfinite(self.cutoff):
-            for run in (x for x in self.runs if x.stop - x.start > 1):
-                out[run] = lowpass(out[run], 1 / self.dt, self.cutoff)
-        return out
+        fine = len(x) == len(self.reversal_path)
+        dt, runs = (self.path_dt, self.path_runs) if fine else (self.dt, self.runs)
+        if np.isfinite(dt) and np.isfinite(self.cutoff):
+            for run in (x for x in runs if x.stop - x.start > 1):
+                out[run] = lowpass(out[run], 1 / dt, self.cutoff)
+        return out[self.path_rows] if fine else out
 
 
 def join(
@@ -155,7 +190,7 @@ def join(
     log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
     when = signals.sessions
     since_log = np.concatenate([s.t - when.start[s.log] for s in parts])
-    segment = segment_numbers(parts, signals.dt)
+    segment, path_segment, path_rows = _numbers(signals)
     return Recording(
         arm=arm,
         pinocchio=arm.pinocchio(),
@@ -171,6 +206,9 @@ def join(
         ddq=ddq,
         tau=tau,
         reversal_path=path,
+        path_rows=path_rows,
+        path_dt=signals.dt / signals.every,
+        path_segment=path_segment,
         segment=segment,
         block=_blocks(log, segment, signals.dt, own.recording),
         log=log,
@@ -179,19 +217,22 @@ def join(
     )
 
 
-def segment_numbers(parts: Sequence[Segment], dt: float) -> NDArray[np.int64]:
-    """Return (T,) the number of the segment of each row; each pose is a segment of its own.
-
-    ``dt`` is the time between samples of segments with motion [s].
+def _numbers(signals: Signals) -> tuple[NDArray[np.int64], ...]:
+    """Return (T,) segment of each row, (F,) that of each row of the reversal path, and (T,) the
+    latter's row of each of the former. Each pose is a segment of its own.
     """
-    out: list[NDArray[np.int64]] = []
-    start = 0
-    for s in parts:
+    segment, path_segment, path_rows = [], [], []
+    number = start = 0
+    for s in signals.segments:
+        rows, fine = len(s.t), len(s.reversal_path)
         # poses have numbers instead of times
-        timed = len(s.t) < 2 or not s.static or bool(np.isclose(s.t[1] - s.t[0], dt))
-        out.append(np.full(len(s.t), start) if timed else start + np.arange(len(s.t)))
-        start = int(out[-1][-1]) + 1
-    return np.concatenate(out)
+        poses = rows > 1 and s.static and not np.isclose(s.t[1] - s.t[0], signals.dt)
+        each = np.arange(rows)
+        segment.append(number + each if poses else np.full(rows, number))
+        path_segment.append(segment[-1] if poses else np.full(fine, number))
+        path_rows.append(start + s.first + each * (1 if poses else signals.every))
+        number, start = number + (rows if poses else 1), start + fine
+    return np.concatenate(segment), np.concatenate(path_segment), np.concatenate(path_rows)
 
 
 def runs_of(segment: NDArray[np.int64]) -> list[slice]:

@@ -135,21 +135,6 @@ class Spectra:
             inside[j] = np.sqrt(float(np.median(self.tau[above, j])) * width)
         return np.maximum(inside, rounding * np.sqrt(width / nyquist))
 
-    def low_passed(self, cutoff: float, drop: float) -> NDArray[np.bool_]:
-        """Return (n,) whether torques passed a low-pass before they were logged.
-
-        White noise continues at one level above the band. A low-passed spectrum continues to fall,
-        by more than ``drop`` over an octave, or is at its rounding already; so do jumps of friction
-        whose noise is not visible.
-        """
-        low = 1.5 * cutoff
-        near = (self.f >= low) & (self.f < 2 * low)
-        far = (self.f >= 2 * low) & (self.f < min(4 * low, 0.9 * self.rate / 2))
-        if self.empty or not near.any() or not far.any():
-            return self.rounded()
-        falls = np.median(self.tau[near], axis=0) > drop * np.median(self.tau[far], axis=0)
-        return np.asarray(falls | self.rounded())
-
     def rounded(self) -> NDArray[np.bool_]:
         """Return (n,) whether each torque contains only rounding at high frequencies."""
         if self.empty:

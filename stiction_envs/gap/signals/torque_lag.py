@@ -23,7 +23,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from stiction_envs.gap.settings import GapSettings, gap_settings
@@ -48,14 +50,9 @@ DELAYS = np.arange(0.0, 0.1501, 0.01)
 """Delays that are tried [s]; assumed."""
 LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
 """Time constants that are tried [s]; assumed."""
-FINER_DELAYS = np.arange(-0.0075, 0.0076, 0.0025)
-"""Steps of the delay about the best one [s]; assumed."""
-FINER_LOWPASSES = (-0.01, -0.005, 0.0, 0.005, 0.01)
-"""Steps of the time constant about the best one [s]; assumed."""
-FIRST_DELAYS = (0.03, 0.06, 0.1)
-"""Delays of the first search [s]; assumed."""
 HINT_LEFT = 0.85
-"""Largest remaining part of the residual at a first delay for a closer search [-]; assumed."""
+"""Largest remaining part of the residual at any delay for a search of time constants too [-];
+assumed."""
 LEAST_RUNS = 4
 """Least number of runs that distinguish a time from a distance [-]; assumed."""
 SPEED_RATIO = 3.0
@@ -63,10 +60,8 @@ SPEED_RATIO = 3.0
 LAG_RATIO = 1.3
 """Largest ratio of these runs' lags for a time [-]; for a distance it would be `SPEED_RATIO` or
 more. Assumed."""
-FIRST_ROWS = 4000
-"""Most rows of a log in the first search [-]; assumed, to limit the time."""
-MOST_ROWS = 20000
-"""Most rows of a log in the closer search [-]; assumed, to limit the time."""
+MOST_ROWS = 4000
+"""Most rows of a log that are fitted [-]; assumed, to limit the time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,13 +85,18 @@ class TorqueLag:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """One segment of one joint; (T,) or (T, k)."""
+    """One segment of one joint."""
 
     t: Array
-    moved: Array
-    """Columns that are shifted in time."""
-    fixed: Array
+    """(T,) times at which torque is fitted [s]."""
     torque: Array
+    """(T,) [N·m]."""
+    fixed: Array
+    """(T, k) columns that are not shifted."""
+    finer: Array
+    """(F,) times of the columns that are shifted [s]."""
+    moved: Array
+    """(F, k) these columns."""
 
 
 def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> TorqueLag | None:
@@ -112,8 +112,8 @@ def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) 
             return None
         speed = np.sqrt(np.mean(np.square(np.concatenate([x.dq for x in parts])), axis=0))
         joints = np.array([np.argmax(speed)])
-    runs = [_runs(parts, rigid, int(j), loaded, slow) for j in joints]
-    found = _search(runs, signals.dt)
+    runs = [_runs(signals, parts, rigid, int(j), loaded, slow) for j in joints]
+    found = _search(runs)
     if found is None:
         return None
     delay, lowpass, before, after = found
@@ -128,7 +128,7 @@ def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) 
         before=float(before[best]),
         after=float(after[best]),
         loaded=loaded,
-        certain=loaded or _is_time(runs[0], signals.dt, slow),
+        certain=loaded or _is_time(runs[0], slow),
     )
 
 
@@ -139,9 +139,8 @@ def has_lag(signals: Signals, arm: Arm, lag: Lag, settings: GapSettings | None =
     if not parts:
         return True
     rigid, joints = _loads(arm, parts)
-    runs = [_runs(parts, rigid, int(j), True, slow) for j in joints]
-    step = max(1, sum(len(s.t) for s in parts) // FIRST_ROWS)
-    now, left = (np.array([_residual(x, signals.dt, step, *y) for x in runs]) for y in ((), lag))
+    runs = [_runs(signals, parts, rigid, int(j), True, slow) for j in joints]
+    now, left = (np.array([_residual(x, *y) for x in runs]) for y in ((0.0, 0.0), lag))
     if not np.all(np.isfinite([now, left])) or np.any(now <= 0):
         return True
     return float(np.square(left / now).sum()) <= len(runs)
@@ -259,93 +258,91 @@ def _loads(arm: Arm, parts: Sequence[Segment]) -> tuple[list[Array], NDArray[np.
 
 
 def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
-    """Return (T, n) rigid-body torque of each segment, interpolated between selected rows."""
+    """Return (T, n) rigid-body torque of each segment."""
     model = arm.pinocchio()
-    out = []
-    step = max(1, sum(len(s.t) for s in parts) // MOST_ROWS)
-    for s in parts:
-        at = np.unique(np.r_[np.arange(0, len(s.t), step), len(s.t) - 1])
-        torque = inverse_dynamics(model, s.q[at], s.dq[at], s.ddq[at])
-        out.append(np.stack([np.interp(s.t, s.t[at], x) for x in torque.T], axis=1))
-    return out
+    return [inverse_dynamics(model, s.q, s.dq, s.ddq) for s in parts]
 
 
 def _runs(
-    parts: Sequence[Segment], rigid: Sequence[Array], j: int, loaded: bool, slow: float
+    signals: Signals,
+    parts: Sequence[Segment],
+    rigid: Sequence[Array],
+    j: int,
+    loaded: bool,
+    slow: float,
 ) -> list[_Run]:
     """Return the columns of one joint; without a load, friction is the shifted column."""
-    out = []
+    out, step = [], max(1, sum(len(s.t) for s in parts) // MOST_ROWS)
     for s, n in zip(parts, rigid, strict=True):
-        v, one = s.dq[:, j], np.ones(len(s.t))
-        friction = np.stack([np.tanh(v / slow), v], axis=1)
+        finer = np.linspace(s.t[0], s.t[-1], (len(s.t) - 1) * signals.every + 1)
+        rows = np.flatnonzero(s.t > s.t[0] + DELAYS[-1])[::step]
+
+        def friction(v: Array) -> Array:
+            return np.stack([np.tanh(v / slow), v], axis=1)
+
+        v, one = s.dq[:, j], np.ones((len(rows), 1))
         if loaded:
-            moved, fixed = n[:, j, None], np.column_stack([friction, one])
+            moved = CubicSpline(s.t, n[:, [j]])(finer)
+            fixed = np.column_stack([friction(v[rows]), one])
         else:
-            moved, fixed = np.column_stack([friction, s.ddq[:, j]]), one[:, None]
-        out.append(_Run(s.t, moved, fixed, s.tau[:, j]))
+            faster = CubicSpline(s.t, np.stack([v, s.ddq[:, j]], axis=1))(finer)
+            moved, fixed = np.column_stack([friction(faster[:, 0]), faster[:, 1]]), one
+        out.append(_Run(s.t[rows], s.tau[rows, j], fixed, finer, moved))
     return out
 
 
-def _residual(
-    runs: Sequence[_Run], dt: float, step: int, delay: float = 0.0, lowpass: float = 0.0
-) -> float:
+def _residual(runs: Sequence[_Run], delay: float, lowpass: float) -> float:
     """Return the root mean square that a fit with a delay and a low-pass leaves [N·m]."""
-    columns, torques = [], []
+    columns = []
     for run in runs:
         moved = run.moved
         if lowpass > 0:
-            k = np.exp(-dt / lowpass)
+            k = np.exp((run.finer[0] - run.finer[1]) / lowpass)
             moved = lfilter([1 - k], [1, -k], moved, axis=0, zi=k * moved[:1])[0]
-        at = run.t[run.t > run.t[0] + DELAYS[-1]][::step]
-        shifted = [np.interp(at - delay, run.t, x) for x in moved.T]
-        rest = [np.interp(at, run.t, x) for x in (*run.fixed.T, run.torque)]
-        columns.append(np.stack([*shifted, *rest[:-1]], axis=1))
-        torques.append(rest[-1])
-    x, y = np.concatenate(columns), np.concatenate(torques)
+        shifted = [np.interp(run.t - delay, run.finer, x) for x in moved.T]
+        columns.append(np.column_stack([*shifted, run.fixed]))
+    x, y = np.concatenate(columns), np.concatenate([run.torque for run in runs])
     if len(y) <= x.shape[1]:
         return np.inf
     # normal equations: many fits of few columns
-    xx = x.T @ x
-    c = np.linalg.lstsq(xx, x.T @ y, rcond=None)[0]
+    c = np.linalg.lstsq(x.T @ x, x.T @ y, rcond=None)[0]
     return float(np.sqrt(np.mean(np.square(y - x @ c))))
 
 
-def _search(
-    joints: Sequence[Sequence[_Run]], dt: float
-) -> tuple[float, float, Array, Array] | None:
+def _search(joints: Sequence[Sequence[_Run]]) -> tuple[float, float, Array, Array] | None:
     """Return δ, T and the joints' residuals without and with them; None without a hint."""
-    rows = sum(len(r.t) for r in joints[0])
-    step = max(1, rows // FIRST_ROWS)
-    now = np.array([_residual(j, dt, step) for j in joints])
+
+    def left(lag: Lag) -> Array:
+        return np.array([_residual(j, *lag) for j in joints])
+
+    now = left((0.0, 0.0))
     if not np.all(np.isfinite(now)) or np.any(now <= 0):
         return None
-    first = [[_residual(j, dt, step, d) for j in joints] for d in FIRST_DELAYS]
-    if np.min(np.array(first) / now) > HINT_LEFT:
+
+    def size(lag: ArrayLike) -> float:
+        delay, lowpass = (float(x) for x in np.asarray(lag))
+        return float(np.square(left((delay, lowpass)) / now).sum())
+
+    first = [left((d, 0.0)) / now for d in DELAYS[3::3]]
+    if np.min(first) > HINT_LEFT:
         return None
-    step = max(1, rows // MOST_ROWS)
-    now = np.array([_residual(j, dt, step) for j in joints])
-    tried = [(float(d), t) for t in LOWPASSES for d in DELAYS]
-    best = (0.0, 0.0)
-    for _ in range(2):
-        left = np.array([[_residual(j, dt, step, d, t) for j in joints] for d, t in tried])
-        k = int(np.argmin(np.sum(np.square(left / now), axis=1)))
-        best = tried[k]
-        tried = [
-            (float(np.clip(best[0] + d, 0.0, DELAYS[-1])), max(best[1] + t, 0.0))
-            for t in FINER_LOWPASSES
-            for d in FINER_DELAYS
-        ]
-    return *best, now, left[k]
+    start = min(((float(d), t) for t in LOWPASSES for d in DELAYS), key=size)
+    simplex = np.array([start, (start[0] + 0.005, start[1]), (start[0], start[1] + 0.005)])
+    bounds = [(0.0, DELAYS[-1]), (0.0, 2 * LOWPASSES[-1])]
+    options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4}
+    best = minimize(size, start, method="Nelder-Mead", bounds=bounds, options=options)
+    lag = float(best.x[0]), float(best.x[1])
+    return *lag, now, left(lag)
 
 
-def _is_time(runs: Sequence[_Run], dt: float, slow: float) -> bool:
+def _is_time(runs: Sequence[_Run], slow: float) -> bool:
     """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])
         if np.sqrt(np.mean(v**2)) < slow:
             continue
-        left = [_residual([run], dt, 1, d) for d in DELAYS]
+        left = [_residual([run], d, 0.0) for d in DELAYS]
         speeds.append(float(np.median(v)))
         times.append(float(DELAYS[int(np.argmin(left))]))
     if len(speeds) < LEAST_RUNS or max(speeds) < SPEED_RATIO * min(speeds):

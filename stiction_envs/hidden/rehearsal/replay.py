@@ -139,13 +139,22 @@ def replay_of(own: Diagnosis) -> Replay:
     explained = np.stack([own.torque(j) for j in range(own.data.n)], axis=1)
     remaining = own.data.residual - explained
     step = max(float(f"{log.step:.6g}") for log in own.logs)
-    parts = [_evened(own, run, remaining, step) for run in recording.runs]
+    runs = zip(recording.runs, recording.path_runs, strict=True)
+    parts = [_evened(own, run, path_run, remaining, step) for run, path_run in runs]
     whole = [x for x in parts if x is not None]
     if not whole:
         raise StictionError(f"{own.logs[0].source}: no segment is long enough to rehearse")
     joined: Fields = {k: np.concatenate([x[k] for x in whole]) for k in whole[0]}
     left, taken_off = joined.pop("left"), joined.pop("taken_off")
-    even = replace(recording, dt=step, cutoff=np.inf, **joined)
+    even = replace(
+        recording,
+        dt=step,
+        path_dt=step,
+        cutoff=np.inf,
+        path_rows=np.arange(len(joined["t"])),
+        path_segment=joined["segment"],
+        **joined,
+    )
     noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
     known, found = _dry_friction(own)
     friction = known + np.maximum(found, 0.0)
@@ -163,7 +172,9 @@ def replay_of(own: Diagnosis) -> Replay:
     )
 
 
-def _evened(own: Diagnosis, run: slice, remaining: Array, step: float) -> Fields | None:
+def _evened(
+    own: Diagnosis, run: slice, path_run: slice, remaining: Array, step: float
+) -> Fields | None:
     """Return fields of `Recording` of one segment at every row of its log; None if too short."""
     recording = own.data.recording
     at, number = recording.t[run], int(recording.log[run.start])
@@ -178,7 +189,9 @@ def _evened(own: Diagnosis, run: slice, remaining: Array, step: float) -> Fields
         return None
     path = CubicSpline(at, recording.q[run])
     model = CubicSpline(at, recording.tau[run] - remaining[run])
-    turning = [np.interp(t, at, x) for x in recording.reversal_path[run].T]
+    before = np.arange(path_run.start, path_run.stop) - recording.path_rows[run.start]
+    finer = at[0] + recording.path_dt * before
+    turning = [np.interp(t, finer, x) for x in recording.reversal_path[path_run].T]
     return {
         "t": t,
         "q": path(t),

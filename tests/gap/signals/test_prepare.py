@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals, lowpass, prepare
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.method_settings import override
 
 N = 3
 
@@ -183,7 +181,7 @@ def test_segments_and_logs_keep_their_order_and_their_ends_are_cut() -> None:
     for segment, start, end in ((one, 0, 9.999), (two, 0, 7.999), (three, 9, 20.999)):
         assert segment.t[0] - start == pytest.approx(0.1, abs=0.005)
         assert end - segment.t[-1] == pytest.approx(0.1, abs=0.005)
-    assert signals.dt == 1e-3
+    assert (signals.dt, signals.every) == (6e-3, 6)
 
 
 def test_segments_too_short_for_the_filter_are_left_out() -> None:
@@ -197,15 +195,24 @@ def test_segments_too_short_for_the_filter_are_left_out() -> None:
         prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=0.1)
 
 
-def test_long_logs_are_thinned_out_after_the_filter_and_say_so() -> None:
+def test_rows_are_eight_per_period_of_the_cutoff_and_the_path_is_finer() -> None:
     log = noisy(1e-5, 0.05)
-    full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=20.0, most_samples=4000)
+    full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=2.0)
+    assert (full.dt, full.every) == (0.006, 6)
+    assert (thin.dt, thin.every) == (0.06, 6)
+    segment = only(thin)
+    # the path's filter is three times as wide: a third of the time is cut off at its ends
+    assert segment.t[0] == pytest.approx(1.0, abs=0.02)
+    assert len(segment.reversal_path) == pytest.approx(100 * (40 - 2 / 3), abs=2)
+    there = segment.reversal_path[segment.first :: thin.every][: len(segment.t)]
+    assert np.abs(there - segment.q).max() < 0.02
+
+
+def test_long_logs_get_fewer_rows_and_a_lower_cutoff_and_say_so() -> None:
+    log = noisy(1e-5, 0.05)
+    thin = prepare([log], cutoff_hz=20.0, most_samples=4000)
     assert thin.dt == pytest.approx(0.01)
     assert len(only(thin).t) <= 4000
-    own = override(gap_settings(), {"recording.most_rows": 4000})
-    assert prepare([log], cutoff_hz=20.0, settings=own).dt == thin.dt
-    assert np.array_equal(only(thin).dq, only(full).dq[::10])
-    assert any("every 10th sample, 100 Hz" in note for note in thin.notes)
     chosen = prepare([log], most_samples=1000)
     assert chosen.cutoff_hz == pytest.approx(1 / (5 * chosen.dt))
     assert any("the cutoff is lowered" in note for note in chosen.notes)

@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.reversal_path import play, reversal_path
+from stiction_envs.gap.signals.reversal_path import reversal_path, zigzag
 
 RATE = 500.0
 T = np.arange(0, 6, 1 / RATE)
 
 
-def test_a_pen_follows_beyond_its_slot_only() -> None:
-    x = np.array([0.0, 0.5, 2.0, 1.5, 0.5, -1.0])
-    pens = play(x, np.array([1.0, 0.0]))
-    assert np.allclose(pens[:, 0], [0, 0, 1, 1, 1, 0])
-    assert np.array_equal(pens[:, 1], x)
+def test_a_path_turns_where_it_was_farthest_if_it_goes_back_by_more_than_the_band() -> None:
+    x = np.array([0.0, 1.0, 0.8, 2.0, 1.5, 0.5, 0.9, -1.0])
+    assert zigzag(x, 0.6) == pytest.approx([0, 1, 1, 2, 1.5, 0.5, 0.5, -1])
+    assert zigzag(x, 0.1) == pytest.approx(x)
 
 
-def test_noise_at_rest_makes_hardly_any_way() -> None:
+def turns(x: np.ndarray) -> int:
+    steps = np.diff(x)
+    return int(np.count_nonzero(np.diff(np.sign(steps[steps != 0]))))
+
+
+def test_noise_at_rest_makes_few_turns_and_hardly_any_way() -> None:
     rng = np.random.default_rng(1)
     q = 5e-6 * rng.normal(size=T.shape)
-    gone = np.abs(np.diff(reversal_path(q, RATE, 10.0, lowpass))).sum()
-    assert gone < 0.5 * np.abs(np.diff(lowpass(q, RATE, 30.0))).sum()
-    assert gone < 0.02 * np.abs(np.diff(q)).sum()
+    path = reversal_path(q, RATE, 10.0, lowpass)
+    assert turns(path) < 0.5 * turns(lowpass(q, RATE, 30.0))
+    assert np.abs(np.diff(path)).sum() < 0.04 * np.abs(np.diff(q)).sum()
 
 
 def test_a_stop_overshoots_less_than_through_the_filter_of_all_signals() -> None:

@@ -58,7 +58,7 @@ class PositionDependentFriction(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return sine and cosine of k q, in the direction of motion if it is friction's."""
-        angle = shape[0] * data.q[:, joint]
+        angle = shape[0] * data.reversal_path[:, joint]
         wave = np.stack([np.sin(angle), np.cos(angle)], axis=1)
         if len(shape) > 1:
             wave *= data.direction(joint)[:, None]
@@ -74,7 +74,7 @@ class PositionDependentFriction(Cause):
         span = float(np.ptp(q))
         if span < 1e-3:
             return []
-        step = float(np.percentile(np.abs(data.dq[:, joint]), 75)) * data.dt
+        step = float(np.percentile(np.abs(data.dq[:, joint]), 75)) * data.recording.path_dt
         low = max(1, int(np.ceil(LEAST_PERIODS * 2 * np.pi / span)))
         high = min(400, int(2 * np.pi / max(8 * step, 1e-6)))
         if low > high:
@@ -84,9 +84,10 @@ class PositionDependentFriction(Cause):
         thin = slice(None, None, max(1, len(q) // ROWS))
         weight = np.abs(data.dq[thin, joint])
         weight = np.sqrt(np.minimum(weight, np.percentile(weight, 90)))
-        base = np.stack([np.ones_like(q), q, data.direction(joint)], axis=1)[thin]
+        direction = data.direction(joint)[data.recording.path_rows]
+        base = np.stack([np.ones_like(q), q, direction], axis=1)[thin]
         base, r = base * weight[:, None], residual[thin] * weight
-        turning = weight * data.direction(joint)[thin]
+        turning = weight * direction[thin]
         found: list[Shape] = []
         for side, tail in ((weight, ()), (turning, (1.0,))):
             power = _shown(q[thin], len(count), side, base, r)

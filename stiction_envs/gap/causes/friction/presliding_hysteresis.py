@@ -83,11 +83,12 @@ class PreslidingHysteresis(Cause):
         """
         rows, plain = data.block >= 0, data.dry_friction_ratio(joint)
         path, motion = data.reversal_path[:, [joint]], data.settings.motion
+        runs = data.recording.path_runs
         laws = (
-            bristles(path, data.runs(), DISTANCES[None], motion, data.dt)[:, 0],
-            maxwell_slip(path[:, 0], data.runs(), DISTANCES, motion),
+            bristles(path, runs, DISTANCES[None], motion, data.recording.path_dt)[:, 0],
+            maxwell_slip(path[:, 0], runs, DISTANCES, motion),
         )
-        falls = np.exp(-np.abs(data.dq[:, joint]) / FALLING_SPEED)
+        falls = np.exp(-np.abs(data.recording.path_rate(path[:, 0])) / FALLING_SPEED)
         known = data.smooth(np.stack([plain, plain * falls], axis=1))[rows]
         axes = np.linalg.qr(known)[0]
         r = residual[rows] - axes @ (axes.T @ residual[rows])
@@ -144,8 +145,10 @@ class PreslidingHysteresis(Cause):
 
 
 def _ratio(data: Data, joint: int, shape: Shape) -> Array:
-    """Return (T,) friction of a law over its steady level, unfiltered [-]."""
+    """Return (F,) friction of a law over its steady level, unfiltered [-]."""
     path, motion = data.reversal_path[:, [joint]], data.settings.motion
+    runs = data.recording.path_runs
     if len(shape) > 1:
-        return maxwell_slip(path[:, 0], data.runs(), np.array(shape[:1]), motion)[:, 0]
-    return bristles(path, data.runs(), np.array([[shape[0]]]), motion, data.dt)[:, 0, 0]
+        return maxwell_slip(path[:, 0], runs, np.array(shape[:1]), motion)[:, 0]
+    dt = data.recording.path_dt
+    return bristles(path, runs, np.array([[shape[0]]]), motion, dt)[:, 0, 0]

@@ -12,7 +12,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import along_runs, lacks_both_directions, moving
+from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
 FASTEST = 0.3
@@ -51,7 +51,7 @@ class StribeckFriction(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
         # the reversal path has a wider filter: the speed falls fast where a joint stops
-        speed = along_runs(data, data.reversal_path[:, joint])
+        speed = data.recording.path_rate(data.reversal_path[:, joint])
         fade = np.exp(-np.square(speed / shape[0]))
         ratio = shape[1] if len(shape) > 1 else 0.0
         return data.smooth(data.growth(joint, fade, ratio))[:, None]

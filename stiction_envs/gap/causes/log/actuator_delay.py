@@ -74,19 +74,20 @@ class ActuatorDelay(Cause):
 
         τ(t + T') is later in time, or behind a low-pass too (`LOWPASS_PARTS`).
         """
-        ahead, out = shape[0], np.zeros(len(data.t))
-        part = shape[1] if len(shape) > 1 else 0.0
-        for run in data.runs():
+        ahead, part, recording = shape[0], (*shape, 0.0)[1], data.recording
+        torque = recording.along_path(torque)
+        out = np.zeros_like(torque)
+        for run in recording.path_runs:
             if run.stop - run.start <= 2:
                 continue
-            later = torque[run]
+            later, t = torque[run], recording.path_dt * np.arange(run.stop - run.start)
             if part < 1.0:
-                later = np.interp(data.t[run] + (1 - part) * ahead, data.t[run], later)
+                later = np.interp(t + (1 - part) * ahead, t, later)
             if part > 0.0:
-                k = np.exp(data.dt / (part * ahead))
+                k = np.exp(recording.path_dt / (part * ahead))
                 later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
             out[run] = (later - torque[run]) / ahead
-        return out
+        return out[recording.path_rows]
 
     def nearby(self, shape: Shape) -> list[Shape]:
         """Return shapes with T' near that of a shape, to try with another torque."""

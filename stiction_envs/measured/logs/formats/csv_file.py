@@ -172,8 +172,9 @@ def _table(
                 f"expected one for each of the {width} columns"
             )
         try:
+            mine = pick(cells)
             # float takes Python's own 1_000, which is no number anywhere else
-            row = [] if b"_" in line else [*map(float, pick(cells))]
+            row = [] if b"_" in b"".join(mine) else [*map(float, mine)]
         except ValueError:
             row = []
         values.extend(row or [_number(where, number, header[c], cells[c]) for c in used])
