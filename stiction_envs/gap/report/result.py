@@ -21,7 +21,7 @@ from stiction_envs.gap.report.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
-from stiction_envs.reporting.markdown import short, table_text
+from stiction_envs.reporting.markdown import short, span, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
@@ -122,16 +122,15 @@ class DiagnosisResult(Result):
         text = HEADLINES[self.verdict].format(data=self.data, links=links)
         if self.causes:
             return f"{text} {page.shares(d, e)}"
-        if links and self.verdict == "explained":
-            return f"Errors of links explain what the simulation gets wrong. {page.shares(d, e)}"
+        if self.verdict == "explained":
+            return f"Errors of links and set-up explain what it gets wrong. {page.shares(d, e)}"
         if not (e.nominal > 0).any():
             return text
-        spans = [f"{short(x.min())} to {short(x.max())} {e.unit}" for x in (e.nominal, e.noise)]
         far = e.nominal / e.noise
         return (
-            f"{text} The {self.nominal_name} model is off by {spans[0]}, noise floors are "
-            f"{spans[1]}; joint {e.joints[far.argmax()]} is farthest, {short(far.max(), 2)} times "
-            "its floor."
+            f"{text} The {self.nominal_name} model is off by {span(e.nominal, 3, e.unit)}, noise "
+            f"floors are {span(e.noise, 3, e.unit)}; joint {e.joints[far.argmax()]} is farthest, "
+            f"{short(far.max(), 2)} times its floor."
         )
 
     @property

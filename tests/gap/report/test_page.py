@@ -156,3 +156,19 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
     assert {p.name for p in (tmp_path / "plots").iterdir()} == {
         *("summary.png", "cause_coulomb_friction.png", "joint_1.png", "joint_2.png")
     }
+
+
+@pytest.mark.parametrize(
+    ("verdict", "says"),
+    [
+        (
+            "no discrepancy",
+            "The simulation agrees with the logs; no cause is significant. The rigid",
+        ),
+        ("cannot tell", "they cannot tell what it gets wrong. The rigid model is off by 0.496 N·m"),
+        ("explained", "Errors of links and set-up explain what it gets wrong. The extended model"),
+    ],
+)
+def test_the_verdict_without_causes(torques: LogDiagnosis, verdict: str, says: str) -> None:
+    found = replace(torques.diagnosis, causes=(), verdict=verdict)
+    assert says in replace(torques, diagnosis=found).summary
