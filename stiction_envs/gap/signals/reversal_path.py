@@ -73,7 +73,7 @@ def reversal_path(
 ) -> Array:
     """Return (K,) the angles of a joint without overshoot and reversals caused by noise [rad].
 
-    Turns back within two standard deviations of the noise that is left are none.
+    Turns back within four standard deviations of the noise that is left are none.
 
     Args:
         q: (K,) even samples of its angle [rad].
@@ -83,4 +83,4 @@ def reversal_path(
     """
     wide = min(WIDER * cutoff_hz, rate_hz / 2)
     left = angle_noise(q) * np.sqrt(2 * wide / rate_hz)
-    return zigzag(lowpass(q, rate_hz, wide), 2 * left)
+    return zigzag(lowpass(q, rate_hz, wide), 4 * left)
