@@ -194,7 +194,7 @@ def _conclude(
     named, minor = named_causes(judged, drawn)
     verdict = _verdict(data, bool(named), nominal_rms, extended_rms)
     hidden = not_shown(judged)
-    if verdict == CANNOT_TELL and percent_gained(nominal_rms, extended_rms) <= 0:
+    if percent_gained(nominal_rms, extended_rms) <= 0:
         named, minor = (), ()  # a model that predicts worse than none names nothing
     return Diagnosis(
         robot=data.arm.name,

@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.causes import TOLERANCES, Cause
+from stiction_envs.gap.causes import TOLERANCES, Cause, Shape
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
@@ -37,7 +37,7 @@ may be far off, and is never exact."""
 class _SmallOffset(TorqueOffset):
     """That of a usual sensor: of a joint that rests it looks like gravity's torque of a link."""
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return its standard deviation [N·m]."""
         return np.array([self.tolerance(data, joint)])
 

@@ -149,10 +149,11 @@ class Cause(ABC):
     # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return (k,) prior standard deviations of the coefficients about zero.
 
-        ``joint`` counts from 0 and is -1 for causes of the whole arm.
+        ``joint`` counts from 0 and is -1 for causes of the whole arm; ``shape`` is one of
+        `shapes`.
         """
 
     def odds(self, data: Data, hypotheses: int) -> float:

@@ -48,8 +48,13 @@ def named_causes(
         rest = list(model.terms)
         for term in mine:
             rest = search.without(rest, term)
-        others = problem.model(rest)
-        without = _left(judged, others, problem.fit(others))
+        gone = np.concatenate(
+            [
+                np.zeros(len(problem.numbers[t])) if t in mine else np.ones(len(problem.numbers[t]))
+                for t in judged.terms
+            ]
+        )
+        without = _left(judged, judged.terms, judged.coefficients * gone)
         rivals = _rivals(search, model.terms, mine, now)
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if any(t.joint == ARM for t in mine):
@@ -176,8 +181,9 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
             if (cause.name, joint) in have:
                 continue
             key, first = cause.parameters[0].name, cause.parameters[0].neutral
-            sd, mean = float(cause.size(predictor.data, joint)[0]), 0.0
-            if term := shown.get((cause.name, joint)):
+            term = shown.get((cause.name, joint))
+            sd, mean = float(cause.size(predictor.data, joint, term.shape if term else ())[0]), 0.0
+            if term:
                 terms = problem.model([*judged.model.terms, term])
                 k = len(problem.numbers[term])
                 mean = float(problem.fit(terms)[-k])

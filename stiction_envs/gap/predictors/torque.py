@@ -24,11 +24,19 @@ from stiction_envs.gap.signals.recording import rate
 Array = NDArray[np.float64]
 APART = 0.25
 """Time between independent observations [s]; assumed."""
+RESTING = 20.0
+"""Variance of rows in which a joint rests below its steady friction, over that in motion [-];
+assumed: such a log hardly shows how far the joint sprang back, so that its torque is known to about
+0.2 of its friction, five times the noise of a good log."""
+STEADY = 0.9
+"""Part of the steady level above which friction counts as steady [-]; assumed."""
+MOSTLY = 0.8
+"""Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
 """δ that are tried [-]; assumed."""
 DELAYS = (0.002, 0.01, 0.05)
 """T that are tried [s]; assumed."""
-SCALES = (0.03, 0.1, 0.3, 1.0)
+SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Sizes of the small errors over their tolerance that are tried [-]; assumed."""
 FOLDS = 4
 """Parts of the logs that are held out in turn [-]."""
@@ -63,6 +71,7 @@ class TorquePredictor:
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
         self.problem = Problem(channels, np.full(data.n, self.rows))
         self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
+        self._resting = resting(data)
         self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
         self.expect(self.problem, SHARES[1], DELAYS[1])
         self._add_candidates()
@@ -73,6 +82,7 @@ class TorquePredictor:
         """Take δ [-] and T [s]: rows weigh one over their variance."""
         data, self.expects = self.data, (share, delay)
         variance = data.noise**2 + (share * self._usual) ** 2 + (delay * self._slope) ** 2
+        variance[self._resting] *= RESTING
         problem.reweigh(1 / variance)
         kept = self.fold >= 0
         self.volume = -0.5 * float(np.log(variance[kept]).sum()) / self.rows
@@ -152,7 +162,7 @@ class TorquePredictor:
         k = len(next(iter(columns.values())))
         low, high = cause.bounds(data, term.joint)
         odds = cause.odds(data, self._hypotheses) + 0.5 * float(np.log(max(count, 1)))
-        size = cause.size(data, term.joint)[:k]
+        size = cause.size(data, term.joint, term.shape)[:k]
         problem.add(term, columns, size, (low[:k], high[:k]), odds)
         usual, small = cause.tolerance(data, term.joint), Term(term.cause, term.joint, (), True)
         if usual and not any(term.shape) and small not in problem.numbers:
@@ -240,3 +250,12 @@ class TorquePredictor:
         """Return (n,) number of independent observations over their variance [1/(N·m)²]."""
         weight = np.array([float(x.weight[self.fold >= 0].sum()) for x in self.problem.channels])
         return weight / self.problem.inflation
+
+
+def resting(data: Data) -> NDArray[np.bool_]:
+    """Return (T, n) where a joint rests below its steady friction, but not most of the time."""
+    if not np.isfinite(data.dt):
+        return np.zeros(data.q.shape, dtype=bool)
+    speed = np.abs(rate(data.reversal_path, data.runs(), data.dt))
+    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.directions) < STEADY)
+    return np.asarray(off & (off.mean(axis=0) < MOSTLY))

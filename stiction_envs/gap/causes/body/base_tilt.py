@@ -62,7 +62,7 @@ class BaseTilt(Cause):
         found = (float(x), float(y))
         return [(0.0, 0.0), found] if LEAST < np.hypot(float(x), float(y)) < MOST else [(0.0, 0.0)]
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the lean of a mount that was not levelled [-]; assumed."""
         return np.array([0.1, 0.1])
 

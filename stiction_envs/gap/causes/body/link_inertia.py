@@ -27,7 +27,7 @@ class LinkInertia(Cause):
         note="a slope through zero",
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the mean inertia about the joint, since rotors are chosen to match [kg·m²]."""
         return np.array([data.own_inertia[joint]])
 

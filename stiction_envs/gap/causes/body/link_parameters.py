@@ -23,9 +23,9 @@ from stiction_envs.robots.regressor import inertial_parameters
 MASS_SD = 0.3
 """Prior standard deviation of a link's mass about the model's, over it [-]; assumed: published and
 identified masses of a link differ by as much."""
-CENTRE_SD = 0.03
-"""Prior standard deviation of its centre in each direction [m]; assumed: a quarter of a link's half
-length."""
+CENTRE_SDS = (0.03, 0.005)
+"""Prior standard deviations of its centre in each direction [m]; assumed: a quarter of a link's
+half length, and what a heavier cover moves it by."""
 LEFT = 0.05
 """Least part of a link's mass that remains [-]; assumed."""
 FARTHEST = 0.15
@@ -59,8 +59,11 @@ class LinkParameters(Cause):
     )
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return which link it is, and what it weighs in the model [kg]."""
-        return [(joint + 1.0, float(data.recording.derived(link_masses)[joint]))]
+        """Return which link it is, its mass in the model [kg], and how far its centre may be off
+        [m].
+        """
+        mass = float(data.recording.derived(link_masses)[joint])
+        return [(joint + 1.0, mass, sd) for sd in CENTRE_SDS]
 
     def joints(self, data: Data) -> list[int]:
         """Return all but the last: what is wrong with that link is named payload."""
@@ -71,9 +74,9 @@ class LinkParameters(Cause):
         known = data.recording.link_factor is not None
         return super().odds(data, hypotheses) + (7.0 if known else 0.0)
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return standard deviations about the nominal."""
-        return self.prior(data, joint)
+        return shape[1] * np.array([MASS_SD, *[shape[2]] * 3])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque on the joint itself."""
@@ -90,11 +93,6 @@ class LinkParameters(Cause):
         low = np.full(4, -np.inf)
         low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[joint])
         return low, np.full(4, np.inf)
-
-    def prior(self, data: Data, joint: int) -> Array:
-        """Return standard deviations about the nominal."""
-        mass = float(data.recording.derived(link_masses)[joint])
-        return mass * np.array([MASS_SD, *[CENTRE_SD] * 3])
 
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether hardly any mass is left, or the centre is far from the link."""

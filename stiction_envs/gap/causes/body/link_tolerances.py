@@ -38,7 +38,7 @@ class LinkTolerances(Cause):
     refinable: ClassVar[bool] = False
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one standard deviation of each direction."""
         return np.ones(data.recording.derived(link_basis).shape[1])
 

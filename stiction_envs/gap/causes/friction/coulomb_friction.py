@@ -31,7 +31,7 @@ class CoulombFriction(Cause):
         """Return one nat: every joint has some."""
         return 1.0
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
         return np.array([0.05 * data.strength[joint]])
 

@@ -34,7 +34,7 @@ class DirectionAsymmetry(Cause):
         """Return two nats more than usual: an offset looks alike, and is more common; assumed."""
         return super().odds(data, hypotheses) + 2.0
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a fiftieth of what the joint can bear [N·m]; assumed."""
         return np.array([0.02 * data.strength[joint]])
 

@@ -43,7 +43,7 @@ class LoadDependentFriction(Cause):
         mean = 0.0 if data.has_friction else float(np.abs(data.rigid[:, joint]).mean())
         return [(0.0, mean)]
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the coefficient of a dry gear [-]; assumed."""
         return np.array([0.1])
 

@@ -52,7 +52,7 @@ class PositionDependentFriction(Cause):
         "joint angle, part of one ripple period [-]", phase, note="a sine, once per period"
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a hundredth of what the joint can bear [N·m]; assumed."""
         return np.full(2, 0.01 * data.strength[joint])
 

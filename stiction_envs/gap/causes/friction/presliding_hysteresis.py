@@ -66,7 +66,7 @@ class PreslidingHysteresis(Cause):
         limit=lambda shape: 8 * shape[0],
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
         return np.array([0.05 * data.strength[joint]])
 

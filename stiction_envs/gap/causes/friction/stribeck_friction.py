@@ -44,7 +44,7 @@ class StribeckFriction(Cause):
         limit=lambda shape: max(6 * shape[0], 0.02),
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
         return np.array([0.05 * data.strength[joint]])
 

@@ -28,7 +28,7 @@ class ViscousFriction(Cause):
         """Return one nat: every joint has some."""
         return 1.0
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
         return np.array([0.05 * data.strength[joint]])
 

@@ -51,7 +51,7 @@ class WarmUpDrift(Cause):
         note="friction changes along the log",
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a fiftieth of what the joint can bear, over the logs [N·m/s]; assumed."""
         return np.array(
             [0.02 * data.strength[joint] / max(float(np.ptp(data.recording.since_session)), 1.0)]

@@ -32,7 +32,7 @@ class DeflectedLink(Cause):
     most: ClassVar[float]
     """Largest coefficient [-]."""
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one: all of what is predicted [-]."""
         return np.ones(1)
 

@@ -94,7 +94,7 @@ class ActuatorDelay(Cause):
         lengths = (factor * shape[0] for factor in STEPS)
         return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return two cycles of a slow controller [s]; assumed."""
         return np.array([0.02])
 

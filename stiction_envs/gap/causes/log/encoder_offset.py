@@ -66,7 +66,7 @@ class EncoderOffset(Cause):
         found = float((slope * torque).sum()) / max(float(np.square(slope).sum()), 1e-300)
         return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return `USUAL`."""
         return np.array([USUAL])
 

@@ -24,7 +24,7 @@ class FallingTorque(Cause):
     parameters: ClassVar = (Parameter("slope_nms", "N·m·s/rad", 0.0),)
     view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope that falls")
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
         return np.array([0.05 * data.strength[joint]])
 

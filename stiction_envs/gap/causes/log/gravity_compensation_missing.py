@@ -40,7 +40,7 @@ class GravityCompensationMissing(Cause):
         note="a slope: minus the share that is missing, the same on all joints",
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return all of it [-]."""
         return np.array([1.0])
 

@@ -30,7 +30,7 @@ class TorqueOffset(Cause):
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
     view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return three times the offset of usual sensors [N·m]; assumed."""
         return np.array([3 * self.tolerance(data, joint)])
 

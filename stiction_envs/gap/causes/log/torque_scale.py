@@ -34,7 +34,7 @@ class TorqueScale(Cause):
         note="a slope: an error in proportion to the torque",
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the error of another unit [-]."""
         return np.array([1.0])
 

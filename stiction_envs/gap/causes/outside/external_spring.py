@@ -28,9 +28,12 @@ class ExternalSpring(Cause):
     )
     view: ClassVar = View("joint angle [rad]", variable("q"), note="a slope: a pull with position")
 
-    def size(self, data: Data, joint: int) -> Array:
-        """Return a twentieth of what the joint can bear, at one radian [N·m/rad, N·m]; assumed."""
-        return np.full(2, 0.05 * data.strength[joint])
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+        """Return a third of what the joint can bear, at one radian [N·m/rad, N·m]; assumed.
+
+        Springs that balance an arm carry most of its weight.
+        """
+        return np.full(2, data.strength[joint] / 3)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the angle, and ones."""

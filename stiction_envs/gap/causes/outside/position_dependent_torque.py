@@ -73,7 +73,7 @@ class PositionDependentTorque(Cause):
         "joint angle [rad]", variable("q"), note="a smooth curve, the same in both directions"
     )
 
-    def size(self, data: Data, joint: int) -> Array:
+    def size(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return a thirtieth of what the joint can bear [N·m]; assumed."""
         return np.full(1 + 2 * MOST_ORDER, 0.03 * data.strength[joint])
 
