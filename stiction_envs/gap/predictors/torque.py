@@ -256,6 +256,8 @@ def resting(data: Data) -> NDArray[np.bool_]:
     """Return (T, n) where a joint rests below its steady friction, but not most of the time."""
     if not np.isfinite(data.dt):
         return np.zeros(data.q.shape, dtype=bool)
-    speed = np.abs(rate(data.reversal_path, data.runs(), data.dt))
-    off = (speed < data.settings.motion.rest_speed) & (np.abs(data.directions) < STEADY)
+    recording = data.recording
+    speed = np.abs(recording.path_rate(recording.reversal_path))[recording.path_rows]
+    steady = np.abs(data.directions)[recording.path_rows] >= STEADY
+    off = (speed < data.settings.motion.rest_speed) & ~steady
     return np.asarray(off & (off.mean(axis=0) < MOSTLY))
