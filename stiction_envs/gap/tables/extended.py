@@ -13,6 +13,7 @@ from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import Nominal
+from stiction_envs.gap.steady_friction import steady
 from stiction_envs.gap.tables.causes import cause_named
 from stiction_envs.reporting.markdown import joints
 from stiction_envs.robots import Arm
@@ -22,7 +23,10 @@ def table_extension(
     arm: Arm, friction: FrictionParameters, nominal_name: str, causes: Sequence[NamedCause]
 ) -> Extension:
     """Return the arm with the causes of a diagnosis; ``friction`` is nominal."""
-    more, changed, missing = extended_friction(arm, friction, causes)
+    more, changed, lacks = extended_friction(arm, friction, causes)
+    bounded: list[str] = []
+    more = steady(more, arm, say=lambda j, text: bounded.append(f"joint {j + 1}: {text}"))
+    missing = (*lacks, *bounded)
     found = {k: f"stiction diagnose: {v} in torque tables" for k, v in changed.items()}
     return Extension(
         xml=plain_mjcf(build(arm, more), friction_name="a diagnosis of torque tables"),
