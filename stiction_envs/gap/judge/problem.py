@@ -38,6 +38,8 @@ class Term(NamedTuple):
     shape: tuple[float, ...] = ()
     small: bool = False
     """Whether it is an error within its tolerance: in every model, and never named."""
+    part: float = 1.0
+    """Size of its prior over the usual size of the cause [-]."""
 
 
 class Channel:
@@ -198,12 +200,17 @@ class Problem:
             self.always.append(term)
         self._sums = None
 
-    def share(self, small: Term, term: Term, sd: Array) -> None:
-        """Add a small error that has the columns of a term, and its own standard deviations."""
+    def share(self, other: Term, term: Term, sd: Array) -> None:
+        """Add a term with the columns of another, and its own standard deviations (k,).
+
+        A small error has no bounds, and no odds against it.
+        """
         free = np.full(len(sd), np.inf)
-        self.numbers[small], self._sd[small] = self.numbers[term], sd
-        self._bounds[small], self.odds[small] = (-free, free), 0.0
-        self.always.append(small)
+        self.numbers[other], self._sd[other] = self.numbers[term], sd
+        self._bounds[other], self.odds[other] = self._bounds[term], self.odds[term]
+        if other.small:
+            self._bounds[other], self.odds[other] = (-free, free), 0.0
+            self.always.append(other)
 
     def sd(self, term: Term) -> Array:
         """Return (k,) prior standard deviations of a term."""

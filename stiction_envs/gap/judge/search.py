@@ -19,8 +19,8 @@ NAMED = 3.0
 """Nats beyond its prior odds from which on a cause is named: 20 to 1."""
 SHORTLIST = 12
 """Number of offers whose exact score is computed in each step [-]; the closed form ranks them."""
-PER_CAUSE = 2
-"""Number of nonlinear parameters of one cause on one joint among them [-]."""
+PER_CAUSE = 3
+"""Number of nonlinear parameters and sizes of one cause on one joint among them [-]."""
 CLEAR = 15.0
 """Nats by the closed form from which on a term's removal is not tried [-]; assumed."""
 MOST_STEPS = 80

@@ -21,7 +21,7 @@ from stiction_envs.gap.doubt import Draws
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import Model, Search
 from stiction_envs.gap.links import with_found_links
-from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
+from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import presliding_distances
 
@@ -58,7 +58,8 @@ def search_of(predictor: TorquePredictor, fold: int = -1) -> Search:
 
 def plain_friction(predictor: TorquePredictor) -> list[Term]:
     """Return dry and viscous friction of every joint: a usual start of a search."""
-    return [t for t in predictor.candidates if t.cause in ("coulomb_friction", "viscous_friction")]
+    plain = ("coulomb_friction", "viscous_friction")
+    return [t for t in predictor.candidates if t.cause in plain and t.part == PARTS[0]]
 
 
 def judge(
@@ -162,7 +163,7 @@ def _given(
     for t in model.terms:
         shape = own[t.cause].resized(t.shape, shares[t], float(level[t.joint]))
         after.offer(own[t.cause], t.joint, [shape])
-        start.append(Term(t.cause, t.joint, tuple(float(x) for x in shape)))
+        start.append(t._replace(shape=tuple(float(x) for x in shape)))
     after.expect(after.problem, *predictor.expects)
     after.problem.given(model.inflation, model.scales)
     return after, [t for t in start if t in after.problem.numbers]
@@ -182,7 +183,7 @@ def sharpened(predictor: TorquePredictor, model: Model) -> Model:
         def moved(log: float, term: Term = term) -> Term:
             out = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
             if out not in alone.numbers:
-                predictor.add(alone, out, 1)
+                predictor.add(alone, out._replace(part=PARTS[0]), 1)
                 alone.odds[out] = problem.odds[term]
             return out
 

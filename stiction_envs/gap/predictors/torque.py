@@ -24,6 +24,9 @@ from stiction_envs.gap.signals.recording import rate
 Array = NDArray[np.float64]
 APART = 0.25
 """Time between independent observations [s]; assumed."""
+PARTS = (1.0, 0.1)
+"""Sizes of priors that are tried, over the usual size of the cause [-]; assumed: a good log shows
+small errors, too."""
 RESTING = 20.0
 """Variance of rows in which a joint rests below its steady friction, over that in motion [-];
 assumed: such a log hardly shows how far the joint sprang back, so that its torque is known to about
@@ -150,28 +153,39 @@ class TorquePredictor:
         """Add a cause on a joint with several nonlinear parameters, unless they are there."""
         for shape in shapes:
             term = Term(cause.name, joint, tuple(float(x) for x in shape))
-            if term not in self.problem.numbers and self.add(self.problem, term, len(shapes)):
-                self.candidates.append(term)
+            if term not in self.problem.numbers:
+                self.candidates += self.add(self.problem, term, len(shapes))
 
-    def add(self, problem: Problem, term: Term, count: int) -> bool:
-        """Add a term to a problem, one of ``count`` alike; return whether these data show it."""
+    def add(self, problem: Problem, term: Term, count: int) -> list[Term]:
+        """Add a term to a problem, one of ``count`` alike, with all sizes of its prior.
+
+        Return the terms that were added; none where these data do not show the cause.
+        """
         data, cause = self.data, self.causes[term.cause]
         columns = self.rows_of(term)
         if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
-            return False
+            return []
         k = len(next(iter(columns.values())))
         low, high = cause.bounds(data, term.joint)
-        odds = cause.odds(data, self._hypotheses) + 0.5 * float(np.log(max(count, 1)))
+        odds = cause.odds(data, self._hypotheses)
+        odds += 0.5 * float(np.log(max(count, 1))) + float(np.log(len(PARTS)))
         size = cause.size(data, term.joint, term.shape)[:k]
-        problem.add(term, columns, size, (low[:k], high[:k]), odds)
+        each = [term._replace(part=x) for x in PARTS]
+        problem.add(each[0], columns, size, (low[:k], high[:k]), odds)
+        for other in each[1:]:
+            problem.share(other, each[0], other.part * size)
         usual, small = cause.tolerance(data, term.joint), Term(term.cause, term.joint, (), True)
         if usual and not any(term.shape) and small not in problem.numbers:
-            problem.share(small, term, np.full(k, usual))
-        return True
+            problem.share(small, each[0], np.full(k, usual))
+        return each
 
     def _left_by_friction(self) -> Array:
         """Return (T, n) what the joints' plain friction, offset and inertia leave [N·m]."""
-        plain = [t for t in self.candidates if self.causes[t.cause].removed_first]
+        plain = [
+            t
+            for t in self.candidates
+            if self.causes[t.cause].removed_first and t.part == PARTS[0] and t.joint != ARM
+        ]
         model = self.problem.model(plain)
         c, data = self.problem.fit(model), self.data
         return np.stack(

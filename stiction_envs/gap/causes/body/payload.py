@@ -31,8 +31,8 @@ LEFT = 0.05
 MOST_INERTIA = 0.03
 """Largest such inertia [kg·m²], since slow motion does not limit it; assumed: a kilogram 17 cm from
 its centre."""
-USUAL_SHARES = (0.3, 0.03)
-"""Masses of large and of small tools over what the arm can lift at its reach [-]; assumed."""
+USUAL_SHARE = 0.3
+"""Mass of usual tools over what the arm can lift at its reach [-]; assumed."""
 USUAL_CENTRE = 0.1
 """Distance of their centre from the flange, and radius of gyration [m]; assumed."""
 LEAST_INERTIA = 0.001
@@ -61,21 +61,21 @@ class Payload(Cause):
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the flange, since the centre is not known yet, and masses of usual tools [kg]."""
-        return [(0.0, 0.0, 0.0, share * data.lift) for share in USUAL_SHARES]
+        """Return the flange: the centre is not known yet."""
+        return [(0.0, 0.0, 0.0)]
 
     def odds(self, data: Data, hypotheses: int) -> float:
         """Return one nat: tools are mounted all the time."""
         return 1.0
 
     def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return a usual mass, the last number of ``shape``, 10 cm off the flange."""
-        mass = shape[3] if len(shape) > 3 else USUAL_SHARES[0] * data.lift
+        """Return a usual mass, 10 cm off the flange."""
+        mass = USUAL_SHARE * data.lift
         return mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""
-        change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape[:3]))
+        change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
         own = slice(4 * data.n, 4 * data.n + 10)
         last = data.recording.derived(body_columns, *data.gravity_found)[:, joint, own]
         return np.asarray(last @ change)
@@ -85,7 +85,7 @@ class Payload(Cause):
         if abs(float(coefficients[0])) <= SMALL:
             return shape
         x, y, z = (float(v) for v in coefficients[1:4] / coefficients[0])
-        return x, y, z, *shape[3:]
+        return x, y, z
 
     def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
         """Return the least mass that leaves a last link, and the largest inertia."""
@@ -117,7 +117,7 @@ class Payload(Cause):
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the change of the last link's parameters."""
-        own = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape[:3]))
+        own = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
         return np.concatenate([np.zeros((10 * (data.n - 1), size)), own])
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
