@@ -11,7 +11,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
+from scipy.sparse import csr_array
 
 from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
 from stiction_envs.gap.signals.bristle import bristles
@@ -140,12 +140,32 @@ class Recording:
 
         Before the first row of a segment and after its last it is constant.
         """
-        out = np.empty((len(self.reversal_path), *x.shape[1:]))
+        flat = self._finer @ x.reshape(len(x), -1)
+        return np.asarray(flat.reshape(-1, *x.shape[1:]))
+
+    @cached_property
+    def _finer(self) -> csr_array:
+        """(F, T) weights of cubic interpolation (Lagrange's, through the four nearest rows)."""
+        weight, column = np.zeros((2, len(self.reversal_path), 4))
         for run, path in zip(self.runs, self.path_runs, strict=True):
-            at, here = np.arange(path.start, path.stop), self.path_rows[run]
-            at = np.clip(at, here[0], here[-1])
-            out[path] = x[run] if len(here) == len(at) else CubicSpline(here, x[run])(at)
-        return out
+            rows, here = run.stop - run.start, self.path_rows[run]
+            at = np.clip(np.arange(path.start, path.stop), here[0], here[-1]) - here[0]
+            if rows < 4:  # poses; shorter segments are none
+                weight[path, 0], column[path, 0] = (
+                    1.0,
+                    run.start + np.searchsorted(here, at + here[0]),
+                )
+                continue
+            at = at / (here[1] - here[0])
+            base = np.clip(at.astype(int), 1, rows - 3)
+            u = at - base
+            column[path] = run.start + base[:, None] + np.arange(-1, 3)
+            low, high = (u + 1) * u, (u - 1) * (u - 2)
+            each = (-u * high / 6, (u + 1) * high / 2, -low * (u - 2) / 2, low * (u - 1) / 6)
+            weight[path] = np.stack(each, axis=1)
+        ends = np.arange(0, weight.size + 1, 4)
+        shape = len(weight), len(self.t)
+        return csr_array((weight.ravel(), column.ravel().astype(np.int64), ends), shape=shape)
 
     def path_rate(self, x: Array) -> Array:
         """Return the time derivative of (F, ...) along the reversal path, per second."""
