@@ -45,9 +45,9 @@ TRIM_SHARE = 0.15
 RATE = 8.0
 """Number of rows kept per period of the cutoff [-]: measured on simulated logs, Coulomb and viscous
 friction and presliding distances are those of all rows to 0.1 %."""
-LEAST_RATE = 5.0
+LEAST_RATE = 4.0
 """Least number of rows kept per period of the cutoff [-]; assumed."""
-MOST_ROWS = 40_000
+MOST_ROWS = 30_000
 """Most rows of all logs together [-]; assumed, to limit time and memory."""
 PATH_RATE = 50.0
 """Number of rows of reversal paths per period of the cutoff [-]: measured likewise; with 20 of
@@ -120,7 +120,7 @@ def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
     if 2 * cutoff_hz >= rate_hz or len(x) < 2:
         return x.copy()
     pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    columns = np.ascontiguousarray(x.reshape(len(x), -1))
+    columns = np.array(x.reshape(len(x), -1), order="C")
     return _both_ways(columns, *_sections(rate_hz, cutoff_hz), pad).reshape(x.shape)
 
 

@@ -214,7 +214,7 @@ def test_long_logs_get_fewer_rows_and_a_lower_cutoff_and_say_so() -> None:
     assert thin.dt == pytest.approx(0.01)
     assert len(only(thin).t) <= 4000
     chosen = prepare([log], most_samples=1000)
-    assert chosen.cutoff_hz == pytest.approx(1 / (5 * chosen.dt))
+    assert chosen.cutoff_hz == pytest.approx(1 / (4 * chosen.dt))
     assert any("the cutoff is lowered" in note for note in chosen.notes)
 
 
