@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from benchmarks.harness import MEASURED, Benchmark, Row
 from benchmarks.thesis.rosdyn import rosdyn
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.recording import GUARD
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import MODELS, identify
@@ -130,13 +130,12 @@ def real() -> tuple[dict[str, Array], Any, Any] | None:
     held = dict(found.rms)
     # theirs: fitted to the same parts of the time, judged on the others through the same filter
     data = assemble(arm, prepare(logs), torque="link")
-    guard = data.settings.recording.guard
     smooth = JointLog(source="filtered", t=data.t, q=data.q, dq=data.dq, tau=data.tau)
     for name, log in (("RosDyn's way", logs[0]), (FILTERED, smooth)):
         squares, count = np.zeros(7), 0
         for block in range(data.blocks):
             test = data.block == block
-            low, high = data.t[test].min() - guard, data.t[test].max() + guard
+            low, high = data.t[test].min() - GUARD, data.t[test].max() + GUARD
             fit = rosdyn([without(log, low, high)], arm)
             columns = with_friction(arm, (data.q[test], data.dq[test], data.ddq[test]))
             left = data.tau[test] - columns @ np.concatenate([fit.parameters(), np.zeros(7)])
@@ -150,7 +149,7 @@ def without(log: JointLog, low: float, high: float) -> JointLog:
     """Return the log without the time from ``low`` to ``high`` [s]."""
     rows = (log.t < low) | (log.t > high)
     t = log.t[rows]
-    seams = np.flatnonzero(np.diff(t) > gap_settings().recording.guard) + 1
+    seams = np.flatnonzero(np.diff(t) > GUARD) + 1
     dq = None if log.dq is None else log.dq[rows]
     q, tau, breaks = log.q[rows], log.tau[rows], tuple(seams.tolist())
     return JointLog(source=log.source, t=t, q=q, dq=dq, tau=tau, breaks=breaks)

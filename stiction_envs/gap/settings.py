@@ -16,30 +16,11 @@ PATH = Path(__file__).with_name("settings.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpectraSettings:
-    """How to choose the cutoff that keeps the signal and removes the noise."""
-
-    harmonics: Positive
-    """Harmonic of the motion that the band of the torque contains at least [-], because dry
-    friction jumps at each reversal."""
-    accurate: Positive
-    """Allowed noise of the acceleration as a share of its root mean square [-]."""
-    highest: Share
-    """Largest cutoff as a share of the sampling rate [-]."""
-    lowest_hz: Positive
-    """Smallest cutoff that may be chosen [Hz]."""
-    motion_share: Share
-    """The motion's band ends where this share of the speeds' power lies below [-]."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class RecordingSettings:
     """How the logs' time is cut into held-out blocks."""
 
     blocks: Count
     """Blocks of time, over all logs, that are held out in turn: enough to see their spread."""
-    guard: NotNegative
-    """Time between two blocks that belongs to neither [s]; longer than any filter here."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,9 +29,6 @@ class NoiseSettings:
 
     least_noise: Positive
     """Least noise that is assumed [N·m], so that perfect data do not divide by zero."""
-    same_pose: Positive
-    """Poses that differ by less than this over all joints are one pose [rad]: 0.2 N·m of gravity
-    in 7 N·m/rad, before the model is subtracted."""
     seen: Positive
     """Least change of a torque, over the noise floor, for it to be visible [-]."""
     clear: Positive
@@ -147,8 +125,6 @@ class GapSettings:
 
     measured: MeasuredSettings
     """When a joint moves."""
-    spectra: SpectraSettings
-    """The choice of the cutoff."""
     recording: RecordingSettings
     """Held-out blocks of time."""
     noise: NoiseSettings

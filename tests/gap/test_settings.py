@@ -43,7 +43,6 @@ def test_the_defaults_name_the_offset(usual):
         ({"verdict": {"close": 1e-3, "small": 1e-9}}, lambda d: d.verdict == "partly explained"),
         ({"measured.motion.travel_span": 100.0}, lambda d: d.verdict == "cannot tell"),
         ({"recording": {"blocks": 5}}, lambda d: d.data.blocks == 5),
-        ({"spectra.lowest_hz": 15.0, "spectra.highest": 0.075}, lambda d: d.data.cutoff == 15.0),
         ({"estimates.model_error": 0.5}, lambda d: interval(d) > 0.5),
         ({"noise.least_noise": 0.7}, lambda d: (d.noise >= 0.7).all()),
     ],

@@ -19,6 +19,9 @@ from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
+SAME_POSE = 0.03
+"""Distance over all joints below which poses are equal [rad]; assumed: 0.2 N·m of gravity in
+7 N·m/rad, before the model is subtracted."""
 LEAST_PAIRS = 10
 """Least number of pairs of equal poses for an estimate of their scatter [-]; assumed."""
 
@@ -34,18 +37,17 @@ def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Arra
     return np.maximum(_floor(recording, noise_tau, residual), _creep(recording, residual))
 
 
-def scatter(q: Array, residual: Array, same_pose: float) -> Array | None:
+def scatter(q: Array, residual: Array) -> Array | None:
     """Return (n,) scatter of a residual (T, n) between equal poses [N·m]; None without enough.
 
     Args:
         q: (T, n) [rad].
         residual: measured less nominal torque [N·m].
-        same_pose: distance of poses below which they are equal [rad].
     """
     if len(q) < 2:
         return None
     distance, nearest = cKDTree(q).query(q, k=2)
-    first = np.flatnonzero(distance[:, 1] < same_pose)
+    first = np.flatnonzero(distance[:, 1] < SAME_POSE)
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
     if len(pairs) < LEAST_PAIRS:
         return None
@@ -70,12 +72,11 @@ def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
     The latter grows with frequency: the upper half of the filter's band contains all of it and half
     of the torque's. Medians over windows ignore the few that contain a jump of friction.
     """
-    own = recording.settings
-    least = own.noise.least_noise
+    least = recording.settings.noise.least_noise
     q, dq, ddq, runs = recording.q, recording.dq, recording.ddq, recording.runs
     torque = np.asarray(noise_tau)
     if not np.all(np.isfinite(torque)):
-        poses = scatter(q, residual, own.noise.same_pose)
+        poses = scatter(q, residual)
         return np.full(q.shape[1], least) if poses is None else poses + least
     torque = np.maximum(torque, least)
     distances = np.full((q.shape[1], 1), PRESLIDING_DISTANCE)

@@ -207,7 +207,7 @@ def prepare(
     # without the last digits, which are rounding of the times
     steps = [float(f"{log.step:.6g}") for _, log in moving]
     notes: list[str] = []
-    spectra = Spectra([log for _, log in moving], steps, own)
+    spectra = Spectra([log for _, log in moving], steps, own.motion.mover_ratio)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     fine = _multiple(max(steps), PATH_RATE * cutoff, MOST_PATH_ROWS / seconds)

@@ -13,13 +13,15 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from stiction_envs.gap.settings import GapSettings, RecordingSettings, gap_settings
+from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.prepare import Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+GUARD = 0.25
+"""Time between two blocks that belongs to neither [s]; assumed."""
 Derived = TypeVar("Derived", bound=NDArray[np.floating])
 
 
@@ -230,7 +232,7 @@ def join(
         path_dt=signals.dt / signals.every,
         path_segment=path_segment,
         segment=segment,
-        block=_blocks(log, segment, signals.dt, own.recording),
+        block=_blocks(log, segment, signals.dt, own.recording.blocks),
         log=log,
         settings=own,
         link_factor=link_factor,
@@ -272,16 +274,16 @@ def rate(x: Array, runs: list[slice], dt: float) -> Array:
 
 
 def _blocks(
-    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, s: RecordingSettings
+    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, count: int
 ) -> NDArray[np.int64]:
     """Return (T,) block numbers: one per log for many logs, else equal spans of each log's time.
 
     Blocks are never random rows: neighbours share noise, filter and friction state.
     """
     logs = np.unique(log)
-    each = max(1, -(-s.blocks // len(logs)))
+    each = max(1, -(-count // len(logs)))
     block = np.empty(len(log), dtype=np.int64)
-    guard = round(s.guard / dt) if np.isfinite(dt) else 0
+    guard = round(GUARD / dt) if np.isfinite(dt) else 0
     for i, number in enumerate(logs):
         rows = np.flatnonzero(log == number)
         part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
@@ -30,6 +29,17 @@ PERIODS = 6.0
 """Least length of a segment in periods of the cutoff [-]; assumed."""
 MOST_ROWS = 300000
 """Most rows of all logs that are used [-]; assumed, to limit the time for long logs."""
+HARMONICS = 10.0
+"""Harmonic of the motion that the band of the torque contains at least [-], because dry friction
+jumps at each reversal; assumed."""
+ACCURATE = 0.01
+"""Allowed noise of the acceleration as a share of its root mean square [-]; assumed."""
+HIGHEST = 0.1
+"""Largest cutoff as a share of the sampling rate [-]; assumed."""
+LOWEST = 1.0
+"""Smallest cutoff that is chosen [Hz]; assumed."""
+MOTION_SHARE = 0.95
+"""The motion's band ends where this share of the speeds' power lies below [-]; assumed."""
 STRETCHES = 6
 """Number of parts of a longer segment, spread over it [-]; assumed."""
 
@@ -41,9 +51,8 @@ class Spectra:
         self,
         logs: Sequence[JointLog],
         steps: Sequence[float],
-        own: GapSettings,
+        mover_ratio: float,
     ) -> None:
-        self.settings = own.spectra
         self.rate = 1 / max(steps)
         self.n = logs[0].n
         segments = [
@@ -87,30 +96,27 @@ class Spectra:
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(
-            motion, self.knee_q, own.motion.mover_ratio, self.settings.motion_share
-        )
+        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q, mover_ratio, MOTION_SHARE)
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
 
     def choose(self, notes: list[str]) -> float:
         """Return the cutoff [Hz] of a low-pass that keeps the signal and removes noise."""
-        s = self.settings
-        highest = s.highest * self.rate
+        highest = HIGHEST * self.rate
         if self.empty:
             notes.append(f"cutoff {highest:.3g} Hz: too short for a spectrum")
             return highest
         f_q = float(np.median([self.knee_q[j] for j in self.movers]))
         f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
-        lowest = max(s.lowest_hz, min(PERIODS / self.longest, highest))
-        cutoff = min(max(f_q, f_ddq), max(f_tau, s.harmonics * self.motion_hz))
+        lowest = max(LOWEST, min(PERIODS / self.longest, highest))
+        cutoff = min(max(f_q, f_ddq), max(f_tau, HARMONICS * self.motion_hz))
         cutoff = float(np.clip(cutoff, lowest, highest))
         notes.append(
             f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
             f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {s.motion_share:.0%} of the motion is below "
+            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
             f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
         )
         return cutoff
@@ -155,7 +161,7 @@ class Spectra:
         """Return the cutoff [Hz] with the allowed noise of a joint's RMS acceleration [rad/s²]."""
         above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
         noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
-        most = max(self.settings.accurate * acceleration, ACCURATE_ABSOLUTE)
+        most = max(ACCURATE * acceleration, ACCURATE_ABSOLUTE)
         if noise <= 0:
             return float(self.f[-1])
         return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
