@@ -119,16 +119,6 @@ def test_friction_feels_the_payload_that_was_found() -> None:
     assert np.allclose(again.nominal_rms, found.extended_rms, rtol=0.1)
 
 
-@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
-def test_at_one_speed_coulomb_and_viscous_friction_are_hardly_two(seed: int) -> None:
-    """Whichever is named, the other is said to be what it may also be, named or not."""
-    case = make_case(seed, ("coulomb_friction",), motion="one_speed", known=False, size=0.8)
-    law = {"coulomb_friction", "viscous_friction"}
-    named = [c for c in solved(case).causes if c.name in law]
-    assert named
-    assert any(law - {c.name} <= set(c.confused_with) for c in named)
-
-
 @pytest.mark.slow
 def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     """A low-pass of 60 ms over all torques: no bristles, and friction of its full size."""

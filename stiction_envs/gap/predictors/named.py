@@ -25,6 +25,8 @@ MOST_ALIKE = 3
 """Number of causes with which one is said to be confused."""
 MINOR = 1.0
 """Part of the nominal error below which a cause is minor [%]; assumed."""
+EDGE = 1.02
+"""A nonlinear parameter within this factor of the last value tried is at the end [-]; assumed."""
 HIDDEN = 0.5
 """Standard deviation of a posterior over the prior's from which on data do not show it [-]."""
 
@@ -110,10 +112,8 @@ def _estimates(judged: Judged, term: Term, drawn: Draws) -> dict[str, Estimate]:
     cause = predictor.causes[term.cause]
     samples = [cause.values(x, shape) for x, shape in drawn[judged.terms.index(term)]]
     tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
-    low, high = predictor.problem.bounds(term)
-    on_bound = bool(((mine <= low) | (mine >= high)).any()) or cause.at_edge(
-        term.shape, tried, 1.02
-    )
+    on_bound = cause.on_bound(mine, predictor.data, term.joint)
+    on_bound = on_bound or cause.at_edge(term.shape, tried, EDGE)
     out = {}
     for key, value in cause.values(mine, term.shape).items():
         ends: object = [value, value]
@@ -182,7 +182,10 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
                 continue
             key, first = cause.parameters[0].name, cause.parameters[0].neutral
             term = shown.get((cause.name, joint))
-            sd, mean = float(cause.size(predictor.data, joint, term.shape if term else ())[0]), 0.0
+            j = max(joint, 0)
+            first_shape = cause.shapes(predictor.data, j, predictor.data.residual[:, j])[0]
+            sd = float(cause.size(predictor.data, joint, term.shape if term else first_shape)[0])
+            mean = 0.0
             if term:
                 terms = problem.model([*judged.model.terms, term])
                 k = len(problem.numbers[term])

@@ -202,7 +202,7 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         extended_rms=after,
         noise=noise,
         worse_joints=tuple(int(j) + 1 for j in np.flatnonzero(worse)),
-        transfers=_transfers(base, found, d.baseline, extended),
+        transfers=_transfers(base, found, d, extended),
         notes=(f"logs that took no part: cutoff {signals.cutoff_hz:.3g} Hz", *signals.notes),
     )
 
@@ -227,15 +227,13 @@ def _rms(error: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(error), axis=0)))
 
 
-def _transfers(
-    base: Data, found: Nominal, baseline: Nominal, extended: Array
-) -> tuple[Transfer, ...]:
-    """Judge each cause by the model without its parts, as the module describes."""
-    new, out = found.parts[len(baseline.parts) :], []
+def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tuple[Transfer, ...]:
+    """Judge each named cause by the model without its parts, as the module describes."""
+    before, out = d.baseline.parts, []
     with_it = _rms(base.tau - extended)
-    for name in dict.fromkeys(p.cause for p in new):
-        rest = [p for p in new if p.cause != name]
-        less = replace(found, parts=(*baseline.parts, *rest)).extend(base).nominal
+    for name in [c.name for c in (*d.causes, *d.minor)]:
+        rest = [p for p in found.parts[len(before) :] if p.cause != name]
+        less = replace(found, parts=(*before, *rest)).extend(base).nominal
         torque, without = _rms(extended - less), _rms(base.tau - less)
         harmed = (torque > SEEN * base.noise) & (with_it**2 > (1 + HARM) * without**2)
         cause = cause_named(name)

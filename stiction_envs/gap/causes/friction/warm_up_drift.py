@@ -52,10 +52,9 @@ class WarmUpDrift(Cause):
     )
 
     def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return a fiftieth of what the joint can bear, over the logs [N·m/s]; assumed."""
-        return np.array(
-            [0.02 * data.strength[joint] / max(float(np.ptp(data.recording.since_session)), 1.0)]
-        )
+        """Return a fiftieth of what the joint can bear, over the time [N·m/s]; assumed."""
+        seconds = max(float(np.ptp(_time(data, shape))), 1.0)
+        return np.array([0.02 * data.strength[joint] / seconds])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return time in the direction of motion."""
