@@ -6,7 +6,7 @@ coefficients (k,) to the residual torque of a joint, measured less nominal. To a
 
 1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
 2. its torque: `columns`, and `shapes` where it has nonlinear parameters;
-3. its numbers: `values` as in ``diagnosis.json``, `why_not_identifiable` where data cannot show it;
+3. its numbers: `values` as in ``diagnosis.json``;
 4. its picture: `view`;
 5. its model: `contribute` to a `ModelDraft`; by default the model says that MuJoCo lacks it;
 6. its traits: flags that tell the search how to treat it.
@@ -106,25 +106,13 @@ class Cause(ABC):
     refinable: ClassVar[bool] = True
     """Whether its nonlinear parameter is a number that can be refined between those tried, and that
     must not end on the first or last of them."""
-    multimodal: ClassVar[bool] = False
-    """Whether neighbours among its nonlinear parameters predict quite different torques."""
-    dependent_parameters: ClassVar[int] = 0
-    """How many of its numbers, linear and nonlinear, follow from the others or from a prior."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of causes that a joint's model must have with this one."""
-    standalone: ClassVar[bool] = True
-    """Whether it may be named where what it `needs` is not significant."""
     base_friction: ClassVar[bool] = False
     """Whether it is the joint's plain friction, and not a refinement of it. A nominal model with
     friction may also have too much of it: the coefficients may then be negative."""
-    approximate: ClassVar[bool] = False
-    """Whether its law is approximate: a torque that is small against its own is then no evidence
-    of another cause."""
     resembles_delay: ClassVar[bool] = False
     """Whether a large delay that is not known yet may look like it."""
-    depends_on_load: ClassVar[bool] = True
-    """Whether anything before `what was found` depends on the torque that gears carry (`rigid`,
-    `carried`) or on gravity. If not, a refit given a payload or a tilt keeps its columns."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
     changes_arm: ClassVar[bool] = False
@@ -134,17 +122,9 @@ class Cause(ABC):
     """Whether its coefficients are small random effects: in every model, and never named."""
     body: ClassVar[bool] = False
     """Whether it is a body, whose torque small errors of all links can imitate."""
-    least_evidence: ClassVar[float] = 0.0
-    """Log evidence beside small errors of all links from which on it is named, for causes that
-    change the arm [nats]."""
-    distinctive: ClassVar[int | None] = None
-    """How many of its first coefficients show it: one of them must be clear; None for all."""
     removed_first: ClassVar[bool] = False
     """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
     look for their parameters."""
-    simpler_over_angle: ClassVar[tuple[str, ...]] = ()
-    """Names of simpler causes of the same torque over the angle. With any, left-out ranges of the
-    joint's angle must confirm it, besides blocks of time, and it must predict them better."""
 
     # ---- torque ------------------------------------------------------------------------------
 
@@ -211,10 +191,6 @@ class Cause(ABC):
             low = [-np.inf] * len(low)
         return np.array(low), np.array(high)
 
-    def prior(self, data: Data, joint: int) -> Array:
-        """Return (k,) prior standard deviations of the coefficients about zero; none by default."""
-        return np.full(len(self.bounds(data, joint)[0]), np.inf)
-
     def tolerance(self, data: Data, joint: int) -> float:
         """Return the standard deviation of its coefficients in an arm without a fault.
 
@@ -271,31 +247,6 @@ class Cause(ABC):
             return shape[0] in (tried[0], tried[-1])
         # refined ones come close to the end without reaching it
         return not tried[0] * edge < shape[0] < tried[-1] / edge
-
-    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
-        """Return names of causes that are the same on this joint, whatever else is in the model."""
-        return ()
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return why these data cannot show the cause on a joint, or nothing."""
-        return ""
-
-    def profile(
-        self, data: Data, joint: int, shape: Shape, residual: Array, weight: Array
-    ) -> tuple[Array, Array]:
-        """Return values of the first nonlinear parameter (K,), and the error left with each (K,).
-
-        The error is weighted and squared, with the best of all else. Only for causes whose
-        parameter has an interval that a tangent does not show.
-
-        Args:
-            data: the logs.
-            joint: from 0.
-            shape: what was found.
-            residual: (T,) what the other causes leave on the joint [N·m].
-            weight: (T,) weight of each row.
-        """
-        raise NotImplementedError
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return coefficients and nonlinear parameters as a model file holds them."""

@@ -62,16 +62,20 @@ def hideable(cause: Cause) -> Hideable:
 def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[Job]:
     """Return the jobs."""
     jobs = [NO_JOB]
+    candidates = {(t.cause, t.joint) for t in own.predictor.candidates}
+    hidden = {(x.name, j - 1) for x in own.not_shown for j in x.joints or (0,)}
     for cause in causes:
         what = hideable(cause)
         no_law = ""
         if cause.name not in EFFECTS and (not cause.is_linear or cause.coupled):
             no_law = "no law is known by which to hide it"
         joints = tuple(range(own.data.n))
-        why_not = {
-            j: cause.why_not_identifiable(own.data, j) or no_law
-            for j in (joints[:1] if cause.arm_wide else joints)
-        }
+        why_not = {}
+        for j in (-1,) if cause.arm_wide else joints:
+            alone = f"it changes no torque of joint {j + 1}" if j >= 0 else "it changes no torque"
+            seen = "" if (cause.name, j) in candidates else alone
+            shown = "its interval is as wide as before" if (cause.name, j) in hidden else ""
+            why_not[max(j, 0)] = seen or shown or no_law
         jobs += [Job(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
         left = tuple(j for j, why in why_not.items() if not why)
         if cause.coupled:

@@ -40,15 +40,13 @@ def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
     shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
     columns = cause.columns(data, 3, shape)
     low, high = cause.bounds(data, 3)
-    size = cause.size(data, 3)
+    size = cause.size(data, 3, shape)
     assert np.all(size > 0)
     assert np.isfinite(size).all()
     assert len(size) == len(low)
     assert len(columns) == len(data.t)
-    # a lower order of a smooth torque has fewer
-    assert columns.shape[1] == len(low) or (
-        cause.simpler_over_angle and columns.shape[1] < len(low)
-    )
+    fewer = cause.name == "position_dependent_torque"  # of a lower order
+    assert columns.shape[1] == len(low) or (fewer and columns.shape[1] < len(low))
     assert len(low) == len(high)
     assert np.all(low < high)
     assert np.isfinite(columns).all()

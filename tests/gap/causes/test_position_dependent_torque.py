@@ -69,19 +69,3 @@ def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_are_implausible(da
     smaller = np.array([2.154, -3.128, -0.497, 1.16, 0.442])
     assert CAUSE.on_bound(cancelling, sweep, 2)
     assert not CAUSE.on_bound(smaller, sweep, 2)
-
-
-@pytest.mark.parametrize(
-    ("joint", "moving", "masses"),
-    [(1, "only it", True), (0, "only it", False), (1, "all", False)],
-)
-def test_a_joint_that_moves_by_itself_may_carry_a_wrong_mass(data, joint, moving, masses) -> None:
-    """Joint 1 turns about the vertical, where no mass pulls."""
-    q, dq = data.q.copy(), data.dq.copy()
-    if moving == "only it":
-        others = np.arange(7) != joint
-        q[:, others], dq[:, others] = data.arm.rest[others], 0.0
-    one = replace(data, recording=replace(data.recording, q=q, dq=dq))
-    names = CAUSE.indistinguishable_from(one, joint)
-    assert set(names) >= ({"payload", "base_tilt"} if masses else set())
-    assert bool(names) == masses

@@ -144,9 +144,6 @@ def test_a_linear_cause_of_another_package_is_hidden_by_its_own_columns(torques)
         name = "bias"
         parameters = (Parameter("bias_nm", "N·m"),)
 
-        def indistinguishable_from(self, data, joint):
-            return ()
-
     register(Bias())
     try:
         job = job_of("bias", 1)

@@ -9,14 +9,11 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import leaning
 from stiction_envs.gap.causes.draft import Part
-from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
-LEAN = 0.05
-"""Inclination that must change torques visibly [rad]; assumed."""
 LEAST = 0.02
 """Lean up to which gravity keeps its size along the nominal direction [-]: it loses 0.0002."""
 MOST = 0.99
@@ -42,7 +39,6 @@ class BaseTilt(Cause):
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
-    dependent_parameters: ClassVar[int] = 2  # (x_0, y_0) follow from (x, y)
     parameters: ClassVar = (
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
         Parameter("azimuth_rad", "rad", size=0),
@@ -103,16 +99,6 @@ class BaseTilt(Cause):
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm under a gravity that leans."""
         return leaning(arm, np.array(part.coefficients[:2]))
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the arm holds one pose only."""
-        if missing := holds_one_pose(data):
-            return missing
-        for k in range(2):
-            sideways = data.recording.derived(_sideways)[..., k]
-            if not changes(data, LEAN * sideways).any():
-                return "a lean of the base hardly changes any torque along this motion"
-        return ""
 
 
 def _sideways(recording: Recording) -> Array:

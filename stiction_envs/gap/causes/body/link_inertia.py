@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import rests
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -17,7 +16,6 @@ class LinkInertia(Cause):
 
     name: ClassVar[str] = "link_inertia"
     what: ClassVar[str] = "a link's or rotor's inertia wrong"
-    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)
@@ -50,11 +48,3 @@ class LinkInertia(Cause):
         if draft.rotor[j] < 0:
             draft.leave_out(part, f"{more:+.4g} kg·m²: a rotor's is not negative")
             draft.rotor[j] -= more
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint accelerates too little."""
-        if rests(data, joint):
-            return f"joint {joint + 1} does not move"
-        a = float(data.ddq[:, joint].std())
-        least = data.settings.motion.least_acceleration
-        return f"joint {joint + 1} hardly accelerates" if a < least else ""

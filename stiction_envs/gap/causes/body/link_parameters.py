@@ -15,7 +15,6 @@ from stiction_envs.gap.causes.body.bodies import (
     with_link,
 )
 from stiction_envs.gap.causes.draft import Part
-from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import inertial_parameters
@@ -50,8 +49,6 @@ class LinkParameters(Cause):
     changes_arm: ClassVar[bool] = True
     body: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
-    least_evidence: ClassVar[float] = 7.0  # assumed: one of many links
-    dependent_parameters: ClassVar[int] = 2
     parameters: ClassVar = (
         Parameter("mass_kg", "kg"),
         Parameter("com_m", "m", size=3),
@@ -132,15 +129,3 @@ class LinkParameters(Cause):
                 "leave no body: expected less"
             )
         return with_link(arm, part.joint, numbers)
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether no torque shows the link."""
-        if joint == data.n - 1:
-            return f"link {joint + 1} is the last: what is wrong with it is named payload"
-        if missing := holds_one_pose(data):
-            return missing
-        (shape,) = self.shapes(data, joint, data.residual[:, 0])
-        columns, usual = self.spread(data, joint, shape), self.prior(data, joint)
-        if not any(changes(data, columns[..., k] * usual[k]).any() for k in range(4)):
-            return f"link {joint + 1} hardly changes any torque along this motion"
-        return ""

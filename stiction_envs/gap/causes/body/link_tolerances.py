@@ -14,7 +14,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape
 from stiction_envs.gap.causes.body.bodies import body_columns, link_basis
 from stiction_envs.gap.causes.draft import Part
-from stiction_envs.gap.causes.motion import holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
@@ -73,7 +72,3 @@ class LinkTolerances(Cause):
             )
         links = inertial_parameters(arm.pinocchio())
         return with_inertias(arm, links + more.reshape(-1, 10))
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the arm holds one pose only."""
-        return holds_one_pose(data)

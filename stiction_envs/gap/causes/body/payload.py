@@ -17,13 +17,10 @@ from stiction_envs.gap.causes.body.bodies import (
     with_payload,
 )
 from stiction_envs.gap.causes.draft import Part
-from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import consistent
 
-HEAVY = 1.0
-"""Payload whose weight must change torques visibly [kg]; assumed."""
 SMALL = 0.02
 """Mass below which there is no centre of mass [kg]; assumed."""
 LEFT = 0.05
@@ -56,8 +53,6 @@ class Payload(Cause):
     changes_arm: ClassVar[bool] = True
     body: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
-    distinctive: ClassVar[int] = 1  # a body without mass is none
-    dependent_parameters: ClassVar[int] = 9  # the centre of linearisation; inertia has a prior
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
@@ -133,12 +128,3 @@ class Payload(Cause):
                 "expected mass, first moment (3) and inertia (6) about the flange"
             )
         return with_payload(arm, phi, LEAST_INERTIA)
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the arm holds one pose only."""
-        if missing := holds_one_pose(data):
-            return missing
-        weight = np.stack([self.columns(data, j, (0.0,) * 3)[:, 0] for j in range(data.n)], axis=1)
-        if not changes(data, HEAVY * weight).any():
-            return "a payload's weight hardly changes any torque along this motion"
-        return ""

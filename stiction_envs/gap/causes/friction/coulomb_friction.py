@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -17,9 +16,7 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
-    depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
-    approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
     removed_first: ClassVar[bool] = True
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
@@ -48,7 +45,3 @@ class CoulombFriction(Cause):
         (level,) = part.coefficients
         draft.coulomb[part.joint - 1] += level
         draft.stiction[part.joint - 1] += level
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether both directions are missing."""
-        return lacks_both_directions(data, joint)

@@ -9,7 +9,6 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -18,12 +17,9 @@ class DirectionAsymmetry(Cause):
 
     name: ClassVar[str] = "direction_asymmetry"
     what: ClassVar[str] = "dry friction differs by direction"
-    depends_on_load: ClassVar[bool] = False
-    approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "slow motion in both directions with long rests, against an offset"
     )
-    standalone: ClassVar[bool] = False
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("asymmetry_nm", "N·m"),)
     view: ClassVar = View(
@@ -53,10 +49,3 @@ class DirectionAsymmetry(Cause):
         draft.coulomb[part.joint - 1] += both
         draft.stiction[part.joint - 1] += both
         draft.leave_out(part, "MuJoCo's friction knows no direction: the mean stands", tables=False)
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether a direction or rests are missing; without rests it is an offset."""
-        missing = lacks_both_directions(data, joint)
-        if not missing and moving(data, joint).mean() > data.settings.motion.always_share:
-            missing = f"joint {joint + 1} never rests, so this is the same as an offset"
-        return missing

@@ -9,7 +9,6 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import constant, lacks_both_directions
 from stiction_envs.gap.signals.dataset import Data
 
 MOST_RATIO = 1.0
@@ -21,7 +20,6 @@ class LoadDependentFriction(Cause):
 
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
-    approximate: ClassVar[bool] = True
     refinable: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "the same slow motion in poses of small and of large gravity torque"
@@ -68,8 +66,3 @@ class LoadDependentFriction(Cause):
         """Return friction at the mean load."""
         j = part.joint - 1
         return part.coefficients[0] * draft.mean_load[j] * data.smooth(data.direction(j))
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether directions or a change of load are missing."""
-        load = constant(data, joint, np.abs(data.rigid[:, joint]), "load")
-        return lacks_both_directions(data, joint) or load

@@ -12,7 +12,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
 RIDGE = 1e-9 * np.eye(5)
@@ -37,7 +36,6 @@ class PositionDependentFriction(Cause):
 
     name: ClassVar[str] = "position_dependent_friction"
     what: ClassVar[str] = "ripple with joint angle"
-    depends_on_load: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "slow constant speed over a quarter turn or more, there and back"
@@ -130,10 +128,6 @@ class PositionDependentFriction(Cause):
     def contribution_order(self, part: Part) -> tuple[int, float]:
         """Return the strongest first: it is the one that the friction tables take."""
         return 1, -float(np.hypot(part.coefficients[0], part.coefficients[1]))
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint turns too little."""
-        return turns_too_little(data, joint, data.settings.motion.travel_span)
 
 
 def _shown(q: Array, count: int, side: Array, base: Array, r: Array) -> Array:

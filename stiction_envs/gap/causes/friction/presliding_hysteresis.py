@@ -14,7 +14,6 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions, reversals
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.maxwell_slip import ELEMENTS, maxwell_slip
@@ -48,8 +47,6 @@ class PreslidingHysteresis(Cause):
 
     name: ClassVar[str] = "presliding_hysteresis"
     what: ClassVar[str] = "friction lags reversals (bristle)"
-    depends_on_load: ClassVar[bool] = False
-    approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "many slow reversals of a few mrad to some tens of mrad"
@@ -136,12 +133,6 @@ class PreslidingHysteresis(Cause):
     def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
         """Return whether nothing lags; the damping may be zero."""
         return bool(coefficients[0] <= 0)
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether reversals are missing."""
-        count = reversals(data.dq[:, joint], data.settings.motion.reversal_speed)
-        few = f"joint {joint + 1} reverses only {count} times" if count < 2 else ""
-        return lacks_both_directions(data, joint) or few
 
 
 def _ratio(data: Data, joint: int, shape: Shape) -> Array:

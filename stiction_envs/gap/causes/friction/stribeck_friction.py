@@ -12,7 +12,6 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
 FASTEST = 0.3
@@ -28,8 +27,6 @@ class StribeckFriction(Cause):
 
     name: ClassVar[str] = "stribeck_friction"
     what: ClassVar[str] = "extra friction near zero speed"
-    depends_on_load: ClassVar[bool] = False
-    approximate: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "slow constant speeds, from a few mrad/s up, in both directions"
     needs: ClassVar = (CoulombFriction.name,)
@@ -76,13 +73,3 @@ class StribeckFriction(Cause):
         """Raise friction at rest only."""
         draft.stiction[part.joint - 1] += part.coefficients[0]
         draft.stribeck[part.joint - 1] = part.shape[0]
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether slow or fast motion is missing."""
-        v, s = np.abs(data.dq[:, joint]), data.settings.motion
-        if not (missing := lacks_both_directions(data, joint)):
-            if ((v > s.rest_speed) & (v < s.slow_speed)).mean() < s.slow_share:
-                missing = f"joint {joint + 1} never moves slowly"
-            elif moving(data, joint).mean() < s.moving_share:
-                missing = f"joint {joint + 1} hardly moves"
-        return missing

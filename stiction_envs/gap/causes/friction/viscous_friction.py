@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import lacks_both_directions, moving
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -17,7 +16,6 @@ class ViscousFriction(Cause):
 
     name: ClassVar[str] = "viscous_friction"
     what: ClassVar[str] = "slope of friction with speed"
-    depends_on_load: ClassVar[bool] = False
     base_friction: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, slow to fast"
     removed_first: ClassVar[bool] = True
@@ -39,12 +37,3 @@ class ViscousFriction(Cause):
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise the slope."""
         draft.viscous[part.joint - 1] += part.coefficients[0]
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether directions or a spread of speeds are missing."""
-        missing = lacks_both_directions(data, joint)
-        least = data.settings.motion.speed_spread
-        speed = np.abs(data.dq[moving(data, joint), joint])
-        if not missing and speed.std() < least * speed.mean():
-            missing = f"joint {joint + 1} moves at one speed only"
-        return missing

@@ -13,11 +13,8 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import lacks_both_directions, turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
-SHORTEST_LOG = 10.0
-"""Least length of a log in which a drift can be seen [s]; assumed."""
 OF_LOG, OF_SESSION = 0.0, 1.0
 """Nonlinear parameter: time counts since the log began, or since the session."""
 
@@ -36,8 +33,6 @@ class WarmUpDrift(Cause):
 
     name: ClassVar[str] = "warm_up_drift"
     what: ClassVar[str] = "friction falls or rises with time or temperature"
-    depends_on_load: ClassVar[bool] = False
-    approximate: ClassVar[bool] = True
     what_to_record: ClassVar[str] = (
         "the same motion repeated for tens of minutes, from cold, on one clock"
     )
@@ -105,11 +100,3 @@ class WarmUpDrift(Cause):
         if draft.warm[j, 1] != LATE * draft.duration:
             return None
         return part.coefficients[0] * (draft.duration / 2) * data.smooth(data.direction(j))
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the log is too short."""
-        seconds = float(np.ptp(data.recording.since_session))
-        if seconds < SHORTEST_LOG:
-            return f"the log is only {seconds:.1f} s long"
-        still = turns_too_little(data, joint, data.settings.motion.travel_span)
-        return still or lacks_both_directions(data, joint)

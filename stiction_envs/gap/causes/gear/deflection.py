@@ -7,9 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Columns, Shape
-from stiction_envs.gap.causes.motion import along_runs
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.gap.signals.recording import Recording, rate
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 
@@ -19,12 +18,9 @@ class DeflectedLink(Cause):
     The coefficient is the size of the torque over what the cause predicts.
     """
 
-    approximate: ClassVar[bool] = True
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
     coupled: ClassVar[bool] = True
-    dependent_parameters: ClassVar[int] = 1
-    multimodal: ClassVar[bool] = True
     tried: ClassVar[Array]
     """Values of the nonlinear parameter that are tried, evenly in the logarithm."""
     least: ClassVar[float]
@@ -58,6 +54,11 @@ class DeflectedLink(Cause):
         """
         c = np.clip(along / np.maximum(size, 1e-300), self.least, self.most)
         return np.asarray(c * c * size - 2 * c * along)
+
+
+def along_runs(data: Data, signal: Array) -> Array:
+    """Return the time derivative of (T, ...) within each segment, per second."""
+    return rate(signal, data.runs(), data.dt)
 
 
 def masses(recording: Recording) -> Columns:

@@ -17,7 +17,6 @@ from stiction_envs.gap.causes.gear.deflection import (
     own_torque_of,
     torque_of,
 )
-from stiction_envs.gap.causes.motion import constant
 from stiction_envs.gap.signals.dataset import Data
 
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
@@ -85,10 +84,6 @@ class JointElasticity(DeflectedLink):
             draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
         else:
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint's torque changes too little."""
-        return constant(data, joint, data.rigid[:, joint])
 
 
 def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:

@@ -146,8 +146,3 @@ class ActuatorDelay(Cause):
         if coefficients[0] >= 0:
             return self.what
         return "torque is late in the log (measured late, or behind a filter)"
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the arm's torques change too little."""
-        least = data.settings.noise.clear * data.noise
-        return "" if np.any(data.rigid.std(axis=0) > least) else "no torque changes"

@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
@@ -44,9 +43,7 @@ class EncoderOffset(Cause):
     coupled: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
     changes_arm: ClassVar[bool] = True
-    least_evidence: ClassVar[float] = 7.0  # assumed: one of many joints
     refinable: ClassVar[bool] = False
-    dependent_parameters: ClassVar[int] = 1  # δ_0 follows from δ
     parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
@@ -90,10 +87,6 @@ class EncoderOffset(Cause):
         found = float(coefficients[0])
         return (found,) if abs(found) > LEAST else shape
 
-    def prior(self, data: Data, joint: int) -> Array:
-        """Return a standard deviation of `USUAL` about zero."""
-        return np.array([USUAL])
-
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return δ [rad]."""
         return {"offset_rad": float(coefficients[0])}
@@ -122,15 +115,6 @@ class EncoderOffset(Cause):
         draft.not_in_tables.append(
             f"{self.name} of joint {part.joint}: in [[cause]], and in model.xml as a turned link"
         )
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether no torque shows the joint's zero, as that of a vertical first joint."""
-        if missing := holds_one_pose(data):
-            return missing
-        slope = data.links.derived(_slopes, *data.gravity_found)[:, :, joint]
-        if not changes(data, USUAL * slope).any():
-            return f"the zero of joint {joint + 1} hardly changes any torque along this motion"
-        return ""
 
 
 def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:

@@ -13,7 +13,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import changes, holds_one_pose
 from stiction_envs.gap.signals.dataset import Data
 
 LEAST = 0.005
@@ -71,11 +70,3 @@ class GravityCompensationMissing(Cause):
             f"add {share:.4g} of the gravity torque to the logged torque (or replay it with "
             f'gravcomp="{share:.4g}" on all bodies)',
         )
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the arm holds one pose only, or gravity hardly changes."""
-        if missing := holds_one_pose(data):
-            return missing
-        if not changes(data, data.recording.gravity).any():
-            return "gravity hardly changes any torque along this motion"
-        return ""

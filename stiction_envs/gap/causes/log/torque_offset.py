@@ -8,8 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
-from stiction_envs.gap.causes.motion import rests
 from stiction_envs.gap.signals.dataset import Data
 
 USUAL = 0.01
@@ -21,7 +19,6 @@ class TorqueOffset(Cause):
 
     name: ClassVar[str] = "torque_offset"
     what: ClassVar[str] = "constant torque bias (sensor, calibration)"
-    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "static poses on both sides of the joint's range, and rests in motion"
     )
@@ -41,10 +38,6 @@ class TorqueOffset(Cause):
     def tolerance(self, data: Data, joint: int) -> float:
         """Return the offset of usual sensors [N·m]."""
         return USUAL * float(data.arm.limits.torque[joint])
-
-    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
-        """Return friction on a joint that only holds: it bears whatever it came to rest with."""
-        return (CoulombFriction.name,) if rests(data, joint) else ()
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import constant
 from stiction_envs.gap.signals.dataset import Data
 
 LEAST_ERROR = 0.002
@@ -55,7 +54,3 @@ class TorqueScale(Cause):
         """Say by what to divide: it is the log that is wrong, not the arm."""
         scale = self.parameters_of(part)["scale"]
         draft.leave_out(part, f"divide the logged torque by {scale:.4g}")
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint carries too little torque."""
-        return constant(data, joint, data.nominal[:, joint])

@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.motion import turns_too_little
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -17,7 +16,6 @@ class ExternalSpring(Cause):
 
     name: ClassVar[str] = "external_spring"
     what: ClassVar[str] = "cable, hose or contact that pulls with position"
-    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "static poses over the joint's whole range, other joints elsewhere"
     )
@@ -57,7 +55,3 @@ class ExternalSpring(Cause):
         if k > 1e-8:
             draft.pull[j] = stiffness + k, (stiffness * middle + k * rest) / (stiffness + k)
         draft.not_in_tables.append(f"{self.name} of joint {j + 1}: in model.xml")
-
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint turns too little."""
-        return turns_too_little(data, joint, data.settings.motion.wide_span)

@@ -16,17 +16,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-import pinocchio as pin
 
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
-from stiction_envs.gap.causes.log.torque_scale import TorqueScale
-from stiction_envs.gap.causes.motion import rests, turns_too_little
-from stiction_envs.gap.causes.outside.external_spring import ExternalSpring
-from stiction_envs.gap.causes.registry import registered
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.recording import Recording
 
 MOST_ORDER = 3
 """Largest number of harmonics of a turn that are tried. A fourth never predicted left-out angles
@@ -41,8 +34,6 @@ BEYOND = 10.0
 """Largest torque there over that at the angles of the logs, both peak to peak [-]; with more,
 harmonics only cancel each other in the logs. Assumed: more than twice that of a cosine at its
 crest."""
-LEVEL = 0.05
-"""Least part of gravity across a joint's axis with which a mass can pull at it [-]; assumed."""
 
 
 class PositionDependentTorque(Cause):
@@ -50,21 +41,13 @@ class PositionDependentTorque(Cause):
 
     name: ClassVar[str] = "position_dependent_torque"
     what: ClassVar[str] = "smooth torque over the joint angle (cable, hose, sensor)"
-    depends_on_load: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "slow sweeps over the joint's whole range, there and back, with the other joints in "
         "several poses that turn it against gravity"
     )
     is_linear: ClassVar[bool] = False
     refinable: ClassVar[bool] = False
-    multimodal: ClassVar[bool] = True
-    dependent_parameters: ClassVar[int] = 2  # lowest and highest angle of the logs
     shown_at_rest: ClassVar[bool] = True
-    simpler_over_angle: ClassVar[tuple[str, ...]] = (
-        ExternalSpring.name,
-        TorqueScale.name,
-        TorqueOffset.name,
-    )
     parameters: ClassVar = (
         Parameter("coefficients_nm", "N·m", size=7),
         Parameter("order", "1", size=0),
@@ -115,13 +98,6 @@ class PositionDependentTorque(Cause):
         """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
         return {"coefficients_nm": [float(x) for x in coefficients], "order": int(shape[0])}
 
-    def indistinguishable_from(self, data: Data, joint: int) -> tuple[str, ...]:
-        """Return what wrong masses and a tilt are called, if this joint moves by itself."""
-        alone = all(rests(data, j) for j in range(data.n) if j != joint)
-        if not alone or data.recording.derived(_across)[joint] < LEVEL:
-            return ()
-        return tuple(c.name for c in registered() if c.changes_arm)
-
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Take one cogging motor per harmonic, and an offset, that the motor must overcome."""
         j, (mean, *waves) = part.joint - 1, part.coefficients
@@ -136,10 +112,6 @@ class PositionDependentTorque(Cause):
                 f"{self.name} of joint {j + 1}: constant beyond {low:.3g} to {high:.3g} rad"
             )
 
-    def why_not_identifiable(self, data: Data, joint: int) -> str:
-        """Return whether the joint turns too little."""
-        return turns_too_little(data, joint, data.settings.motion.wide_span)
-
 
 def harmonics(q: Array, order: int) -> Array:
     """Return (T, 1 + 2 order) ones, then cosine and sine of each harmonic of angles (T,)."""
@@ -151,14 +123,3 @@ def harmonics(q: Array, order: int) -> Array:
 def series(coefficients: Array, q: Array) -> Array:
     """Return (T,) torque of coefficients (1 + 2 order,) at angles (T,) [N·m]."""
     return np.asarray(harmonics(q, len(coefficients) // 2) @ coefficients)
-
-
-def _across(recording: Recording) -> Array:
-    """Return (n,) largest part of gravity across each joint's axis along the logs [-]."""
-    model, out = recording.pinocchio, np.zeros(recording.n)
-    work, gravity = model.createData(), model.gravity.linear
-    down = gravity / max(float(np.linalg.norm(gravity)), 1e-12)
-    for q in recording.q[:: max(1, len(recording.q) // 50)]:
-        axes = pin.computeJointJacobians(model, work, q)[3:]
-        out = np.maximum(out, np.linalg.norm(np.cross(axes.T, down), axis=1))
-    return out
