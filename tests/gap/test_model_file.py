@@ -121,4 +121,4 @@ def test_a_model_knows_the_sign_of_the_robots_torques(tmp_path):
     # a log that does not show it: nothing moves against gravity or friction
     still = replace(turned, q=np.tile(panda().rest, (len(turned.t), 1)), tau=0.0 * turned.tau)
     found = diagnose(still, "panda", nominal=path)
-    assert any("as those of the nominal model's logs" in x for x in found.to_json()["notes"])
+    assert any("as those of the diagnosed logs" in x for x in found.to_json()["notes"])

@@ -141,8 +141,8 @@ def correct_sign(
     kinds = [kind for kind in (CHANGING, HELD, FRICTION) if any(s.shown_by == kind for s in sure)]
     done = any(x.kind == "sign" for log in logs for x in log.corrections)
     if known and not done and CHANGING not in kinds:
-        usual = "torques have the opposite sign of the usual one, as those of the nominal model's "
-        text = f"{usual}logs: all inverted, so that tau drives the joint"
+        usual = "torques have the opposite sign of the usual one, as those of the diagnosed logs"
+        text = f"{usual} of this robot: all inverted, so that tau drives the joint"
         return inverted(logs, signals, text) if known < 0 else (list(logs), signals)
     found = [s for s in sure if s.shown_by == kinds[0]] if kinds else []
     wrong, right = ([s for s in found if s.vote == v] for v in (-1, 1))

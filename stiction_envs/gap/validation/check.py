@@ -32,10 +32,9 @@ from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
-from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.sessions import sessions
 from stiction_envs.gap.signals.torque_lag import correct_torques
-from stiction_envs.gap.signals.torque_sign import inverted, signs
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.timing import LEAST_SECONDS
 from stiction_envs.reporting.markdown import joints as joint_list
@@ -180,8 +179,8 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     (arm, settings), found = (d.data.arm, d.settings), model_of(d)
     cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
     make = partial(prepare, cutoff_hz=cutoff, settings=settings)
-    logs, signals = correct_torques(logs, arm, make, settings, known_lag=found.torque_lag)
-    logs, signals = _same_sign(d, logs, signals)
+    sign, lag = found.torque_sign, found.torque_lag
+    logs, signals = correct_torques(logs, arm, make, settings, sign, lag)
     signals = replace(signals, sessions=sessions(logs, found.sessions))
     torque, friction = d.data.recording.torque, d.baseline.friction
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
@@ -205,21 +204,6 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         transfers=_transfers(base, found, d, extended),
         notes=(f"logs that took no part: cutoff {signals.cutoff_hz:.3g} Hz", *signals.notes),
     )
-
-
-def _same_sign(
-    d: Diagnosis, logs: list[JointLog], signals: Signals
-) -> tuple[list[JointLog], Signals]:
-    """Return logs and signals with the sign of the diagnosed ones, where they do not show it."""
-
-    def turned(logs: Sequence[JointLog]) -> bool:
-        return any(c.kind == "sign" for x in logs for c in x.corrections)
-
-    silent = not any(s.vote for s in signs(signals, d.data.arm, d.settings))
-    if not turned(d.logs) or turned(logs) or not silent:
-        return logs, signals
-    text = "torques inverted as those of the diagnosed logs were: these logs do not show the sign"
-    return inverted(logs, signals, text)
 
 
 def _rms(error: Array) -> Array:
