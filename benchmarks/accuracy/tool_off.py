@@ -6,6 +6,11 @@ A simulated Panda, its links all 3 % off, is diagnosed with a tool on. The ``[[c
 payload is then deleted from ``model.toml`` by hand, and the model predicts logs of another motion
 without the tool. Beside it stands the held-out error of a model that was made from these logs; both
 with the sensors' noise, which the filter takes off, and without.
+
+A tool and the last links look alike: with the links' exact prior, which no diagnosis knows, the
+best possible estimate from a log with the tool on leaves 0.09 N·m in the root mean square of these
+cases, twice the sensors' noise in all. An earlier diagnosis without the tool (``--nominal``) tells
+them apart.
 """
 
 from __future__ import annotations
