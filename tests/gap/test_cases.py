@@ -1,0 +1,198 @@
+"""Kinds of logs that mislead a diagnosis: the right values, and nothing false beside them.
+
+A case is made here, without the diagnosis: torques are MuJoCo's along Fourier motions, with dry
+friction that builds up over 0.2 mrad, noise, and what is wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.hidden.excited_logs import presliding
+from stiction_envs.hidden.imperfect_arms import with_scattered_links
+from stiction_envs.hidden.worlds import inverse_torque
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm, load_arm
+from tests.gap.small_logs import motion
+from tests.other_arms.arms import ROBOTS, WHEEL
+
+Array = NDArray[np.float64]
+MIDDLE = np.array([0.5, -1.2, 1.2, -0.5, 0.2, 0.3])
+"""Of the UR10's motions [rad]."""
+DRY = np.array([8.0, 10.0, 6.0, 2.0, 2.0, 1.5])
+"""Dry friction of the UR10 [N·m]."""
+SLOPE = np.array([10.0, 12.0, 6.0, 2.0, 1.5, 1.5])
+"""Its viscous friction [N·m·s/rad]."""
+FRICTION = {"coulomb_friction", "viscous_friction"}
+
+
+def ur10(mass: float = 0.0) -> Arm:
+    """The arm with a mass on its flange [kg]."""
+    path = Path(str(metadata.distribution(WHEEL).locate_file(ROBOTS)))
+    payload = (mass, 0.0, 0.0, 0.058) if mass else None
+    return load_arm(path / "ur_description/urdf/ur10_robot.urdf", payload=payload)
+
+
+@dataclass
+class Recording:
+    """A motion, and the torque that it takes."""
+
+    arm: Arm
+    t: Array
+    q: Array
+    dq: Array
+    ddq: Array
+    tau: Array
+
+    def gravity(self) -> Array:
+        """(T, n) torque that holds the arm [N·m]."""
+        still = np.zeros_like(self.q)
+        return inverse_torque(self.arm.model(), self.q, still, still)
+
+    def log(self, noise: float | Array, seed: int = 0) -> JointLog:
+        """What a robot would write down, with noise of torque [N·m] and angles in steps."""
+        rng = np.random.default_rng(seed)
+        tau = self.tau + noise * rng.normal(size=self.q.shape)
+        q = np.round(self.q / 1e-5) * 1e-5
+        return JointLog(source="case.csv", t=self.t, q=q, dq=None, tau=np.round(tau, 3))
+
+
+def recorded(
+    arm: Arm,
+    dry: Array | float = DRY,
+    slope: Array | float = SLOPE,
+    *,
+    middle: Array = MIDDLE,
+    reach: float = 0.6,
+    seconds: float = 30.0,
+    seed: int = 1,
+    one_way: tuple[int, ...] = (),
+) -> Recording:
+    """A motion of an arm with friction; joints (from 0) that turn one way."""
+    t, q, dq, ddq = motion(arm.n, seconds, seed, reach)
+    for j in one_way:  # faster than it would turn back
+        speed = 1.2 * np.abs(dq[:, j]).max()
+        q[:, j] += speed * (t - seconds / 2)
+        dq[:, j] += speed
+    q = q + middle
+    tau = inverse_torque(arm.model(), q, dq, ddq) + dry * presliding(q, 2e-4) + slope * dq
+    return Recording(arm, t, q, dq, ddq, tau)
+
+
+def named(found: Diagnosis) -> dict[str, NamedCause]:
+    return {c.name: c for c in found.causes}
+
+
+def holds(cause: NamedCause, key: str, truth: dict[int, float], within: float) -> None:
+    """Each value lies in its interval, and is near the truth; joint 0 is the arm."""
+    for joint, true in truth.items():
+        estimate = cause.parameters[joint][key]
+        low, high = np.ravel(estimate.ci95)
+        assert low <= true <= high, f"{cause.name} {joint}: {true} not in {low:.4g} to {high:.4g}"
+        assert estimate.value == pytest.approx(true, rel=within)
+
+
+def of_joints(values: Array) -> dict[int, float]:
+    return dict(enumerate(values.tolist(), 1))
+
+
+@pytest.mark.slow
+def test_a_heavy_payload_is_weighed_along_a_small_motion() -> None:
+    """±0.25 rad, along which its weight hardly changes."""
+    log = recorded(ur10(10.0), reach=0.25, seconds=60.0).log(noise=0.3)
+    causes = named(diagnose_logs([log], ur10()))
+    assert set(causes) == {*FRICTION, "payload"}
+    holds(causes["payload"], "mass_kg", {0: 10.0}, within=0.03)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY), within=0.1)
+    holds(causes["viscous_friction"], "viscous_nms", of_joints(SLOPE), within=0.3)
+
+
+def test_currents_in_place_of_torques_are_one_scale_of_all_joints() -> None:
+    made = recorded(ur10())
+    made.tau *= 0.08
+    causes = named(diagnose_logs([made.log(noise=0.01)], ur10()))
+    assert {"torque_scale"} <= set(causes) <= {*FRICTION, "torque_scale"}
+    assert causes["torque_scale"].joints == (1, 2, 3, 4, 5, 6)
+    holds(causes["torque_scale"], "scale", {0: 0.08}, within=0.05)
+
+
+@pytest.mark.slow
+def test_sensors_that_measure_nothing_have_no_scale() -> None:
+    """The torques of the wrist are noise; nothing else is said of these joints."""
+    made = recorded(ur10(3.0))
+    made.tau[:, 3:] = 0.0
+    causes = named(diagnose_logs([made.log(noise=0.02)], ur10(3.0)))
+    assert set(causes) == {*FRICTION, "torque_scale"}
+    # nothing but its own friction loads joint 6
+    assert causes["torque_scale"].joints in ((4, 5), (4, 5, 6))
+    for j in (4, 5):
+        estimate = causes["torque_scale"].parameters[j]["scale"]
+        assert abs(estimate.value) < 0.02
+        assert estimate.ci95[0] <= 0.0 <= estimate.ci95[1]
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY[:3]), within=0.1)
+    assert causes["coulomb_friction"].joints == (1, 2, 3)
+
+
+def test_a_torque_that_wanders_is_no_cause() -> None:
+    """A random walk: what is fitted to a part of the time is worse on the rest than nothing."""
+    made = recorded(load_arm("panda"), 0.0, 0.0, middle=load_arm("panda").rest)
+    steps = np.random.default_rng(3).normal(size=made.q.shape)
+    made.tau += 0.3 * np.cumsum(steps, axis=0) / np.sqrt(200.0)
+    found = diagnose_logs([made.log(noise=0.02)], "panda")
+    assert found.verdict == "cannot tell"
+    assert not found.causes
+
+
+def test_torques_without_gravity_are_told_from_friction_on_joints_that_turn_one_way() -> None:
+    made = recorded(ur10(), 0.0, reach=0.4, one_way=(0, 5))
+    made.tau -= made.gravity()
+    causes = named(diagnose_logs([made.log(noise=0.3)], ur10()))
+    assert set(causes) == {"gravity_compensation_missing", "viscous_friction"}
+    holds(causes["gravity_compensation_missing"], "share", {0: 1.0}, within=0.02)
+    holds(causes["viscous_friction"], "viscous_nms", of_joints(SLOPE), within=0.1)
+
+
+def test_an_offset_above_dry_friction_is_no_asymmetry_where_joints_never_rest() -> None:
+    """Friction that drives in one direction does not exist."""
+    arm = load_arm("panda")
+    made = recorded(arm, 0.3, 0.2, middle=arm.rest)
+    made.tau[:, [3, 6]] += [0.6, -0.35]
+    causes = named(diagnose_logs([made.log(noise=0.03)], arm))
+    assert set(causes) == {*FRICTION, "torque_offset"}
+    assert causes["torque_offset"].joints == (4, 7)
+    holds(causes["torque_offset"], "offset_nm", {4: 0.6, 7: -0.35}, within=0.1)
+
+
+@pytest.mark.slow
+def test_a_spring_and_a_payload_that_the_model_overstates_are_told_apart() -> None:
+    made = recorded(ur10(6.0))
+    made.tau[:, 1] += 150.0 * (made.q[:, 1] + 1.5)
+    causes = named(diagnose_logs([made.log(noise=0.3)], ur10(8.0)))
+    assert set(causes) == {*FRICTION, "external_spring", "payload"}
+    assert causes["external_spring"].joints == (2,)
+    holds(causes["external_spring"], "stiffness_nm_per_rad", {2: 150.0}, within=0.05)
+    holds(causes["payload"], "mass_kg", {0: -2.0}, within=0.1)
+
+
+def test_no_two_causes_are_large_and_opposed_where_little_is_left() -> None:
+    """A short log with slow wandering torques: no cause is above five times what it explains."""
+    arm = load_arm("panda")
+    true = with_scattered_links(arm, 0.03, np.random.default_rng(2))
+    made = recorded(true, np.repeat([0.0, 0.2], [4, 3]), 0.0, middle=arm.rest, seconds=16.0)
+    rng = np.random.default_rng(5)
+    for j in range(arm.n):
+        at = np.linspace(0, 16, 12)
+        made.tau[:, j] += np.interp(made.t, at, 0.2 * rng.normal(size=12))
+    log = made.log(noise=0.05)
+    found = diagnose_logs([replace(log, t=log.t[::6], q=log.q[::6], tau=log.tau[::6])], arm)
+    for cause in found.causes:
+        size = np.sqrt(np.mean(np.square(found.cause_torque(cause.name)), axis=0))
+        assert np.all(size <= 5 * found.nominal_rms), cause.name
