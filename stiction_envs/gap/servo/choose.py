@@ -204,7 +204,7 @@ class Chooser:
                 for name, x in values.items():
                     start[INDEX[name]] = x
                 tries.append(self._fit(start, [*chosen, *more], ROUGH))
-            best = min(filter(self._reached, tries), key=lambda f: f.cost)
+            best = min(filter(self._reached, tries), key=lambda f: f.cost, default=best)
             chosen += more
         return self._fit(best.parameters, chosen, LAST)
 

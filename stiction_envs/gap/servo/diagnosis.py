@@ -86,9 +86,13 @@ class ServoDiagnosis(Judgement):
 
     @property
     def gain_percent(self) -> float:
-        """100 (1 − mean over joints of extended over nominal error) [%]."""
-        share = self.extended_rms / np.maximum(self.nominal_rms, 1e-12)
-        return float(100.0 * (1.0 - share.mean())) if self.causes else 0.0
+        """100 (1 − mean of extended over nominal error) [%], over joints that are off by more than
+        noise."""
+        off = self.nominal_rms > self.noise
+        if not self.causes or not off.any():
+            return 0.0
+        share = self.extended_rms[off] / self.nominal_rms[off]
+        return float(100.0 * (1.0 - share.mean()))
 
     def to_json(self) -> dict[str, object]:
         """Return ``diagnosis.json``."""
@@ -264,6 +268,35 @@ class _Joints:
                 "friction, damping and limits scale with it"
             )
 
+    def helped(self, found: dict[int, JointCauses], nominal: Array, extended: Array) -> list[int]:
+        """Return the joints whose causes may be named: none, where the model is worse in all.
+
+        A model that is worse than the simulation on held-out time explains nothing.
+
+        Args:
+            found: causes by joint.
+            nominal: (n,) error of the nominal simulation [rad].
+            extended: (n,) held-out error of the model [rad].
+        """
+        if not any(joint.causes for joint in found.values()):
+            return list(found)
+        least = self.settings.questions.moves * self.resolution
+        moving = np.array([np.ptp(m.q) for m in self.motions]) >= least
+        worse = moving & (extended > self.settings.validation.worse * nominal)
+        share = extended[moving] / np.maximum(nominal[moving], 1e-12)
+        if not moving.any() or share.mean() >= 1.0:
+            self.notes.append(
+                "the model that fits best is no better than the simulation on held-out time: "
+                "nothing is named"
+            )
+            return []
+        for j in np.flatnonzero(worse):
+            self.notes.append(
+                f"joint {j + 1}: on held-out time the model is worse than the simulation "
+                f"({1e3 * extended[j]:.3g} against {1e3 * nominal[j]:.3g} mrad): nothing is named"
+            )
+        return np.flatnonzero(moving & ~worse).tolist()
+
     def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
         halves = folds(self.motions[0], self.settings.validation)
@@ -389,7 +422,11 @@ def diagnose_servo(
     q = rows(logs, [log.q for log in logs])
     nominal_rms = rms(q - rows(logs, plain), free)
     extended_rms = rms(q - rows(logs, held), free)
-    causes, minor = named_causes(found, joints.pushed(contacts), t, nominal_rms)
+    helped = joints.helped(found, nominal_rms, extended_rms)
+    causes, minor = named_causes(
+        {j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms
+    )
+    tip = tip if helped else None
     if tip is not None:
         causes = with_payload(
             causes, tip, _lost(before, found, free), nominal_rms, settings.servo.payload

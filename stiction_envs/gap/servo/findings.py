@@ -89,7 +89,7 @@ def named_causes(
     nominal_rms: Array,
 ) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
     """Return the causes of all joints, strongest first, and those that help a little."""
-    n = len(results)
+    n = len(nominal_rms)
     joints: dict[str, dict[int, float]] = {}
     for j, r in results.items():
         for cause, loss in r.causes.items():

@@ -199,6 +199,8 @@ def _segment(  # type: ignore[no-untyped-def]
         out[k] = angle + offset
         h = (t[k + 1] - t[k]) / substeps
         mass = max(inertia[k] + armature, SLOWEST * h * h * stiffness)
+        bristle = min(stiffest, STIFFEST * mass / (h * h))
+        damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
         for j in range(substeps):
             part = j / substeps
             # mean of the held command over the step, so that a delay acts smoothly
@@ -215,9 +217,9 @@ def _segment(  # type: ignore[no-untyped-def]
             weight = gravity[k] + part * (gravity[k + 1] - gravity[k]) + slope[k] * (angle - where)
             pull = (1.0 - compensated) * weight + coupling[k]
             level = max(stiction + load * abs(weight), 1e-6)
-            bristle = min(stiffest, STIFFEST * mass / (h * h))
-            damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
-            g = level * (1.0 - drop + drop * np.exp(-((speed / stribeck) ** 2)))
+            g = level
+            if drop > 0.0:
+                g *= 1.0 - drop + drop * np.exp(-((speed / stribeck) ** 2))
             a = max(abs(speed) * bristle * h / g, 1e-15)
             force = u - pull - bristle * deflection + damping * (a / h * deflection - speed)
             deflection = bristle_after(deflection, speed, a, h)

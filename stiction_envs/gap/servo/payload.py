@@ -102,7 +102,7 @@ def proposed(
     for _ in range(settings.rounds):  # joints weigh by what the body leaves on them
         left = (torque - columns @ found) ** 2
         weight = 1.0 / np.maximum(np.bincount(joint, weights=left) / len(kept), 1e-12)[joint]
-        inverse = np.linalg.inv(columns.T @ (weight[:, None] * columns) + unit)
+        inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns) + unit)
         found = inverse @ (columns.T @ (weight * torque))
     error = weight * (torque - columns @ found)
     by_block = np.stack([np.bincount(block, weights=x * error) for x in columns.T])
@@ -181,7 +181,7 @@ def _without(
     square = nuisance.T @ nuisance + np.diag(ridge) + 1e-12 * np.eye(len(prior))
     usual = np.flatnonzero(np.isfinite(prior))
     of = np.column_stack([torque, nuisance[:, usual] * prior[usual], own])
-    left = of - nuisance @ np.linalg.solve(square, nuisance.T @ of)
+    left = of - nuisance @ np.linalg.lstsq(square, nuisance.T @ of, rcond=None)[0]
     k = 1 + len(usual)
     return left[:, 0], left[:, k:], left[:, 1:k]
 
