@@ -42,7 +42,6 @@ HIDDEN: tuple[tuple[str, int, tuple[str, ...], str, int | None], ...] = (
     ("offset_scale", 7, ("torque_offset", "torque_scale"), "poses", 2),
     ("payload_viscous", 8, ("payload", "viscous_friction"), "fourier", 6),
     ("tilt", 9, ("base_tilt",), "poses", None),
-    ("backlash", 10, ("backlash",), "reversals", 3),
     ("elasticity_inertia", 11, ("joint_elasticity", "link_inertia"), "chirp", 2),
     ("delay_spring", 12, ("actuator_delay", "external_spring"), "fast", 5),
 )

@@ -129,9 +129,7 @@ def together(*names: str) -> bool:
     """Whether one motion excites some effects, and the generator and a log can hold them all."""
     motions = set.intersection(*(set(EFFECTS[x].motions) for x in names))
     pairs = [
-        {one, two} != {"backlash", "joint_elasticity"}
-        and two not in EFFECTS[one].excludes
-        and bool(common_joints(one, two))
+        two not in EFFECTS[one].excludes and bool(common_joints(one, two))
         for one, two in combinations(names, 2)
     ]
     return bool(motions) and all(pairs)

@@ -28,7 +28,7 @@ POSES = "iiwa14_joint_friction/static_poses.csv.gz"
 TX40 = "staubli_tx40/tx40.csv.gz"
 BODILESS = {
     *("payload", "link_parameters", "base_tilt", "torque_scale", "load_dependent_friction"),
-    *("joint_elasticity", "backlash", "actuator_delay"),
+    *("joint_elasticity", "actuator_delay"),
 }
 """Causes that need the masses of a robot."""
 DRAWN = 3000

@@ -244,12 +244,10 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     # what the gears carry: friction that grows with load feels a payload and a tilt too
     heavy = dataclasses.replace(bare, payload=w.payload, tilt=w.tilt, links=w.links).model()
     heavy_data = mujoco.MjData(heavy)
-    loose = (w.soft or w.gap or (None,))[0]
-    outer = np.array([i + (loose is not None and i > loose) for i in range(7)])
+    outer = np.array([i + (w.soft is not None and i > w.soft[0]) for i in range(7)])
     speed = np.gradient(wanted, STEP, axis=0)
     pull = np.gradient(speed, STEP, axis=0)
     d.qpos[outer] = plain_data.qpos[:] = wanted[0]
-    inside = None if loose is None else loose + 1
     coulomb = w.coulomb + w.more_coulomb
     sticks = bool(coulomb.any())
     inertia = np.maximum(w.rotor + w.armature, 0.02)
@@ -291,10 +289,6 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
             friction, known = friction + both[0], known + both[1]
             z = np.where(on, law.advance(z, v, STEP), 0.0)
         force[outer] = command - friction - w.torque_over_angle(x)
-        if w.gap is not None and inside is not None:
-            open_, rate = d.qpos[inside], d.qvel[inside]
-            press = open_ - np.clip(open_, -w.gap[1] / 2, w.gap[1] / 2)
-            force[inside] = -8000.0 * press - (15.0 * rate if press else 0.0)
         d.qfrc_applied[:] = force
         q[k], tau[k] = x + w.zero, command
         mujoco.mj_step(model, d)

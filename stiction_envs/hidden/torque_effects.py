@@ -148,11 +148,6 @@ def _tilt(w: World, j: int, value: float, shape: Shape) -> Values:
     return {"tilt_rad": value, "azimuth_rad": towards}
 
 
-def _gap(w: World, j: int, value: float, shape: Shape) -> Values:
-    w.gap = (j, value)
-    return {"gap_rad": value}
-
-
 def _elasticity(w: World, j: int, value: float, shape: Shape) -> Values:
     w.soft = (j, value)
     return {"stiffness_nm_per_rad": value}
@@ -210,8 +205,6 @@ class Effect:
     """Largest size that is tried: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
     """Causes that are named rightly beside it."""
-    comes_with: str = ""
-    """The one of them that it brings at any size."""
     parameter: str = ""
     """What its value is, where that is not the cause's first parameter."""
 
@@ -350,17 +343,6 @@ EFFECTS = {
         lambda w, d: (d.sign if w.rotor[d.joint] else 1.0) * d.between(0.3, 0.7) * ROTOR[d.joint],
         ("fast", "chirp"),
         start=1e-3,
-    ),
-    "backlash": Effect(
-        _gap,
-        lambda w, d: d.between(5e-3, 3e-2),
-        ("fourier", "reversals", "fast"),
-        joints=(1, 3, 5),
-        needs_friction=True,
-        start=1e-3,
-        largest=0.05,
-        expected=("joint_elasticity",),
-        comes_with="joint_elasticity",  # its flanks yield
     ),
     "joint_elasticity": Effect(
         _elasticity,

@@ -81,8 +81,6 @@ class World(_Joints):
     """Lean and azimuth [rad]."""
     soft: tuple[int, float] | None = None
     """Joint (from 0) and stiffness [N·m/rad]."""
-    gap: tuple[int, float] | None = None
-    """Joint (from 0) and gap [rad]."""
     delay: float = 0.0
     """[s]."""
     gravity_missing: float = 0.0
@@ -131,7 +129,7 @@ class World(_Joints):
         return np.asarray(self.scale * out + self.offset)
 
     def model(self) -> mujoco.MjModel:
-        """Return the arm without friction; a soft or loose gear is a joint more, ``inner``."""
+        """Return the arm without friction; a soft gear is a joint more, ``inner``."""
         spec = self.rigid.spec()
         for i, joint in enumerate(list(spec.joints)):
             joint.armature = self.rotor[i] + self.armature[i]
@@ -153,14 +151,12 @@ class World(_Joints):
             link.mass, link.ipos = link.mass + more, link.ipos + shift
         for mass, com in (x for x in (self.payload, self.phantom) if x is not None):
             add_to_flange(spec, self.rigid.end_effector, mass, com)
-        loose = self.soft or self.gap
-        if loose is not None:
-            joint = list(spec.joints)[loose[0]]
+        if self.soft is not None:
+            joint = list(spec.joints)[self.soft[0]]
             inner = joint.parent.add_joint(name="inner", axis=joint.axis, pos=joint.pos)
             inner.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-            if self.soft is not None:
-                inner.stiffness = [self.soft[1], 0, 0]
-                inner.damping = [2 * 0.1 * np.sqrt(self.soft[1] * 0.1), 0, 0]
+            inner.stiffness = [self.soft[1], 0, 0]
+            inner.damping = [2 * 0.1 * np.sqrt(self.soft[1] * 0.1), 0, 0]
         return spec.compile()
 
 

@@ -68,7 +68,7 @@ def test_a_toml_holds_them(log, tmp_path):
     ("settings", "says"),
     [
         ({"selection.chanse": 0.1}, r"selection\.chanse: no such setting: expected one of"),
-        ({"causes": {"backlash": {"flank": 1}}}, "settings: causes: no such setting: expected"),
+        ({"causes": {"payload": {"mass": 1}}}, "settings: causes: no such setting: expected"),
         ({"selection.chance": -1}, r"selection\.chance is -1: expected"),
     ],
 )

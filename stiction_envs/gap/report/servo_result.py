@@ -25,7 +25,6 @@ WOULD = {
     "encoder_offset": _BOTH_SIDES,
     "servo_stiffness": "its stiffness, from the data sheet, as --servo-stiffness",
     "torque_offset": _BOTH_SIDES,
-    "backlash": "pushing the joint by hand while it is commanded to rest",
     "coulomb_friction": "slow motion through several poses, both ways",
     "damping": _FREQUENCIES,
     "delay": _FREQUENCIES,

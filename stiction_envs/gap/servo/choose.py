@@ -415,8 +415,7 @@ def _with(cause: str) -> tuple[str, ...]:
 
 ALIKE = {
     "servo_stiffness": ("payload", "encoder_offset", "link_parameters"),
-    "coulomb_friction": ("backlash",),
-    "dead_zone": ("backlash", "coulomb_friction"),
+    "dead_zone": ("coulomb_friction",),
     "encoder_offset": ("torque_offset", "payload"),
     "gravity_compensation_missing": ("servo_stiffness", "payload"),
     "speed_limit": ("torque_limit",),

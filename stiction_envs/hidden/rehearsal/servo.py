@@ -40,7 +40,6 @@ from stiction_envs.hidden.rehearsal.jobs import (
     LARGE_SHARE,
     NO_JOB,
     NOTHING,
-    Hideable,
     Job,
     Run,
 )
@@ -63,10 +62,6 @@ SPARSE = 10
 """Rows of which one shows a body's gravity [-]; assumed."""
 FIXED = ("payload", "external_contact")
 """Causes of which `confused_with` says the same of every log."""
-BACKLASH = Hideable(
-    *("backlash", "gap_rad", "rad", "none: push the joint by hand while it is told to rest"),
-    arm_wide=True,
-)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,8 +98,7 @@ class HiddenServos:
             if not (effect.arm_wide and left):
                 unseen = [Job(what=effect, joints=(j,), why_not=x) for j, x in why_not.items() if x]
                 jobs += unseen[:1] if effect.arm_wide else unseen
-        why = "no log of positions tells it from dry friction or a dead zone"
-        return [*jobs, Job(what=BACKLASH, joints=(), why_not=why)]
+        return jobs
 
     def _why_not(self, name: str, j: int) -> str:
         """Return why a cause cannot show on a joint (from 0), or nothing."""

@@ -1,8 +1,8 @@
 """Causes hidden in joint logs: their torque along a motion, their sizes, and a diagnosis of them.
 
 The motion is given, so the motors follow it whatever is hidden, as under a stiff position
-controller. So `backlash` and `joint_elasticity` show what the gear does to the torque, but not how
-a controller would answer: the motor moves as logged, the link does not.
+controller. So `joint_elasticity` shows what the gear does to the torque, but not how a controller
+would answer: the motor moves as logged, the link does not.
 """
 
 from __future__ import annotations
@@ -41,8 +41,6 @@ STEPS = 8
 """Most steps in which a size is found; assumed: the torque is nearly proportional to it."""
 NO_TORQUE = 1e-6
 """Torque over the noise that is none [-]; assumed."""
-NO_SIZE = 1e-6
-"""Part of a small size that is none [-]; assumed."""
 
 
 def hideable(cause: Cause) -> Hideable:
@@ -152,18 +150,17 @@ class HiddenTorques:
         """Return (T, n) what other links, or links elsewhere, add to the torques [N·m]."""
         data = self.replay.data
         q, dq, ddq = data.q - world.zero, np.array(data.dq), np.array(data.ddq)
-        joint = world.gap or world.soft
         other = world.rigid is not self.bare.rigid or world.payload or world.tilt[0]
-        if not (other or joint or world.zero.any() or world.armature.any()):
+        if not (other or world.soft or world.zero.any() or world.armature.any()):
             return 0.0
-        if joint is not None:
-            how = {"gap": joint[1]} if world.gap else {"stiffness": joint[1]}
-            x, v = link_behind_gear(data, joint[0], **how)
-            q[:, joint[0]] += x
-            dq[:, joint[0]] += v
+        if world.soft is not None:
+            joint, stiffness = world.soft
+            x, v = link_behind_gear(data, joint, stiffness)
+            q[:, joint] += x
+            dq[:, joint] += v
             for run in data.runs():
-                ddq[run, joint[0]] += np.gradient(v[run], data.dt)
-        model = dataclasses.replace(world, gap=None, soft=None).model()
+                ddq[run, joint] += np.gradient(v[run], data.dt)
+        model = dataclasses.replace(world, soft=None).model()
         return inverse_torque(model, q, dq, ddq) - data.recording.rigid
 
     def hidden(self, job: Job, size: Array) -> tuple[Array, dict[str, float]]:
@@ -203,11 +200,8 @@ class HiddenTorques:
         start, largest = (effect.start, effect.largest) if effect else (0.01, np.inf)
         size = np.zeros(self.replay.data.n)
         size[list(job.joints)] = start
-        always: Array | float = 0.0
-        if effect is not None and effect.comes_with:
-            always = self.hidden(job, NO_SIZE * size)[0]
         for _ in range(STEPS):
-            torque = self.replay.in_band(self.hidden(job, size)[0] - always)
+            torque = self.replay.in_band(self.hidden(job, size)[0])
             ratio = np.sqrt(np.mean(np.square(torque), axis=0)) / target
             if job.what.coupled or job.what.arm_wide:
                 ratio = np.full_like(ratio, ratio.max())

@@ -64,7 +64,7 @@ def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
 
 
 def test_every_parameter_but_ratios_and_counts_has_a_unit() -> None:
-    ratios, counts = {"load_coefficient", "scale", "share"}, {"order", "link", "elements"}
+    ratios, counts = {"load_coefficient", "scale", "share"}, {"order", "link"}
     without = {p.name for c in CAUSES for p in c.parameters} - set(parameter_units())
     assert without == ratios | counts
 

@@ -125,7 +125,7 @@ def test_processes_change_nothing(planned, rehearsed):
 # ---- verdict of one run --------------------------------------------------------------------------
 
 VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_friction"
-LINKS, TIP, GAP = "link_parameters", "payload", "backlash"
+LINKS, TIP, GAP = "link_parameters", "payload", "torque_offset"
 OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
 ONE, SLOW, TOOL = (
     Job(what=hideable(cause_named(x)), joints=(0, 1)) for x in (VISCOUS, STRIBECK, TIP)
@@ -222,7 +222,6 @@ def size_of(name: str, joint: int, known: bool, value: float) -> float:
         ("payload", 5, "fast", False, "smallest_named"),  # this motion cannot tell it from a link
         ("viscous_friction", 3, "fourier", False, "smallest_found"),
         ("presliding_hysteresis", 4, "reversals", True, "smallest_found"),
-        ("backlash", 3, "fourier", True, "smallest_found"),
     ],
 )
 def test_the_promised_size_is_found_in_a_simulated_robot(name, joint, motion, known, promised):

@@ -90,9 +90,6 @@ def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan) -> None:
     assert all(rows["delay", j].named for j in (1, 2))
     assert 0.01 < rows["payload", 0].smallest_found < 2.0
     assert rows["delay", 1].unit == "s"
-    backlash = rows["backlash", 0]
-    assert not backlash.found
-    assert "no log of positions tells it from dry friction" in backlash.instead
 
 
 def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
@@ -104,7 +101,7 @@ def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenS
     assert reasons["servo_stiffness", 1] == "nobody said what it should be, so it is named as it is"
     assert "softer ones sag alike" in reasons["payload", 0]
     assert [job.cause for job in asked.jobs if not job.why_not] == ["nothing", "coulomb_friction"]
-    assert {r.cause for r in quick.rows} == {"servo_stiffness", "payload", "backlash"}
+    assert {r.cause for r in quick.rows} == {"servo_stiffness", "payload"}
     assert all(math.isnan(r.smallest_found) for r in quick.rows)
 
 
