@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from stiction_envs.compiled import compiled
 from stiction_envs.measured.settings import MotionThresholds, measured_settings
@@ -14,19 +11,10 @@ from stiction_envs.measured.settings import MotionThresholds, measured_settings
 Array = NDArray[np.float64]
 
 
-FINE = 0.002
-"""Time between the samples of a path along which bristles are followed [s]; assumed: a joint turns
-between two samples, and the direction by which a sample was reached is half a sample late."""
-
-
 def bristles(
-    path: Array,
-    runs: list[slice],
-    distance: Array,
-    motion: MotionThresholds | None = None,
-    dt: float = 0.0,
+    path: Array, runs: list[slice], distance: Array, motion: MotionThresholds | None = None
 ) -> Array:
-    """Return (T, n, k) bristle torque over its steady level, for k presliding distances [-].
+    """Return (F, n, k) bristle torque over its steady level, for k presliding distances [-].
 
     Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
     turns ζ goes to the sign of the motion by e^(−x/d) over the path x. LuGre without Stribeck
@@ -34,17 +22,12 @@ def bristles(
     at its start has already slid far; one that rests may hold any torque, zero on average.
 
     Args:
-        path: (T, n) [rad].
+        path: (F, n) [rad].
         runs: rows of each segment.
         distance: (n, k) d [rad].
         motion: when a joint moves from the start; None for ``settings.toml``'s.
-        dt: sampling time [s]. Longer ones than `FINE` are divided, the path is interpolated by
-            cubic splines, and the mean about each sample is returned; 0 for the samples alone.
     """
     moves = motion or measured_settings().motion
-    parts = max(1, round(dt / FINE)) if np.isfinite(dt) else 1
-    if parts > 1:
-        return _finer(path, runs, distance, moves, parts)
     out = np.zeros((*path.shape, distance.shape[-1]))
     for run in runs:
         if run.stop - run.start < 2:
@@ -58,27 +41,6 @@ def bristles(
             # numpy's exponential of a whole array is several times as fast as a compiled loop's
             left = np.exp(-np.abs(x - x[np.maximum(turn, 0)])[:, None] / distance[j])
             _follow(side, turn, left, float(begun), out[run, j])
-    return out
-
-
-def _finer(
-    path: Array, runs: list[slice], distance: Array, moves: MotionThresholds, parts: int
-) -> Array:
-    """Return `bristles` (T, n, k), means about each row of those of a path divided in parts."""
-    out = np.zeros((*path.shape, distance.shape[-1]))
-    begun = replace(moves, start_samples=parts * moves.start_samples)
-    half = parts // 2
-    for run in runs:
-        rows = run.stop - run.start
-        if rows < 4:
-            continue
-        fine = np.arange(parts * (rows - 1) + 1) / parts
-        along = CubicSpline(np.arange(rows), path[run])(fine)
-        every = bristles(along, [slice(0, len(fine))], distance, begun)
-        ends = np.pad(every, ((half, half), (0, 0), (0, 0)), mode="edge")
-        sums = np.cumsum(np.concatenate([np.zeros_like(ends[:1]), ends]), axis=0)
-        width = 2 * half + 1
-        out[run] = (sums[width:] - sums[:-width])[::parts] / width
     return out
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
@@ -120,16 +121,17 @@ def presliding_distances(
         logged: turns a torque (T,) into the logged torque.
     """
     dq, ddq = recording.dq, recording.ddq
-    zeta = recording.bristles(np.tile(PRESLIDING_DISTANCES, (recording.n, 1)))
-    zeta = recording.smooth(zeta)
-    out = np.empty(recording.n)
+    out, distances = np.empty(recording.n), np.array([PRESLIDING_DISTANCES])
+    runs, motion = recording.path_runs, recording.settings.motion
     for j in range(recording.n):
+        path = recording.reversal_path[:, [j]]
+        zeta = recording.smooth(bristles(path, runs, distances, motion)[:, 0])
         falls = np.exp(-np.abs(dq[:, j]) / FALLING_SPEED)
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []
         for k in range(len(PRESLIDING_DISTANCES)):
             # friction's fall with speed may show apart from when it turns
-            x = np.column_stack([common, zeta[:, j, k], zeta[:, j, k] * falls])
+            x = np.column_stack([common, zeta[:, k], zeta[:, k] * falls])
             x = np.stack([logged(column) for column in x.T], axis=1)
             r = residual[:, j]
             xx = x.T @ x

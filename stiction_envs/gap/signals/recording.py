@@ -134,8 +134,7 @@ class Recording:
         Args:
             distance: (n, k) presliding distances [rad].
         """
-        motion, dt = self.settings.motion, self.path_dt
-        return bristles(self.reversal_path, self.path_runs, distance, motion, dt)
+        return bristles(self.reversal_path, self.path_runs, distance, self.settings.motion)
 
     def along_path(self, x: Array) -> Array:
         """Return (F, ...) of smooth (T, ...), at the times of the reversal path.

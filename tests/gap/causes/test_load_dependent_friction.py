@@ -24,8 +24,8 @@ def data() -> Data:
 
 def bristle(data: Data, stiffness: float) -> np.ndarray:
     """Return (T,) torque of a bristle whose level is `LEVEL` plus `GROWTH` times the load."""
-    level = LEVEL + GROWTH * np.abs(data.rigid[:, JOINT])
-    out = np.zeros(len(data.t))
+    level = LEVEL + GROWTH * data.recording.along_path(np.abs(data.rigid[:, JOINT]))
+    out = np.zeros(len(level))
     out[0] = level[0] * data.direction(JOINT)[0]
     for k, step in enumerate(np.diff(data.reversal_path[:, JOINT])):
         end = np.sign(step) * level[k + 1]

@@ -58,9 +58,9 @@ class PreslidingHysteresis(Cause):
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m."""
-        path, recording = data.reversal_path[:, [joint]], data.recording
+        path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
         distance, motion = np.array([[shape[0]]]), data.settings.motion
-        ratio = bristles(path, recording.path_runs, distance, motion, recording.path_dt)[:, 0, 0]
+        ratio = bristles(path, runs, distance, motion)[:, 0, 0]
         return data.smooth(ratio - data.dry_friction_ratio(joint))[:, None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
