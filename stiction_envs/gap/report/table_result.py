@@ -10,8 +10,8 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
+from stiction_envs.gap.tables.diagnosis import TableDiagnosis
 from stiction_envs.gap.tables.extended import table_extension
-from stiction_envs.gap.tables.found import TableDiagnosis
 from stiction_envs.reporting.markdown import sentence
 from stiction_envs.robots import Arm
 

@@ -3,59 +3,86 @@
     diagnosis = diagnose_tables(base, rows, load_arm("panda"), load_friction("panda"))
     print(diagnosis.verdict)
     for cause in diagnosis.causes:
-        print(cause.name, cause.joints, cause.parameters, cause.evidence, cause.confused_with)
+        print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
 
-Hypotheses of the causes (`gap.tables.causes`) are accepted one by one, as long as their gain on
-held-out blocks is significant, the largest gain first. Causes that would have predicted the
-held-out blocks as well are named in `confused_with`.
+Causes (`gap.tables.causes`) are named by the evidence of the model with them (`gap.tables.judge`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.judge.judgement import NamedCause, percent_lost
-from stiction_envs.gap.tables.causes import (
-    Hypothesis,
-    TableCause,
-    registered,
-    what_tells_apart,
+from stiction_envs.gap.judge.judgement import (
+    Estimate,
+    Judgement,
+    NamedCause,
+    percent_gained,
+    percent_lost,
 )
-from stiction_envs.gap.tables.causes.base import BASE_AGAIN
-from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
-from stiction_envs.gap.tables.found import TableDiagnosis, parameters_of
-from stiction_envs.gap.tables.model import Fit, Model
+from stiction_envs.gap.predictors.named import ALIKE, MOST_ALIKE, WIDTH
+from stiction_envs.gap.tables.causes import TableCause, registered, what_tells_apart
+from stiction_envs.gap.tables.causes.base import Hypothesis
+from stiction_envs.gap.tables.judge import Fit, Judge
+from stiction_envs.gap.tables.predictor import Predictor
 from stiction_envs.gap.tables.readings import Readings
 from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.markdown import joints as named
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-MOST_CAUSES = 12
-"""Largest number of accepted hypotheses; assumed."""
-RIVAL = 0.6
-"""Least gain of a rival that is simulated with the whole arm too, over the best gain [-];
-assumed."""
-ALIKE = 0.1
-"""Difference of two equally good gains over the gain [-]; assumed: how well the lone joint follows
-the arm."""
-MOST_CORRUPTED = 0.05
-"""Largest share of corrupted readings; with more the model is wrong, not the readings [-];
-assumed."""
-MODEL_SD = 0.005
-"""Error of the lone joint's level shift, over friction [-]; measured by simulation: 0.003 to 0.008
-for the Panda's joints 5 and 7."""
-DOUBTFUL = 0.8
-"""Part of the setting ``unexplained`` above which a joint is simulated more closely [-];
-assumed."""
+UNEXPLAINED = 3.0
+"""Log evidence for an error that is common to a frequency and scale above which a joint is not
+explained [nats]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TableDiagnosis(Judgement):
+    """What the tables show about the simulation."""
+
+    joints: tuple[int, ...]
+    """The joints with dithered torques in the tables."""
+    nominal: Array
+    """Mean |error| of the nominal simulation in each, over the joint's friction [%]."""
+    extended: Array
+    """The same with the causes, their values fitted without each block in turn [%]."""
+    noise_floor: Array
+    """Scatter of a reading, over the joint's friction [%]; NaN if unknown."""
+    reason: str = ""
+    """Why the tables are not, or not fully, explained; empty otherwise."""
+
+    @property
+    def gain_percent(self) -> float:
+        """See `Judgement.gain_percent`."""
+        return percent_gained(self.nominal, self.extended) if self.causes else 0.0
+
+    def to_json(self) -> dict[str, object]:
+        """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
+
+        def by_joint(values: Array) -> dict[str, float | None]:
+            each = zip(self.joints, values.tolist(), strict=True)
+            return {str(j): x if math.isfinite(x) else None for j, x in each}
+
+        return {
+            "robot": self.robot,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "joints": list(self.joints),
+            "nominal": {"error_percent": by_joint(self.nominal)},
+            "extended": {"error_percent": by_joint(self.extended), "cross_fitted": True},
+            "noise_floor_percent": by_joint(self.noise_floor),
+            "gain_percent": self.gain_percent,
+            **self.judged_json(),
+        }
 
 
 def diagnose_tables(
@@ -100,261 +127,130 @@ def diagnose_tables(
     say = progress or (lambda _: None)
     readings = Readings(base, dithered)
     joints = tuple(readings.joints)
-    if len(readings.blocks) - 1 < chosen.verdict.least_blocks:
-        return _cannot_tell(
-            arm.name, joints, f"{max(0, len(readings.blocks) - 1)} frequencies and scales of "
-            f"dithered torques: at least {chosen.verdict.least_blocks} are needed to hold one out"
-        )  # fmt: skip
+    blocks = len(readings.blocks) - 1
+    if blocks < chosen.least_blocks:
+        nothing = np.full(len(joints), np.nan)
+        return TableDiagnosis(
+            robot=arm.name,
+            verdict="cannot tell",
+            joints=joints,
+            nominal=nothing,
+            extended=nothing,
+            noise_floor=nothing,
+            reason=f"{max(0, blocks)} frequencies and scales of dithered torques: at least "
+            f"{chosen.least_blocks} are needed to hold one out",
+        )
     say("simulating the nominal arm")
     tried = registered() if causes is None else causes
-    nominal = Model(readings, whole, base, tried, chosen)
-    if not np.isfinite(nominal.noise).all():
-        bad = sorted({int(j) for j in readings.joint[~np.isfinite(nominal.noise)]})
-        return _cannot_tell(arm.name, joints, f"too few dithered torques of joints {bad}")
-    model = _select(nominal, say)
-    bad_readings = _corrupted(model)
-    poor = _unexplained(model, bad_readings, DOUBTFUL)
-    if poor:
-        say(f"simulating joints {', '.join(map(str, poor))} at more values")
-        nominal.anchor(poor)
-        model = _select(nominal, say)
-        bad_readings = _corrupted(model)
+    quantities = [c.quantity for c in tried if c.quantity is not None]
+    predictor = Predictor(readings, whole, base, quantities)
+    hypotheses = [h for c in tried for h in c.hypotheses(readings)]
+    judge = Judge(predictor, hypotheses, chosen.scatter)
+    nominal = judge.fit({})
+    best = judge.search(say)
     say("looking for what else could have been it")
-    return _report(arm.name, nominal, model, bad_readings)
+    return _report(arm.name, judge, nominal, best)
 
 
-def _cannot_tell(robot: str, joints: tuple[int, ...], reason: str) -> TableDiagnosis:
-    nothing = np.full(len(joints), np.nan)
-    return TableDiagnosis(
-        robot=robot,
-        verdict="cannot tell",
-        joints=joints,
-        nominal=nothing,
-        extended=nothing,
-        noise_floor=nothing,
-        reason=reason,
-    )
-
-
-def _select(model: Model, say: Callable[[str], None]) -> Model:
-    """Accept hypotheses while the best one's held-out gain is significant."""
-    refused: set[Hypothesis] = set()
-    s = model.settings.verdict
-    for _ in range(MOST_CAUSES):
-        null = _losses(model)
-        fits = _fits(model, null, refused, s.least_gain)
-        if not fits or fits[0][0] < s.least_gain:
-            break
-        best = fits[0]
-        say(f"trying {best[1].hypothesis.name} on joints {best[1].hypothesis.joints}")
-        gain, chosen = _arbitrate(model, null, fits)
-        if gain < s.least_gain:
-            refused.add(best[1].hypothesis)
-            continue
-        model = chosen
-        model.set_noise()
-        for h in list(model.values)[:-1]:
-            if _lost(model, h) < s.least_gain:
-                model.drop([h])
-                refused.add(h)
-    return model
-
-
-def _losses(model: Model) -> dict[int, float]:
-    """Return the held-out loss of each joint with the present values [nats]."""
-    return {j: model.held((j,), refitted=False) for j in model.readings.joints}
-
-
-def _fits(
-    model: Model, null: Mapping[int, float], refused: set[Hypothesis], enough: float
-) -> list[tuple[float, Fit]]:
-    """Return held-out gains [nats] of further hypotheses, best first; −inf for too little."""
-    out = []
-    for h in model.hypotheses():
-        if h in refused:
-            continue
-        fit = model.fit(h, enough=enough)
-        out.append((sum(null[j] for j in h.joints) - fit.held, fit))
-    return sorted(out, key=lambda pair: -pair[0])
-
-
-def _arbitrate(
-    model: Model, null: Mapping[int, float], fits: list[tuple[float, Fit]]
-) -> tuple[float, Model]:
-    """Return gain [nats] and model of the best hypothesis, after simulations of its rivals."""
-    best_gain, best = fits[0]
-    rivals = [best] + [
-        f
-        for g, f in fits[1:]
-        if g > RIVAL * best_gain
-        and set(f.hypothesis.joints) & set(best.hypothesis.joints)
-        and (f.hypothesis.cause.quantity or best.hypothesis.cause.quantity)
-    ]
-    tried = []
-    for fit in rivals[:3]:
-        h = fit.hypothesis
-        trial = model.copy()
-        held = trial.accept(h, fit.x).held
-        tried.append((sum(null[j] for j in h.joints) - held, trial))
-    return max(tried, key=lambda pair: pair[0])
-
-
-def _lost(model: Model, h: Hypothesis) -> float:
-    """Return the held-out gain that is lost without a hypothesis [nats]."""
-    without, full = (m.held(h.joints, refitted=True) for m in (_without(model, [h]), model))
-    return without - full
-
-
-def _without(model: Model, some: Sequence[Hypothesis]) -> Model:
-    new = model.copy()
-    new.drop(some)
-    return new
-
-
-def _corrupted(model: Model) -> list[int]:
-    """Return the readings that no cause explains, the worst first."""
-    r, z, s = model.readings, model.left_over(), model.settings.verdict
-    error = z * model.noise
-    found = []
-    for i in np.flatnonzero((np.abs(z) > s.corrupted_sd) & (np.abs(error) > s.corrupted)):
-        rest = error[i]
-        block = (r.joint == r.joint[i]) & (r.block == r.block[i])
-        for others in (r.of([r.all[i].where]), block):
-            others[i] = False
-            if others.any():
-                # an error of the whole configuration or block is no bad reading
-                rest = min(rest, error[i] - np.median(error[others]), key=abs)
-        if abs(rest) > max(s.corrupted, s.corrupted_sd * model.noise[i]):
-            found.append(int(i))
-    if len(found) > max(1, MOST_CORRUPTED * len(z)):
-        return []
-    return sorted(found, key=lambda i: -abs(z[i]))
-
-
-def _report(robot: str, nominal: Model, model: Model, bad: list[int]) -> TableDiagnosis:
-    r = model.readings
-    before, after = _errors(nominal, []), _errors(model, bad)
-    groups: dict[tuple[str, tuple[int, ...]], list[Hypothesis]] = {}
-    for h in model.values:
-        groups.setdefault((h.name, h.joints), []).append(h)
+def _report(robot: str, judge: Judge, nominal: Fit, best: Fit) -> TableDiagnosis:
+    r = judge.readings
+    # bad readings have no error of the model
+    bad = {i for h in best.values if h.cause.separate for i in h.rows}
+    before, after = _errors(judge, nominal, set()), _errors(judge, best, bad)
+    groups: dict[tuple[object, ...], list[Hypothesis]] = {}
+    for h in best.values:
+        groups.setdefault((h.name, h.joints, h.rows if h.cause.separate else ()), []).append(h)
     causes = []
-    for (name, joints), some in groups.items():
-        without = _without(model, some)
-        fits = [model.fit(h) for h in some]
-        lost = without.held(joints, refitted=True) - model.held(joints, refitted=True)
-        values = [model.values[h] for h in some]
-        cause = some[0].cause
-        confused = _confused(name, joints, some, lost, without)
+    for some in groups.values():
+        name, joints, cause = some[0].name, some[0].joints, some[0].cause
+        without = judge.fit({h: x for h, x in best.values.items() if h not in some}, best.around)
+        still_bad = bad - {i for h in some for i in h.rows} if cause.separate else bad
+        rivals = {n: best.score - f.score for n, f in judge.rivals(best, without, some).items()}
+        nearest = sorted(rivals.items(), key=lambda x: x[1])
+        confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
         causes.append(
             NamedCause(
                 name=name,
                 joints=joints,
-                parameters={0 if len(joints) > 1 else joints[0]: parameters_of(fits, model.data)},
-                gain_percent=percent_lost(_errors(without, bad), after, before),
-                evidence=cause.evidence(some, values, model.comparison(without)),
+                parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, some)},
+                gain_percent=percent_lost(_errors(judge, without, still_bad), after, before),
+                nats=best.score - without.score,
+                rivals=tuple(nearest),
+                evidence=_evidence(judge, best, without, some),
                 confused_with=tuple(confused),
-                told_apart_by=confused,
+                told_apart_by={n: what_tells_apart(name, n) for n in confused},
             )
         )
-    for i in bad:
-        others = [k for k in bad if k != i]
-        confused = {"base_drift": BASE_AGAIN} if r.base[i] else {}
-        causes.append(
-            NamedCause(
-                name=CorruptedCell.name,
-                joints=(int(r.joint[i]),),
-                parameters={int(r.joint[i]): {}},
-                gain_percent=percent_lost(_errors(model, others), after, before),
-                evidence=CorruptedCell().describe(i, model.comparison(model)),
-                confused_with=tuple(confused),
-                told_apart_by=confused,
-            )
-        )
-    verdict, reason = _verdict(model, bad, bool(causes))
+    verdict, reason = _verdict(judge, best)
+    gained = percent_gained(before, after)
+    if causes and gained < 0:  # a verdict is earned
+        verdict, causes, after = "cannot tell", [], before
+        reason = "the likeliest causes predict held-out readings worse than the nominal model"
     return TableDiagnosis(
         robot=robot,
         verdict=verdict,
         causes=tuple(sorted(causes, key=lambda c: -c.gain_percent)),
+        shares_percent=dict(named=gained, links=0.0, set_up=0.0, left=100 - gained)
+        if causes
+        else {},
+        not_shown=judge.not_shown(best),
         joints=tuple(r.joints),
         nominal=before,
         extended=after,
-        noise_floor=np.array([100 * model.noise[r.of_joints([j])].min() for j in r.joints]),
+        noise_floor=np.array([100 * best.size[j][0] for j in r.joints]),
         reason=reason,
     )
 
 
-def _errors(model: Model, bad: list[int]) -> Array:
+def _errors(judge: Judge, fit: Fit, bad: set[int]) -> Array:
     """Return the mean held-out |error| of each joint over its friction [%], no bad readings."""
-    error = np.abs(model.left_out_residual())
-    good = np.ones(len(error), dtype=bool)
-    good[bad] = False
-    r = model.readings
-    return np.array([100 * error[(r.joint == j) & good].mean() for j in r.joints])
+    error, joint = np.abs(judge.left_out(fit)), judge.readings.joint
+    good = ~np.isin(np.arange(len(error)), list(bad))
+    return np.array([100 * error[(joint == j) & good].mean() for j in judge.readings.joints])
 
 
-def _confused(
-    name: str,
-    joints: tuple[int, ...],
-    some: list[Hypothesis],
-    gain: float,
-    without: Model,
-) -> dict[str, str]:
-    """Return causes that predict the held-out blocks as well, and what distinguishes them."""
-    null = _losses(without)
-    s = without.settings.verdict
-    least = gain - max(s.alike_nats, ALIKE * gain)
-    # small gains on several joints may add up
-    enough = 1.0 if len(joints) > 1 else max(least, 1.0)
-    best: dict[str, dict[tuple[int, ...], float]] = {}
-    for g, fit in _fits(without, null, set(some), enough):
-        h = fit.hypothesis
-        if h.name == name or not set(h.joints) & set(joints):
-            continue
-        known = best.setdefault(h.name, {})
-        if h.joints in known:
-            continue
-        if h.cause.quantity and g > RIVAL * gain and len(joints) == len(h.joints):
-            trial = without.copy()
-            g = sum(null[j] for j in h.joints) - trial.accept(h, fit.x).held
-        known[h.joints] = g
+def _parameters(judge: Judge, fit: Fit, some: Sequence[Hypothesis]) -> dict[str, Estimate]:
+    """Return the parameters of one cause with their 95 % intervals."""
     out = {}
-    for other, gains in best.items():
-        # one hypothesis per joint is compared with one about all joints
-        each = [max(g, 0.0) for g in gains.values()]
-        total = sum(each) if len(joints) > 1 else max(each)
-        if total >= least:
-            out[other] = what_tells_apart(name, other)
-    return out | {x: what_tells_apart(name, x) for x in some[0].cause.indistinguishable_from(some)}
-
-
-def _verdict(model: Model, bad: list[int], any_cause: bool) -> tuple[str, str]:
-    """Return the verdict, and what remains unexplained."""
-    poor = _unexplained(model, bad)
-    if not poor:
-        return ("explained" if any_cause else "no discrepancy"), ""
-    reason = "; ".join(
-        f"joint {j}: the remaining error is {np.sqrt(size):.1f} times the noise, and no known "
-        "cause predicts it"
-        for j, size in poor.items()
-    )
-    return ("partly explained" if any_cause else "cannot tell"), reason
-
-
-def _unexplained(model: Model, bad: list[int], share: float = 1.0) -> dict[int, float]:
-    """Return the mean square of the residual over noise, of joints where it is too large."""
-    r, s = model.readings, model.settings.verdict
-    # the difference of lone joint and whole arm is not a cause
-    z = model.left_over() * model.noise / np.hypot(model.noise, MODEL_SD)
-    good = np.ones(len(z), dtype=bool)
-    good[bad] = False
-    out = {}
-    for j in r.joints:
-        mine = good & (r.joint == j)
-        size = float(np.minimum(z[mine] ** 2, 9.0).mean())
-        # a common error of a block has a cause that is unknown here
-        blocks = [z[mine & (r.block == b)] for b in np.unique(r.block[mine])]
-        common = float(np.mean([b.mean() ** 2 * len(b) for b in blocks]))
-        by_chance = float(chi2.ppf(0.999, len(blocks))) / len(blocks)
-        if size > share * s.unexplained or common > share * max(s.unexplained, by_chance):
-            out[j] = max(size, common)
+    for h in some:
+        x, reach = fit.values[h], WIDTH * fit.sd[h]
+        low, high = judge.bounds[h]
+        ends = [h.cause.values(judge.data, h, float(np.clip(v, low, high)))
+                for v in (x - reach, x + reach)]  # fmt: skip
+        for key, value in h.cause.values(judge.data, h, x).items():
+            interval = min(e[key] for e in ends), max(e[key] for e in ends)
+            bound = x in (low, high)
+            out[key] = Estimate(value=value, ci95=interval, on_bound=bound)
     return out
+
+
+def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Hypothesis]) -> str:
+    """Return one sentence that can be checked in the tables."""
+    r, joints, unit = judge.readings, some[0].joints, judge.data.unit
+    rows = r.of_joints(joints)
+    with_it, less = (f.around.predict(f.values) for f in (fit, without))
+    off, off_less = (np.abs(r.torque - x) / unit for x in (with_it, less))
+    i = int(rows[(off_less - off)[rows].argmax()])
+    values: dict[str, float] = {}
+    for h in some:
+        values |= h.cause.values(judge.data, h, fit.values[h])
+    before, after = (100 * np.sqrt(np.mean(x[rows] ** 2)) for x in (off_less, off))
+    read, simulated, better = r.all[i].where.sign * np.array([r.torque[i], less[i], with_it[i]])
+    return (
+        f"{some[0].cause.what(values)}: without it the error of {named(joints)} is {before:.1f} % "
+        f"of the friction (root mean square), with it {after:.1f} %; at {r.all[i]}, {read:.4f} N·m "
+        f"is read, and simulated {simulated:.4f} N·m without it, {better:.4f} N·m with it"
+    )
+
+
+def _verdict(judge: Judge, fit: Fit) -> tuple[str, str]:
+    """Return the verdict, and what remains unexplained."""
+    poor = [j for j, nats in fit.common_nats.items() if nats > UNEXPLAINED]
+    if not poor:
+        return ("explained" if fit.values else "no discrepancy"), ""
+    reason = "; ".join(
+        f"joint {j}: readings of one frequency and scale are off together, by "
+        f"{100 * fit.size[j][1]:.1f} % of the friction, and no known cause predicts it"
+        for j in poor
+    )
+    return ("partly explained" if fit.values else "cannot tell"), reason

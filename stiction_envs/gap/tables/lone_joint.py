@@ -4,13 +4,10 @@ The prediction is the whole arm's (`WholeArm`) in the last simulated state x₀.
 predicts changes from there:
 
     W(x) ≈ W(x₀) + lone(x) − lone(x₀)
-
-Other simulated states correct it likewise (space mapping: Bandler et al. 1994).
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -28,7 +25,6 @@ from stiction_envs.gap.tables.whole_arm import (
     Quantity,
     State,
     WholeArm,
-    without,
 )
 from stiction_envs.measured import BaseTable
 from stiction_envs.robots import Arm
@@ -219,41 +215,21 @@ class LoneJoint:
         self.knots[FRICTION_LEVEL] = levels
         self.tables[FRICTION_LEVEL] = flat.reshape(len(levels), -1)
 
-    def anchored(self, known: Mapping[State, Array]) -> LoneJoint:
-        """Return predictions corrected at the simulated states of the whole arm, and between them.
-
-        Args:
-            known: (rows,) readings [N·m] of the whole arm in some states, including this one.
-        """
-        new = copy.copy(self)
-        new.tables = dict(self.tables)
-        for q, knots in self.knots.items():
-            found = {self._log(q, self.state): np.zeros(self.tables[q].shape[1])}
-            for state, tau in known.items():
-                if without(state, q) == without(self.state, q):
-                    x = self._log(q, state)
-                    change = self.shift(q, np.array([[x]]))[0]
-                    found.setdefault(x, tau - known[self.state] - change)
-            if len(found) > 1:
-                values = sorted(found)
-                missing = np.array([found[v] for v in values])
-                new.tables[q] = self.tables[q] + _between(np.array(values), missing, knots[:, None])
-        return new
-
     def _log(self, q: Quantity, state: State) -> float:
         """Return the logarithm of a value of a state, within the simulated range."""
         knots = self.knots[q]
         return float(np.clip(np.log(self.whole.value(state, q)), knots[0], knots[-1]))
 
-    def shift(self, q: Quantity, x: Array) -> Array:
-        """Return (m, rows) change of the readings [N·m] from the state.
+    def shift(self, q: Quantity, x: Array | float) -> Array:
+        """Return (rows,) change of the readings [N·m] from the state.
 
         Args:
             q: one of the quantities, or the friction level.
-            x: logarithms of its value, (m, 1) or (m, rows).
+            x: logarithm of its value, one or (rows,).
         """
-        here = np.array([[self._log(q, self.state)]])
-        there, before = (_between(self.knots[q], self.tables[q], v) for v in (x, here))
+        there, before = (
+            _between(self.knots[q], self.tables[q], v) for v in (x, self._log(q, self.state))
+        )
         return there - before
 
 
@@ -279,8 +255,8 @@ def _holds(p: Mapping[str, float], columns: LoneJointTorques, link: float, zeta:
     return bool(1e-3 * sigma1[0] < 1.6 * (rotor + link)[0])
 
 
-def _between(knots: Array, table: Array, x: Array) -> Array:
-    """Return (m, rows) of a table (knots, rows), interpolated at x, (m, 1) or (m, rows)."""
+def _between(knots: Array, table: Array, x: Array | float) -> Array:
+    """Return (rows,) of a table (knots, rows), interpolated at x, one or (rows,)."""
     at = np.interp(x, knots, np.arange(len(knots)))
     i = np.minimum(at.astype(int), len(table) - 2)
     t, row = at - i, np.arange(table.shape[1])

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.protocol import Configuration, Job, configurations
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.tables.whole_arm import NOMINAL, Quantity, WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Index = NDArray[np.int64]
 
 
@@ -33,6 +32,11 @@ class Reading:
     def is_base(self) -> bool:
         """Whether it is a base torque."""
         return self.amplitude == 0.0
+
+    def __str__(self) -> str:
+        """Return joint, pose, direction and dither."""
+        dither = "no dither" if self.is_base else f"{self.frequency:g} Hz, {self.amplitude:.4g} N·m"
+        return f"joint {self.where.joint} {self.where.load} {self.where.direction}, {dither}"
 
     @property
     def job(self) -> Job:
@@ -78,9 +82,13 @@ class Readings:
         self.level = 2 * np.searchsorted(self.joints, self.joint) + self.pose
         """(N,) number of the friction level of a reading."""
 
-    def of(self, where: Sequence[Configuration]) -> Mask:
-        """Return (N,) which readings are of some configurations."""
-        return np.array([r.where in where for r in self.all], dtype=bool)
+    def dithered(self, joint: int) -> dict[Configuration, tuple[int, ...]]:
+        """Return the dithered torques of each configuration of a joint."""
+        out: dict[Configuration, tuple[int, ...]] = {}
+        for i, r in enumerate(self.all):
+            if r.where.joint == joint and not r.is_base:
+                out[r.where] = (*out.get(r.where, ()), i)
+        return out
 
     def jobs(self, joint: int) -> list[Job]:
         """Return the experiments of a joint's readings."""
@@ -90,13 +98,6 @@ class Readings:
         """Return which readings are of some joints."""
         return np.flatnonzero(np.isin(self.joint, joints))
 
-    def base_of(self, values: Array, i: int) -> float:
-        """Return the value (N,) of the base torque that belongs to a reading."""
-        where = self.all[i].where
-        return float(
-            next(values[k] for k, x in enumerate(self.all) if x.is_base and x.where == where)
-        )
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TableData:
@@ -105,22 +106,18 @@ class TableData:
     readings: Readings
     unit: Array
     """(N,) friction of the nominal arm in the pose of each reading [N·m]."""
-    loads: Array
-    """(n, 2) signed load in both poses [N·m]."""
-    friction: FrictionParameters
-    """Nominal, of one arm."""
+    whole: WholeArm
+    """The nominal arm."""
+
+    @property
+    def loads(self) -> Array:
+        """(n, 2) signed load in both poses [N·m]."""
+        return self.whole.poses.signed
 
     def nominal(self, field: str, joint: int) -> float:
         """Return a friction parameter of a joint (from 1), mean over directions."""
-        return float(np.mean(getattr(self.friction, field)[joint - 1]))
+        return float(np.mean(getattr(self.whole.friction, field)[joint - 1]))
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Comparison:
-    """Predictions of the readings with and without a cause."""
-
-    data: TableData
-    with_it: Array
-    """(N,) [N·m]."""
-    without: Array
-    """(N,) [N·m]."""
+    def neutral(self, q: Quantity) -> float:
+        """Return the nominal value of a quantity; a filter that is off has its largest."""
+        return float(np.clip(self.whole.value(NOMINAL, q), q.low, q.high))

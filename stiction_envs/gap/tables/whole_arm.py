@@ -32,8 +32,6 @@ class Quantity:
     """Least value [-], or in units of the interface."""
     high: float
     """Largest value."""
-    anchors: tuple[float, ...] = ()
-    """Factors at which the whole arm is simulated too, where the lone joint is not enough [-]."""
 
 
 FRICTION_LEVEL = Quantity(
@@ -41,9 +39,8 @@ FRICTION_LEVEL = Quantity(
     fields=("stiction", "load_coefficient"),
     low=0.5,
     high=2.0,
-    anchors=(0.87, 1.15),
 )
-"""Range and anchors are assumed."""
+"""Its range is assumed."""
 State = frozenset[tuple[Quantity, float]]
 """The values of a joint that are not nominal."""
 NOMINAL: State = frozenset()

@@ -58,6 +58,8 @@ class Truth:
     """Offset in the load pose, in proportion to the signed load elsewhere."""
     asymmetry_nm: float = 0.0
     """Dry friction: more in direction +, less in direction −."""
+    level: float = 1.0
+    """Factor on dry friction, in all measurements."""
     day: float = 1.0
     """Friction of the day of the dithered measurements over that of the base torques."""
     day_at: tuple[tuple[str, str], ...] = ()
@@ -75,13 +77,18 @@ class Truth:
         """Return the true friction, given the signed load [N·m] of the load pose."""
         p = {
             k: np.array(getattr(arm, k))
-            for k in ("rotor_inertia", "bristle_stiffness", "offset", "gravity_error", "stiction")
+            for k in (
+                *("rotor_inertia", "bristle_stiffness", "offset", "gravity_error", "stiction"),
+                "load_coefficient",
+            )
         }
         j = joint - 1
         p["rotor_inertia"][j] *= self.rotor_inertia
         p["bristle_stiffness"][j] *= self.bristle_stiffness
         p["offset"][j] += self.offset_nm
         p["gravity_error"][j] += self.gravity_nm / load
+        p["load_coefficient"][j] *= self.level
+        p["stiction"][j] *= self.level
         p["stiction"][j] += self.asymmetry_nm * np.array([1.0, -1.0])
         return arm.replace(**p)
 

@@ -15,8 +15,6 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.model import Model
-from stiction_envs.gap.tables.settings import table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import thesis_base
 from stiction_envs.robots import load_arm
@@ -24,7 +22,6 @@ from tests.gap.tables.hidden_tables import Truth, amplitude, nominal, protocol, 
 
 JOINTS = [5, 7]
 BAD = ("no_load", "+", 30.0, 1.0)
-SETTINGS = table_settings().noise
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +52,18 @@ def _parameters(cause):
     return own
 
 
-def check(diagnosis, name, joints, key, truth, tolerance):
-    """The first cause is the hidden one, and its parameter is met."""
-    assert diagnosis.verdict in ("explained", "partly explained")
-    first = diagnosis.causes[0]
+def check(diagnosis, name, joints, key, truth):
+    """The one cause is the hidden one, and its interval holds the truth."""
+    assert diagnosis.verdict == "explained"
+    (first,) = diagnosis.causes
     assert (first.name, first.joints) == (name, tuple(joints))
     found = _parameters(first)[key]
     low, high = found.ci95
     assert low <= found.value <= high
     assert not found.on_bound
-    assert low <= truth <= high or abs(found.value - truth) <= tolerance, (found, truth)
+    assert low <= truth <= high, (found, truth)
+    assert first.nats > 3
+    assert list(first.confused_with) == [name for name, nats in first.rivals if nats < 3][:3]
     return first
 
 
@@ -85,8 +84,7 @@ def test_nothing_is_found_where_nothing_is_hidden(diagnose, joints, seed):
 @pytest.mark.slow
 def test_low_pass_is_one_cause_of_all_joints(diagnose):
     found = diagnose(tables(JOINTS, Truth(lowpass_hz=40.0), seed=1))
-    first = check(found, "low_pass", JOINTS, "cutoff_hz", 40.0, 6.0)
-    assert len(found.causes) == 1, found.causes
+    first = check(found, "low_pass", JOINTS, "cutoff_hz", 40.0)
     assert "cut-off" in first.evidence
 
 
@@ -101,7 +99,7 @@ def heavy_rotor(diagnose):
 @pytest.mark.slow
 def test_rotor_inertia(heavy_rotor):
     found = heavy_rotor
-    first = check(found, "rotor_inertia", [7], "factor", 2.0, 0.1)
+    first = check(found, "rotor_inertia", [7], "factor", 2.0)
     inertia = nominal().rotor_inertia[6]
     value = first.parameters[7]["armature_kgm2"].value
     assert value == pytest.approx(inertia * first.parameters[7]["factor"].value)
@@ -121,14 +119,19 @@ def test_presliding_is_named_or_said_to_be_confused_with_inertia(diagnose):
     if first.name == "rotor_inertia":
         assert "presliding" in first.confused_with
     else:
-        check(found, "presliding", [7], "factor", 0.4, 0.12)
+        check(found, "presliding", [7], "factor", 0.4)
+
+
+@pytest.mark.slow
+def test_friction_level(diagnose):
+    found = diagnose(tables(JOINTS, Truth(joint=7, level=1.2), seed=1))
+    check(found, "friction_level", [7], "factor", 1.2)
 
 
 @pytest.mark.slow
 def test_base_drift_of_a_joint(diagnose):
     found = diagnose(tables(JOINTS, Truth(joint=5, day=1.12), seed=1))
-    first = check(found, "base_drift", [5], "factor", 1.12, 0.025)
-    assert len(found.causes) == 1
+    first = check(found, "base_drift", [5], "factor", 1.12)
     assert "corrupted_cell" not in first.confused_with
 
 
@@ -136,7 +139,7 @@ def test_base_drift_of_a_joint(diagnose):
 def test_base_drift_of_one_configuration_may_be_a_bad_base_torque(diagnose):
     truth = Truth(joint=7, day=1.12, day_at=(("load", "+"),))
     found = diagnose(tables(JOINTS, truth, seed=1))
-    first = check(found, "base_drift", [7], "factor load +", 1.12, 0.025)
+    first = check(found, "base_drift", [7], "factor load +", 1.12)
     assert "corrupted_cell" in first.confused_with
     assert "base" in first.told_apart_by["corrupted_cell"]
 
@@ -149,7 +152,7 @@ def test_corrupted_cell_is_one_cell(diagnose):
     (cause,) = found.causes
     assert (cause.name, cause.joints) == ("corrupted_cell", (7,))
     size = amplitude(Configuration(7, *BAD[:2]), BAD[3])
-    assert cause.evidence.startswith(f"joint 7 no_load +, 30 Hz, {size:.4g} N·m: ")
+    assert f"at joint 7 no_load +, 30 Hz, {size:.4g} N·m, 0.0365 N·m is read" in cause.evidence
 
 
 @pytest.mark.slow
@@ -158,9 +161,9 @@ def test_gravity_error_grows_with_the_load(diagnose):
     found = diagnose(tables(JOINTS, truth, seed=1))
     load = diagnose_load(5)
     share = 0.08 / load
-    first = check(found, "gravity_error", [5], "share_of_gravity", share, 0.12 * abs(share))
+    first = check(found, "gravity_error", [5], "share_of_gravity", share)
     assert "torque_offset" not in first.confused_with
-    assert f"{load:+.2f}" in first.evidence
+    assert "gravity" in first.evidence
 
 
 def diagnose_load(joint):
@@ -177,7 +180,7 @@ def test_direction_asymmetry_is_told_from_offset_where_dither_is_strong(diagnose
     found = diagnose((base, dithered))
     first = found.causes[0]
     if strongest > 30.0:
-        check(found, "direction_asymmetry", [7], "asymmetry_nm", 0.06, 0.01)
+        check(found, "direction_asymmetry", [7], "asymmetry_nm", 0.06)
     assert "direction_asymmetry" in (first.name, *first.confused_with)
     assert "gravity_error" not in first.confused_with
 
@@ -185,7 +188,7 @@ def test_direction_asymmetry_is_told_from_offset_where_dither_is_strong(diagnose
 @pytest.mark.slow
 def test_torque_offset(diagnose):
     found = diagnose(tables(JOINTS, Truth(joint=5, offset_nm=0.06), seed=1))
-    first = check(found, "torque_offset", [5], "offset_nm", 0.06, 0.01)
+    first = check(found, "torque_offset", [5], "offset_nm", 0.06)
     assert "gravity_error" not in first.confused_with
 
 
@@ -202,7 +205,7 @@ def test_two_causes_on_two_joints(diagnose):
     assert sum(c.gain_percent for c in found.causes) == pytest.approx(found.gain_percent, abs=2.0)
 
 
-def test_what_no_cause_explains_is_not_explained(diagnose, monkeypatch):
+def test_what_no_cause_explains_is_not_explained(diagnose):
     """One block 15 % off, at the frequency where dither does least."""
     base, dithered = tables([7], seed=1)
     dithered = [
@@ -211,7 +214,6 @@ def test_what_no_cause_explains_is_not_explained(diagnose, monkeypatch):
         else x
         for x in dithered
     ]
-    monkeypatch.setattr(Model, "anchor", lambda self, joints: None)
     found = diagnose((base, dithered))
     assert found.verdict == "cannot tell"
     assert found.causes == ()

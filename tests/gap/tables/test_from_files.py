@@ -88,7 +88,7 @@ def test_unusable_tables_are_refused(put, rows, says):
 
 def test_a_users_constants_reach_the_tables(put):
     path = put("sje.csv", base(5) + dithered(5))
-    d = diagnose(path, "panda", settings={"tables.verdict.least_blocks": 100}).diagnosis
+    d = diagnose(path, "panda", settings={"tables.least_blocks": 100}).diagnosis
     assert d.verdict == "cannot tell"
     assert "at least 100 are needed" in d.reason
 

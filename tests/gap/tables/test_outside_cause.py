@@ -19,7 +19,6 @@ class HeavierGear(SimulatedCause):
     """The same as a rotor's inertia, under a name of its own."""
 
     name, absolute = "heavier_gear", "gear_kgm2"
-    units = {"gear_kgm2": "kg·m²"}  # noqa: RUF012
     quantity = Quantity(name="heavier_gear", fields=("rotor_inertia",), low=0.5, high=4.0)
     tell_apart = {"rotor_inertia": "the gear on a balance"}  # noqa: RUF012
 

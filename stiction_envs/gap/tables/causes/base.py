@@ -4,15 +4,17 @@ A table cause is something that a simulation gets wrong about breakaway torques.
 from `TableCause` (or `SimulatedCause`) and call `stiction_envs.gap.tables.causes.register` with an
 instance. Nothing else names it. It states hypotheses of one unknown x each (`Hypothesis`), which is
 
-* another value of a `quantity` of the simulation,
-* a torque that is `added` to the readings, or
+* the logarithm of a `quantity` of the simulation over its nominal value,
+* a `torque` that is added to readings, or
 * a factor on friction, whose logarithm `level` returns.
+
+Each x is 0 in the nominal model, and has a Gaussian prior of the cause's own size.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,16 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.poses import Poses
-from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.judge.judgement import Estimate
-from stiction_envs.gap.tables.readings import Comparison, TableData
+from stiction_envs.gap.tables.readings import Readings, TableData
 from stiction_envs.gap.tables.whole_arm import Quantity
-from stiction_envs.reporting.markdown import joints
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Wheres = tuple[Configuration, ...]
 SAME_DAY = "base and dithered torques measured in turn on one day"
 OTHER_JOINTS = "the same dither on the other joints: a filter acts on all of them"
 THIRD_POSE = "base torques in a third pose with another load"
@@ -43,52 +40,45 @@ class TableCause(ABC):
     """In files and reports: small letters, digits and underscores."""
     parameter: ClassVar[str]
     """Name of its number in ``diagnosis.json``."""
-    units: ClassVar[Mapping[str, str]] = {}
-    """Units of its parameters that have one."""
-    logarithmic: ClassVar[bool] = True
-    """Whether x is the logarithm of its parameter."""
     quantity: ClassVar[Quantity | None] = None
     """What the simulation varies; None for a cause that needs no simulation."""
-    repeatable: ClassVar[bool] = False
-    """Whether one joint may have several of its hypotheses, about different poses."""
+    trials: ClassVar[tuple[float, ...]] = (-0.7, 0.7)
+    """Values of x over its prior size to which its effect is a straight line [-]; assumed."""
+    odds: ClassVar[float] = 0.0
+    """Prior odds over those of other causes [nats]."""
+    separate: ClassVar[bool] = False
+    """Whether each of its hypotheses is a bad reading, and not a property of the arm."""
     tell_apart: ClassVar[Mapping[str, str]] = {}
     """The measurement that distinguishes it from each other cause; one of the two names it."""
 
-    def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
-        """Yield its hypotheses, given the configurations that were measured of each joint."""
-        yield from (Hypothesis(self, where) for where in wheres.values())
+    def hypotheses(self, readings: Readings) -> Iterator[Hypothesis]:
+        """Yield its hypotheses, by default one of all readings of each joint."""
+        for j in readings.joints:
+            yield Hypothesis(self, (j,), tuple(readings.of_joints([j]).tolist()))
 
     @abstractmethod
-    def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
-        """Return the range of x."""
+    def size(self, data: TableData, h: Hypothesis) -> float:
+        """Return the standard deviation of the prior of x."""
 
-    def added(self, data: TableData, rows: Index) -> Array | None:
-        """Return (rows,) torque that it adds to readings per unit of x; None for none."""
+    def bounds(self, data: TableData, h: Hypothesis) -> tuple[float, float]:
+        """Return the least and the largest x."""
+        return -np.inf, np.inf
+
+    def torque(self, data: TableData, h: Hypothesis) -> Array | None:
+        """Return (rows,) torque that it adds to its readings per unit of x; None for none."""
         return None
 
-    def level(self, data: TableData, rows: Index, x: Array) -> Array | None:
-        """Return (m, rows) logarithm of its factor on friction for x (m,); None for no factor."""
+    def level(self, data: TableData, h: Hypothesis, x: float) -> Array | float | None:
+        """Return the logarithm of its factor on friction, one or (rows,); None for no factor."""
         return None
 
-    @abstractmethod
-    def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
-        """Return one sentence that can be checked in the tables.
+    def values(self, data: TableData, h: Hypothesis, x: float) -> dict[str, float]:
+        """Return the parameters of ``diagnosis.json`` for x; a longer key names a part."""
+        return {f"{self.parameter} {h.scope}".strip(): float(np.exp(x))}
 
-        Args:
-            some: its hypotheses.
-            x: value of each.
-            seen: predictions with and without them.
-        """
-
-    def more_parameters(
-        self, estimate: Estimate, joint: int, data: TableData
-    ) -> dict[str, Estimate]:
-        """Return its other parameters, which follow from the first."""
-        return {}
-
-    def indistinguishable_from(self, some: Sequence[Hypothesis]) -> tuple[str, ...]:
-        """Return names of causes that no such table distinguishes from it."""
-        return ()
+    def what(self, values: Mapping[str, float]) -> str:
+        """Return what is wrong in words, a noun with its value."""
+        return ", ".join(f"{k} {v:.3g}" for k, v in values.items())
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
@@ -110,29 +100,20 @@ class TableCause(ABC):
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A cause in some configurations, with one unknown x: a logarithm, or a torque [N·m]."""
+    """A cause about some readings, with one unknown x."""
 
     cause: TableCause
-    where: Wheres
-    """The configurations."""
+    joints: tuple[int, ...]
+    """From 1; several only for a quantity that they have in common."""
+    rows: tuple[int, ...]
+    """The readings."""
+    scope: str = ""
+    """Pose and direction in words; empty for all of its joints."""
 
     @property
     def name(self) -> str:
         """Name of the cause."""
         return self.cause.name
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """The joints, in order."""
-        return tuple(sorted({w.joint for w in self.where}))
-
-    @property
-    def scope(self) -> str:
-        """Its pose and direction in words."""
-        if len(self.where) == 1:
-            return f"{self.where[0].load} {self.where[0].direction}"
-        loads = sorted({w.load for w in self.where})
-        return loads[0] if len(loads) == 1 else "both poses"
 
 
 class SimulatedCause(TableCause):
@@ -140,49 +121,25 @@ class SimulatedCause(TableCause):
 
     quantity: ClassVar[Quantity]
     parameter = "factor"
+    trials = (-1.8, -0.8, -0.3, 0.3, 0.8, 1.8)
     absolute: ClassVar[str] = ""
     """Name of the parameter's value in its own unit; empty for none."""
+    log_size: ClassVar[float] = 0.5
+    """Prior size of the factor's logarithm [-]; assumed."""
 
-    def span(self, data: TableData, where: Wheres) -> tuple[float, float]:
-        """Return the range of the quantity."""
-        return float(np.log(self.quantity.low)), float(np.log(self.quantity.high))
+    def size(self, data: TableData, h: Hypothesis) -> float:
+        """Return the size of the factor's logarithm."""
+        return self.log_size
 
-    def changed_to(self, value: float) -> str:
-        """Return the value of the quantity in words."""
-        return f"{value:.2f} times the {self.quantity.fields[0].replace('_', ' ')}"
+    def values(self, data: TableData, h: Hypothesis, x: float) -> dict[str, float]:
+        """Return the factor, and the value in the unit of the friction parameter."""
+        factor = float(np.exp(x))
+        unit = data.nominal(self.quantity.fields[0], h.joints[0]) if self.absolute else 0.0
+        return {self.parameter: factor} | ({self.absolute: unit * factor} if self.absolute else {})
 
-    def evidence(self, some: Sequence[Hypothesis], x: Sequence[float], seen: Comparison) -> str:
-        """Return the change of torque at the frequency of the largest effect [%]."""
-        data, h = seen.data, some[0]
-        r = data.readings
-        rows, frequency = r.of_joints(h.joints), r.frequency
-        effect = np.abs(seen.with_it - seen.without) / data.unit
-        clearest = max(
-            {float(f) for f in frequency[rows] if f},
-            key=lambda f: effect[rows][frequency[rows] == f].mean(),
-        )
-        at = [int(i) for i in rows if frequency[i] == clearest]
-        measured, before, after = (
-            100 * np.mean([v[i] / r.base_of(v, i) - 1 for i in at])
-            for v in (r.torque, seen.without, seen.with_it)
-        )
-        return (
-            f"{clearest:g} Hz dither changes the torque of {joints(h.joints)} by "
-            f"{measured:+.1f} % on average over {len(at)} readings; the simulation says "
-            f"{before:+.1f} %, and with {self.changed_to(float(np.exp(x[0])))} {after:+.1f} %"
-        )
-
-    def more_parameters(
-        self, estimate: Estimate, joint: int, data: TableData
-    ) -> dict[str, Estimate]:
-        """Return the value in the unit of the friction parameter."""
-        if not self.absolute:
-            return {}
-        unit = data.nominal(self.quantity.fields[0], joint)
-        low, high = estimate.ci95
-        interval = unit * low, unit * high
-        value = unit * float(np.mean(estimate.value))
-        return {self.absolute: Estimate(value=value, ci95=interval, on_bound=estimate.on_bound)}
+    def what(self, values: Mapping[str, float]) -> str:
+        """Return the factor in words."""
+        return f"{values['factor']:.2f} times the {self.quantity.fields[0].replace('_', ' ')}"
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]

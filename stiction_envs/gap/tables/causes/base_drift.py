@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
-
-import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.tables.causes.base import BASE_AGAIN, Array, Hypothesis, Index, Wheres
+from stiction_envs.gap.tables.causes.base import BASE_AGAIN, Array, Hypothesis
 from stiction_envs.gap.tables.causes.friction_level import FrictionLevel
-from stiction_envs.gap.tables.readings import TableData
+from stiction_envs.gap.tables.readings import Readings
 
 
 class BaseDrift(FrictionLevel):
     """Dithered torques are off by one factor, and base torques are not."""
 
     name = "base_drift"
+    log_size = 0.1
     tell_apart: ClassVar[Mapping[str, str]] = {"corrupted_cell": BASE_AGAIN}
 
-    def statements(self, wheres: Mapping[int, Wheres]) -> Iterator[Hypothesis]:
-        """Yield hypotheses about both poses, each pose, and each configuration."""
-        yield from super().statements(wheres)
-        yield from (Hypothesis(self, (w,)) for some in wheres.values() for w in some)
-
-    def level(self, data: TableData, rows: Index, x: Array) -> Array | None:
-        """Return the logarithm of the factor."""
-        return x[:, None] * np.where(data.readings.base[rows], 0.0, 1.0)
-
-    def indistinguishable_from(self, some: Sequence[Hypothesis]) -> tuple[str, ...]:
-        """Return a bad reading, if the hypothesis is about one base torque."""
-        return ("corrupted_cell",) if len(some) == 1 and len(some[0].where) == 1 else ()
+    def hypotheses(self, readings: Readings) -> Iterator[Hypothesis]:
+        """Yield hypotheses about the dithered torques of both poses, a pose, a configuration."""
+        for h in super().hypotheses(readings):
+            rows = tuple(i for i in h.rows if not readings.base[i])
+            yield Hypothesis(self, h.joints, rows, h.scope)
+        for joint in readings.joints:
+            yield from (
+                Hypothesis(self, (joint,), rows, f"{where.load} {where.direction}")
+                for where, rows in readings.dithered(joint).items()
+            )
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]

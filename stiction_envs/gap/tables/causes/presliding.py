@@ -12,9 +12,8 @@ from stiction_envs.gap.tables.whole_arm import Quantity
 class Presliding(SimulatedCause):
     """Dithered torques are off where dither is near √(σ0/J)/2π."""
 
-    name, absolute, units = "presliding", "bristle_stiffness", {"bristle_stiffness": "N·m/rad"}
-    quantity = Quantity(
-        name="presliding", fields=("bristle_stiffness",), low=0.1, high=10.0, anchors=(0.4, 2.5)
-    )
-    """Range and anchors are assumed."""
+    name, absolute = "presliding", "bristle_stiffness"
+    quantity = Quantity(name="presliding", fields=("bristle_stiffness",), low=0.1, high=10.0)
+    """Range is assumed."""
+    log_size = 0.7
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": SAME_DAY, "friction_level": SAME_DAY}

@@ -12,11 +12,9 @@ from stiction_envs.gap.tables.whole_arm import Quantity
 class RotorInertia(SimulatedCause):
     """Dithered torques are off, most near resonance."""
 
-    name, absolute, units = "rotor_inertia", "armature_kgm2", {"armature_kgm2": "kg·m²"}
-    quantity = Quantity(
-        name="rotor_inertia", fields=("rotor_inertia",), low=0.2, high=5.0, anchors=(0.5, 2.0)
-    )
-    """Range and anchors are assumed."""
+    name, absolute = "rotor_inertia", "armature_kgm2"
+    quantity = Quantity(name="rotor_inertia", fields=("rotor_inertia",), low=0.2, high=5.0)
+    """Range is assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {
         "presliding": "dither well below the presliding resonance (half of √(σ0/J)/2π): there "
         "inertia plays no part",
