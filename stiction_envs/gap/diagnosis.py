@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
+from stiction_envs.gap.causes.base import ALL_LINKS, LINK
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import Judgement, percent_gained
@@ -279,7 +280,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
             own = diagnosis.links.changes.ravel()
         else:
             own, shape = cause.part_of(mine, shape)
-        if diagnosis.links is not None and (cause.body or cause.random):
+        if diagnosis.links is not None and cause.adds_to in (LINK, ALL_LINKS):
             factor = np.zeros((0, 0))  # the doubt of all links contains it
         else:
             earlier = earlier_factor(before.parts, term, len(factor))

@@ -23,7 +23,8 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.friction.servos import read_servos
 from stiction_envs.friction.sticking import sticking_model, with_rotors
-from stiction_envs.gap.causes import ModelDraft, cause_named
+from stiction_envs.gap.causes import ModelDraft, Part, cause_named, registered
+from stiction_envs.gap.causes.base import torque_of
 from stiction_envs.gap.causes.draft import LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
@@ -92,7 +93,8 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     duration = float(np.ptp(data.recording.since_session))
     draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=duration)
     causes = {p.cause: cause_named(p.cause) for p in parts}
-    for part in sorted(parts, key=lambda p: causes[p.cause].contribution_order(p)):
+    order = [c.name for c in registered()]  # drift needs the level that it drifts from
+    for part in sorted(parts, key=lambda p: _turn(p, order)):
         causes[part.cause].contribute(draft, part)
     loaded = changed_arm(arm, parts)
     friction, sources = _friction(draft, data, nominal.friction, loaded)
@@ -100,11 +102,10 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     missing = tuple(dict.fromkeys(draft.not_in_mjcf))
     root, _ = mjcf_tree(loaded, plain, pull=draft.pull, offset=draft.offset, waves=draft.waves)
     left = np.zeros_like(data.q)
-    for part in draft.left_out:
-        cause = causes[part.cause]
-        left += cause.torque(data, part)
-        if (held := cause.held(draft, part, data)) is not None:
-            left[:, part.joint - 1] -= held
+    for part, dry in draft.left_out:
+        left += torque_of(causes[part.cause], data, part)
+        if dry:
+            left[:, part.joint - 1] -= dry * data.smooth(data.direction(part.joint - 1))
     return Extension(
         xml=mjcf_text(loaded, root, _COMMENT, missing),
         friction=friction,
@@ -114,6 +115,12 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         friction_missing=tuple(dict.fromkeys(draft.not_in_tables)),
         left_out=left,
     )
+
+
+def _turn(part: Part, order: Sequence[str]) -> tuple[int, int, float]:
+    """Return a sort key of parts: causes as registered, level by level, strongest first."""
+    turn = order.index(part.cause) if part.cause in order else len(order)
+    return turn, part.level, -float(np.linalg.norm(part.coefficients))
 
 
 def load_model(

@@ -21,6 +21,15 @@ from stiction_envs.friction.parameters import (
     load_friction,
 )
 from stiction_envs.gap.causes import Part, cause_named
+from stiction_envs.gap.causes.base import (
+    ALL_LINKS,
+    EITHER,
+    FRICTION,
+    OF_ARM,
+    ROTOR,
+    THE_ARM,
+    torque_of,
+)
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.sessions import Spans
@@ -105,23 +114,23 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
         arm = changed_arm(data.arm, mine)
         changed = data if arm is data.arm else data.on(arm)
         torque = changed.recording.rigid - data.recording.rigid
-        small = any(cause.random for _, cause in causes)
+        small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
         loaded = data.carrying(torque, arm=arm if small else None)
         added = sound = torque
         for p, cause in causes:
-            if not isinstance(cause, ActuatorDelay) and not cause.changes_arm:
-                more = cause.torque(loaded if p.carried else data, p)
+            if not isinstance(cause, ActuatorDelay) and cause.adds_to not in OF_ARM:
+                more = torque_of(cause, loaded if p.carried else data, p)
                 added = added + more
                 if not cause.resembles_delay:
                     sound = sound + more
         for p, cause in causes:
             if isinstance(cause, ActuatorDelay):
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
-                added = added + whole.torque(data, p)
-        friction = any(cause.base_friction for _, cause in causes)
+                added = added + torque_of(whole, data, p)
+        friction = any(cause.adds_to in FRICTION for _, cause in causes)
         rotor = np.zeros(data.n)
         for p, cause in causes:
-            rotor[p.joint - 1] += cause.rotor_inertia(np.array(p.coefficients))
+            rotor[p.joint - 1] += p.coefficients[0] if cause.adds_to == ROTOR else 0.0
         data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
     return data
 
@@ -134,7 +143,7 @@ def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
     """
     for part in sorted(parts, key=lambda p: p.level):
         cause = cause_named(part.cause)
-        if cause.changes_arm:
+        if cause.adds_to in OF_ARM:
             arm = cause.changed(arm, part)
     return arm
 
@@ -251,7 +260,8 @@ def _part(table: Table, where: str) -> Part:
         cause = cause_named(name)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
-    least, most = (0 if cause.arm_wide or cause.arm_too else 1), (0 if cause.arm_wide else np.inf)
+    most = 0 if cause.acts_on == THE_ARM else np.inf
+    least = 0 if cause.acts_on in (THE_ARM, EITHER) else 1
     if not least <= joint <= most:
         raise StictionError(f"{at}: expected {'0, the whole arm' if most == 0 else '1 or more'}")
     doubt = _matrix(table[FACTOR], at).tolist() if table.get(FACTOR) else []

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import TOLERANCES, Cause, Shape
+from stiction_envs.gap.causes.base import THE_ARM, Prior
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.causes.friction.viscous_friction import ViscousFriction
@@ -37,9 +38,10 @@ may be far off, and is never exact."""
 class _SmallOffset(TorqueOffset):
     """That of a usual sensor: of a joint that rests it looks like gravity's torque of a link."""
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return its standard deviation [N·m]."""
-        return np.array([self.tolerance(data, joint)])
+        usual = super().prior(data, joint, shape).usual
+        return Prior(np.array([usual]), usual=usual)
 
 
 KINDS: dict[str, Cause] = {
@@ -118,7 +120,7 @@ def all_columns(predictor: TorquePredictor) -> Array:
     own = [
         np.concatenate([cause.columns(data, j, ()) for j in range(data.n)], axis=1)
         for cause in predictor.causes.values()
-        if not cause.arm_wide
+        if cause.acts_on != THE_ARM
     ]
     return columns_of(data.pinocchio, data.q, data.dq, data.ddq, np.stack(own, axis=2))
 
@@ -131,7 +133,7 @@ def parameters(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
     """
     problem, n = predictor.problem, predictor.data.n
     c = np.stack([problem.fit(terms), *(problem.without(f).fit(terms) for f in range(FOLDS))])
-    kinds = [x.name for x in predictor.causes.values() if not x.arm_wide]
+    kinds = [x.name for x in predictor.causes.values() if x.acts_on != THE_ARM]
     own = np.zeros((len(c), len(kinds), n))
     links = np.tile(inertial_parameters(predictor.data.pinocchio), (len(c), 1, 1))
     for term, mine in zip(terms, problem.split(terms, c), strict=True):

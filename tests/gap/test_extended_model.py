@@ -11,6 +11,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import STICTION
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
+from stiction_envs.gap.causes.base import OF_ARM, torque_of
 from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read, resolve
 from stiction_envs.gap.signals.dataset import assemble
@@ -83,9 +84,9 @@ def found(*names: str) -> Nominal:
 def _as_wide_as_their_columns(data):
     """Give parts zeros for columns that this file has nothing to say about."""
     for name, p in PARTS.items():
-        if cause_named(name).changes_arm:
+        if cause_named(name).adds_to in OF_ARM:
             continue
-        width = cause_named(name).columns(data, max(p.joint - 1, 0), p.shape).shape[1]
+        width = cause_named(name).columns(data, p.joint - 1, p.shape).shape[-1]
         full = (*p.coefficients, *[0.0] * width)[:width]
         PARTS[name] = dataclasses.replace(p, coefficients=full)
 
@@ -283,7 +284,7 @@ def test_a_drift_on_a_nominal_warm_up_is_left_out_whole():
     )
     data = judged_by(nominal)
     made = extend(data, nominal)
-    drift = cause_named("warm_up_drift").torque(data, nominal.parts[0])
+    drift = torque_of(cause_named("warm_up_drift"), data, nominal.parts[0])
     np.testing.assert_array_equal(made.left_out, drift)
 
 

@@ -3,7 +3,7 @@
 Other packages add one by `register` (see :mod:`stiction_envs.gap.causes.base`).
 """
 
-from stiction_envs.gap.causes.base import Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.body.base_tilt import BaseTilt
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
 from stiction_envs.gap.causes.body.link_parameters import LinkParameters
@@ -72,6 +72,7 @@ __all__ = [
     "ModelDraft",
     "Parameter",
     "Part",
+    "Prior",
     "Shape",
     "View",
     "cause_named",

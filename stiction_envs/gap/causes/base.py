@@ -5,7 +5,7 @@ coefficients (k,) to the residual torque of a joint, measured less nominal. To a
 `Cause`, and call `stiction_envs.gap.causes.register` with an instance. Nothing else names it:
 
 1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
-2. its torque: `columns`, and `shapes` where it has nonlinear parameters;
+2. its torque: `columns`, their `prior`, and `shapes` where it has nonlinear parameters;
 3. its numbers: `values` as in ``diagnosis.json``;
 4. its picture: `view`;
 5. its model: `contribute` to a `ModelDraft`; by default the model says that MuJoCo lacks it;
@@ -25,12 +25,20 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Columns = NDArray[np.floating]
 """Torque per unit of coefficients; in single precision where several causes share an array."""
+A_JOINT, ALL_OF_ONE, THE_ARM, EITHER = "a joint", "a joint, on all", "the arm", "a joint or the arm"
+"""Whose torque a cause changes: its joint's; all joints', from one; all, by the same coefficients;
+its joint's, or all by the same."""
+DRY, DAMPING, OFFSET, ROTOR = "dry friction", "damping", "offset", "rotor"
+"""What every joint's model has, and a cause may add to."""
+LINK, ALL_LINKS, GRAVITY, ZERO = "link", "all links", "gravity", "zero of a joint"
+"""The same of the rigid arm; the small errors of all links are never named."""
+FRICTION, PLAIN = (DRY, DAMPING), (DRY, DAMPING, OFFSET, ROTOR)
+OF_ARM = (LINK, ALL_LINKS, GRAVITY, ZERO)
 Shape = tuple[float, ...]
 """Values of a cause's nonlinear parameters; () where it has none."""
 
@@ -48,6 +56,25 @@ class Parameter:
     """Numbers it holds among the coefficients; 0 for nonlinear parameters."""
     neutral: float = 0.0
     """Value at which nothing is wrong."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known of a cause's k coefficients before the logs."""
+
+    size: Array
+    """(k,) standard deviations about zero."""
+    low: Array | None = None
+    """(k,) lowest; None for those of the parameters."""
+    high: Array | None = None
+    """(k,) highest."""
+    odds: float = 0.0
+    """Log odds against it, beside those of one among all hypotheses [nats]."""
+    everywhere: bool = False
+    """Whether it is no surprise anywhere: only `odds` are against it."""
+    usual: float = 0.0
+    """Standard deviation of its coefficients in an arm without a fault. It is a small error then,
+    until it is named; 0 for none."""
 
 
 @dataclass(frozen=True)
@@ -95,109 +122,61 @@ class Cause(ABC):
 
     # ---- traits ------------------------------------------------------------------------------
 
-    arm_wide: ClassVar[bool] = False
-    """One hypothesis with the same coefficients in all joints."""
-    arm_too: ClassVar[bool] = False
-    """Whether it is one hypothesis of the whole arm too, beside one on each joint."""
-    coupled: ClassVar[bool] = False
-    """A cause of one joint that all joints' torques show: `spread` in place of `columns`."""
+    acts_on: ClassVar[str] = A_JOINT
+    """Whose torque it changes: `A_JOINT`, `ALL_OF_ONE`, `THE_ARM` or `EITHER`."""
+    adds_to: ClassVar[str] = ""
+    """What its coefficients add to, if that is part of any model: `DRY`, `DAMPING`, `OFFSET`,
+    `ROTOR`, or one of `OF_ARM`, whose torque the gears transmit."""
     is_linear: ClassVar[bool] = True
-    """Whether it has no nonlinear parameter."""
-    refinable: ClassVar[bool] = True
-    """Whether its nonlinear parameter is a number that can be refined between those tried, and that
-    must not end on the first or last of them."""
+    """Whether its nonlinear parameters, if any, follow from its coefficients."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Names of causes that a joint's model must have with this one."""
-    base_friction: ClassVar[bool] = False
-    """Whether it is the joint's plain friction, and not a refinement of it. A nominal model with
-    friction may also have too much of it: the coefficients may then be negative."""
     resembles_delay: ClassVar[bool] = False
     """Whether a large delay that is not known yet may look like it."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
-    changes_arm: ClassVar[bool] = False
-    """Whether it changes the rigid arm, its bodies or gravity: `changed`. The gears transmit its
-    torque, and the load that friction depends on changes with it."""
-    random: ClassVar[bool] = False
-    """Whether its coefficients are small random effects: in every model, and never named."""
-    body: ClassVar[bool] = False
-    """Whether it is a body, whose torque small errors of all links can imitate."""
-    removed_first: ClassVar[bool] = False
-    """Whether its torque, linear and common, is taken out of the residual before nonlinear causes
-    look for their parameters."""
 
     # ---- torque ------------------------------------------------------------------------------
 
     @abstractmethod
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return (k,) prior standard deviations of the coefficients about zero.
-
-        ``joint`` counts from 0 and is -1 for causes of the whole arm; ``shape`` is one of
-        `shapes`.
-        """
-
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return log prior odds against it on a joint, or on the arm, among so many [nats]."""
-        return float(np.log(hypotheses))
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
+        """Return what is known of its coefficients on a joint (from 0; -1 for the arm)."""
 
     def joints(self, data: Data) -> list[int]:
         """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""
         if not np.isfinite(data.dt) and not self.shown_at_rest:
             return []
-        whole = [-1] if self.arm_wide or self.arm_too else []
-        return whole if self.arm_wide else [*range(data.n), *whole]
-
-    def drives(self, coefficients: Array, level: float) -> bool:
-        """Return whether it is friction that drives, beside a joint's dry friction ``level``."""
-        return False
+        whole = [-1] if self.acts_on in (THE_ARM, EITHER) else []
+        return whole if self.acts_on == THE_ARM else [*range(data.n), *whole]
 
     @abstractmethod
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
-        """Return (T, k) torque per unit of each coefficient on a joint (from 0)."""
+        """Return the torque per unit of each coefficient of a cause on a joint (from 0).
 
-    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
-        """Return (T, n, k) torque on all joints of a `coupled` cause on one joint."""
-        raise NotImplementedError
+        (T, k) on this joint alone; (T, n, k) on all joints if they show it, and for the whole arm,
+        where ``joint`` is -1.
+        """
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the nonlinear parameters to try.
+        """Return the nonlinear parameters to try; by default those of `grid`, if any.
 
         Args:
             data: the logs.
             joint: from 0.
-            residual: (T,) without the causes that are `removed_first` [N·m].
+            residual: (T,) without plain friction, offsets and rotors [N·m].
         """
-        return [()]
+        return [(float(x),) for x in self.grid(data, joint)] or [()]
 
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbours of a nonlinear parameter, between which it is refined."""
-        tried = sorted(s[0] for s in shapes)
-        at = tried.index(shape[0])
-        return tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)]
+    def grid(self, data: Data, joint: int) -> Array:
+        """Return rising values of the first nonlinear parameter, if more lie between them.
+
+        The search refines it there, and it must not end on the first or last of them.
+        """
+        return np.empty(0)
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return the nonlinear parameters of a cause of this size on that dry friction [N·m]."""
         return shape
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return lowest and highest coefficients, (k,) each; by default the parameters'.
-
-        ``joint`` counts from 0 and is -1 for causes of the whole arm. With fewer columns than
-        bounds, the first bounds count.
-        """
-        low = [p.low - p.neutral for p in self.parameters for _ in range(p.size)]
-        high = [p.high - p.neutral for p in self.parameters for _ in range(p.size)]
-        if self.base_friction and data.has_friction:
-            low = [-np.inf] * len(low)
-        return np.array(low), np.array(high)
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return the standard deviation of its coefficients in an arm without a fault.
-
-        It is a random effect then, beside small errors of all links, until it is named; 0 for none.
-        ``joint`` counts from 0 and is -1 for causes of the whole arm.
-        """
-        return 0.0
 
     # ---- what was found ----------------------------------------------------------------------
 
@@ -213,40 +192,20 @@ class Cause(ABC):
             for p in self.parameters
         }
 
-    def describe(self, coefficients: Array) -> str:
-        """Return `what`, for these coefficients."""
+    def describe(self, data: Data, coefficients: Array, shape: Shape) -> str:
+        """Return `what` of these coefficients, and what is assumed where data do not show it."""
         return self.what
 
-    def assumption(self, data: Data, shape: Shape) -> str:
-        """Return what it assumes because these data do not show it, a clause; or nothing."""
-        return ""
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether these coefficients are its own: no bound, and not too small to matter.
 
-    def dry_friction(self, coefficients: Array) -> float:
-        """Return what it adds to a joint's level of dry friction in motion [N·m]."""
-        return 0.0
-
-    def rotor_inertia(self, coefficients: Array) -> float:
-        """Return what it adds to a joint's rotor [kg·m²]."""
-        return 0.0
-
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Whether it is too small to matter."""
-        return False
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Whether its main coefficient is on a bound: then it is something else, or nothing."""
-        low, high = self.bounds(data, joint)
-        return bool(np.any((coefficients <= low) | (coefficients >= high)))
-
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Whether a nonlinear parameter is at the end of what was tried, or within this factor."""
-        if not self.refinable or len(shapes) < 2 or not shape:
-            return False
-        tried = sorted({s[0] for s in shapes})
-        if tried[0] <= 0:
-            return shape[0] in (tried[0], tried[-1])
-        # refined ones come close to the end without reaching it
-        return not tried[0] * edge < shape[0] < tried[-1] / edge
+        ``level`` is the joint's dry friction [N·m].
+        """
+        low, high = limits(self, self.prior(data, joint, shape), data)
+        k = len(coefficients)
+        return bool(np.all((coefficients > low[:k]) & (coefficients < high[:k])))
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return coefficients and nonlinear parameters as a model file holds them."""
@@ -261,14 +220,14 @@ class Cause(ABC):
             draft: draft of the model, changed in place.
             part: part of this cause.
         """
-        if self.changes_arm:
+        if self.adds_to in OF_ARM:
             link = f" of link {part.joint}" if part.joint else ""
             draft.not_in_tables.append(f"{self.name}{link}: in [[cause]] and model.xml")
         else:
             draft.leave_out(part, "MuJoCo's joints have no such thing")
 
     def changed(self, arm: Arm, part: Part) -> Arm:
-        """Return the arm with a part that `changes_arm`.
+        """Return the arm with a part that adds to one of `OF_ARM`.
 
         Raises:
             StictionError: a part that is not as `part_of` makes it, or a body that cannot exist.
@@ -279,47 +238,34 @@ class Cause(ABC):
         """Return (10 n, k) change of the links' parameters per unit of ``size`` coefficients."""
         return np.zeros((10 * data.n, size))
 
-    def lean(self, coefficients: Array) -> Array:
-        """Return (2,) share of gravity that it adds along x and y [-]."""
-        return np.zeros(2)
 
-    def contribution_order(self, part: Part) -> tuple[int, float]:
-        """Return a sort key among the parts of a model: lower ones contribute first."""
-        return 0, 0.0
+def limits(cause: Cause, prior: Prior, data: Data) -> tuple[Array, Array]:
+    """Return lowest and highest coefficients, (k,) each, by the prior or the parameters.
 
-    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array | None:
-        """Return (T,) what MJCF holds of a part that was left out, on its joint [N·m]; or None.
+    A nominal model with friction may also have too much of it: less is added then.
+    """
+    if prior.low is not None and prior.high is not None:
+        return prior.low, prior.high
+    low = [p.low - p.neutral for p in cause.parameters for _ in range(p.size)]
+    high = [p.high - p.neutral for p in cause.parameters for _ in range(p.size)]
+    if cause.adds_to in FRICTION and data.has_friction:
+        low = [-np.inf] * len(low)
+    return np.array(low), np.array(high)
 
-        Args:
-            draft: draft of the model, with all causes in it.
-            part: part of this cause.
-            data: the logs.
-        """
-        return None
 
-    def parameters_of(self, part: Part) -> JsonRecord:
-        """Return the parameters of a part as in ``diagnosis.json``."""
-        return self.values(np.array(part.coefficients), part.shape)
+def torque_of(cause: Cause, data: Data, part: Part) -> Array:
+    """Return (T, n) what a part of a cause adds to the torque of a nominal model [N·m].
 
-    def torque(self, data: Data, part: Part) -> Array:
-        """Return (T, n) what a part adds to the torque of a nominal model [N·m].
-
-        Raises:
-            StictionError: a part with other than as many coefficients as there are columns.
-        """
-        c, out = np.array(part.coefficients), np.zeros_like(data.q)
-        if not np.isfinite(data.dt) and not self.shown_at_rest:
-            return out  # poses at rest do not show what friction holds
-        if self.coupled:
-            spread = self.spread(data, part.joint - 1, part.shape)
-            columns = {j: spread[:, j] for j in range(data.n)}
-        else:
-            joints = range(data.n) if part.joint == 0 else [part.joint - 1]
-            columns = {j: self.columns(data, j, part.shape) for j in joints}
-        for j, x in columns.items():
-            if x.shape[1] != len(c):
-                raise StictionError(
-                    f"cause {self.name}: {len(c)} coefficients: expected {x.shape[1]}"
-                )
-            out[:, j] = x @ c
-        return out
+    Raises:
+        StictionError: a part with other than as many coefficients as there are columns.
+    """
+    c, out = np.array(part.coefficients), np.zeros_like(data.q)
+    if not np.isfinite(data.dt) and not cause.shown_at_rest:
+        return out  # poses at rest do not show what friction holds
+    x = cause.columns(data, part.joint - 1, part.shape)
+    if x.shape[-1] != len(c):
+        raise StictionError(f"cause {cause.name}: {len(c)} coefficients: expected {x.shape[-1]}")
+    if x.ndim == 3:
+        return np.asarray(x @ c)
+    out[:, part.joint - 1] = x @ c
+    return out

@@ -91,8 +91,8 @@ class ModelDraft:
     """What the plant's friction tables cannot hold, one clause each."""
     not_in_mjcf: list[str] = field(default_factory=list)
     """What MJCF cannot hold, one clause each."""
-    left_out: list[Part] = field(default_factory=list)
-    """Parts whose torque MJCF leaves out, except what their cause's `held` returns."""
+    left_out: list[tuple[Part, float]] = field(default_factory=list)
+    """Parts whose torque MJCF leaves out, but for some dry friction [N·m]."""
 
     @classmethod
     def of(
@@ -135,16 +135,17 @@ class ModelDraft:
             draft.warm = np.stack([base.warm_up_friction, base.warm_up_time], axis=1)
         return draft
 
-    def leave_out(self, part: Part, why: str, *, tables: bool = True) -> None:
+    def leave_out(self, part: Part, why: str, *, tables: bool = True, dry: float = 0.0) -> None:
         """Note that MJCF cannot hold a part: in words, and as torque to subtract from the controls.
 
         Args:
             part: part of the model.
             why: a clause.
             tables: whether the plant's friction tables cannot hold it either.
+            dry: dry friction that stands in for it [N·m].
         """
         text = f"{part.cause} of {part.where}: {why}"
         self.not_in_mjcf.append(text)
         if tables:
             self.not_in_tables.append(text)
-        self.left_out.append(part)
+        self.left_out.append((part, dry))

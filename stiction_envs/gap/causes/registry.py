@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Generic, Protocol, TypeVar
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Cause
+from stiction_envs.gap.causes.base import ALL_LINKS, Cause
 
 
 class _Named(Protocol):
@@ -55,7 +55,7 @@ class Registry(Generic[C]):
 
     def registered(self) -> tuple[C, ...]:
         """Return all that can be named, those of the package first, in the contract's order."""
-        return tuple(c for c in self._causes.values() if not getattr(c, "random", False))
+        return tuple(c for c in self._causes.values() if getattr(c, "adds_to", "") != ALL_LINKS)
 
     def named(self, name: str) -> C:
         """Return the cause of a name.

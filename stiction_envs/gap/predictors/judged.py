@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.causes import Cause
+from stiction_envs.gap.causes.base import DRY, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import Draws
-from stiction_envs.gap.judge.problem import ARM, Term
+from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import Model, Search
 from stiction_envs.gap.links import with_found_links
 from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
@@ -32,6 +33,8 @@ STARTS = (0.1, 1.0)
 """Sizes of the small errors from which searches start [-]; assumed: links exact, and usual ones."""
 TANGENT = 0.05
 """Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
+SAME = 1e-9
+"""Part of a nonlinear parameter within which two are the same [-]; assumed."""
 TANGENT_SD = 1.0
 """Prior standard deviation of that logarithm about the grid's best [-]; assumed."""
 
@@ -80,7 +83,7 @@ def judge(
         say("choosing causes", k / ROUNDS)
         best = _expected(predictor, best)
         best = sharpened(predictor, best)
-        named = [t for t in best.terms if predictor.causes[t.cause].changes_arm or t.shape]
+        named = [t for t in best.terms if predictor.causes[t.cause].adds_to in OF_ARM or t.shape]
         if not named:
             break
         before, (predictor, start) = best, _given(predictor, best, data, causes)
@@ -136,9 +139,10 @@ def _given(
     c = problem.fit(terms)
     torques, own = predictor.torques(terms, c), predictor.causes
     shares = dict(zip(terms, problem.split(terms, c), strict=True))
-    bodies = [t for t in terms if own[t.cause].changes_arm]
+    bodies = [t for t in terms if own[t.cause].adds_to in OF_ARM]
     if bodies:
-        side = sum((own[t.cause].lean(shares[t]) for t in bodies), np.zeros(2))
+        leans = [shares[t][:2] for t in bodies if own[t.cause].adds_to == GRAVITY]
+        side = np.sum([np.zeros(2), *leans], axis=0)
         gravity = leaned(data.pinocchio.gravity.linear, side) if side.any() else ()
         arm = with_found_links(predictor, terms, c)
         load = np.sum([torques[t] for t in bodies], axis=0)
@@ -158,7 +162,7 @@ def _given(
     after = TorquePredictor(data, given, torques)
     level = data.friction.level.copy()
     for t, mine in shares.items():
-        level[t.joint] += own[t.cause].dry_friction(mine)
+        level[t.joint] += float(mine[0]) if own[t.cause].adds_to == DRY else 0.0
     start = []
     for t in model.terms:
         shape = own[t.cause].resized(t.shape, shares[t], float(level[t.joint]))
@@ -175,10 +179,11 @@ def sharpened(predictor: TorquePredictor, model: Model) -> Model:
     alone = problem.only(problem.model(terms))
     for i, term in enumerate(terms):
         cause = predictor.causes[term.cause]
-        if not term.shape or term.joint == ARM or not cause.refinable:
+        grid = cause.grid(predictor.data, term.joint)
+        if not term.shape or not len(grid):
             continue
-        tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
-        ends = np.log(cause.between(term.shape, tried))
+        at = np.searchsorted(grid, [term.shape[0] * (1 - SAME), term.shape[0] * (1 + SAME)])
+        ends = np.log([grid[max(at[0] - 1, 0)], grid[min(at[1], len(grid) - 1)]])
 
         def moved(log: float, term: Term = term) -> Term:
             out = term._replace(shape=(float(np.exp(log)), *term.shape[1:]))
@@ -241,7 +246,7 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
     parts = problem.split(terms, judged.coefficients)
     alone, bent = problem.only(terms), dict[int, Term]()
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
-        if not term.shape or term.joint == ARM or not predictor.causes[term.cause].refinable:
+        if not term.shape or not len(predictor.causes[term.cause].grid(predictor.data, term.joint)):
             continue
         up, down = (
             predictor.rows_of(term._replace(shape=(term.shape[0] * np.exp(x), *term.shape[1:])))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.gap.causes.base import ALL_LINKS
 from stiction_envs.gap.doubt import Draws
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown, percent_lost
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
@@ -62,9 +63,8 @@ def named_causes(
         if any(t.joint == ARM for t in mine):
             joints = tuple(range(1, predictor.data.n + 1))
         worst = int(np.argmax((without - full) / np.maximum(without, 1e-300)))
-        what = predictor.causes[name].describe(_coefficients(judged, mine[0]))
-        if assumed := predictor.causes[name].assumption(predictor.data, mine[0].shape):
-            what += f" ({assumed})"
+        cause, first = predictor.causes[name], _coefficients(judged, mine[0])
+        what = cause.describe(predictor.data, first, mine[0].shape)
         out.append(
             NamedCause(
                 name=name,
@@ -111,9 +111,10 @@ def _estimates(judged: Judged, term: Term, drawn: Draws) -> dict[str, Estimate]:
     predictor, mine = judged.predictor, _coefficients(judged, term)
     cause = predictor.causes[term.cause]
     samples = [cause.values(x, shape) for x, shape in drawn[judged.terms.index(term)]]
-    tried = [t.shape for t in predictor.candidates if t[:2] == term[:2]]
-    on_bound = cause.on_bound(mine, predictor.data, term.joint)
-    on_bound = on_bound or cause.at_edge(term.shape, tried, EDGE)
+    data, grid = predictor.data, cause.grid(predictor.data, term.joint)
+    on_bound = not cause.possible(data, term.joint, mine, term.shape, np.inf)
+    if len(grid) and term.shape:  # refined parameters come close to the end without reaching it
+        on_bound |= not grid[0] * EDGE < term.shape[0] < grid[-1] / EDGE
     out = {}
     for key, value in cause.values(mine, term.shape).items():
         ends: object = [value, value]
@@ -175,7 +176,11 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
     wide: dict[str, dict[int, dict[str, tuple[float, float]]]] = {}
     shown = {t[:2]: t for t in reversed(predictor.candidates)}
     for cause in predictor.causes.values():
-        if cause.random or not cause.is_linear or not any(p.size for p in cause.parameters):
+        if (
+            cause.adds_to == ALL_LINKS
+            or not cause.is_linear
+            or not any(p.size for p in cause.parameters)
+        ):
             continue
         for joint in cause.joints(predictor.data):
             if (cause.name, joint) in have:
@@ -184,7 +189,8 @@ def not_shown(judged: Judged) -> tuple[NotShown, ...]:
             term = shown.get((cause.name, joint))
             j = max(joint, 0)
             first_shape = cause.shapes(predictor.data, j, predictor.data.residual[:, j])[0]
-            sd = float(cause.size(predictor.data, joint, term.shape if term else first_shape)[0])
+            shape = term.shape if term else first_shape
+            sd = float(cause.prior(predictor.data, joint, shape).size[0])
             mean = 0.0
             if term:
                 terms = problem.model([*judged.model.terms, term])

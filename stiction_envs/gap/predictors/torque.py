@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, Shape
+from stiction_envs.gap.causes.base import ALL_LINKS, ALL_OF_ONE, DRY, PLAIN, limits
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
@@ -127,12 +128,12 @@ class TorquePredictor:
         """Add small errors and all hypotheses."""
         data = self.data
         for cause in self.causes.values():
-            if cause.random:
+            if cause.adds_to == ALL_LINKS:
                 size = self.rows_of(term := Term(cause.name, ARM, LINKS, small=True))
-                sd = np.full(len(size[0]), cause.tolerance(data, ARM))
+                sd = np.full(len(size[0]), cause.prior(data, ARM, ()).usual)
                 free = np.full(len(sd), np.inf)
                 self.problem.add(term, size, sd, (-free, free), 0.0)
-        named = [c for c in self.causes.values() if not c.random]
+        named = [c for c in self.causes.values() if c.adds_to != ALL_LINKS]
         offered = [(c, j) for c in named for j in c.joints(data)]
         self._hypotheses = len(offered)
         for cause, joint in offered:
@@ -166,15 +167,16 @@ class TorquePredictor:
         if not any(np.abs(x).max(initial=0.0) > 0 for x in columns.values()):
             return []
         k = len(next(iter(columns.values())))
-        low, high = cause.bounds(data, term.joint)
-        odds = cause.odds(data, self._hypotheses)
+        prior = cause.prior(data, term.joint, term.shape)
+        low, high = limits(cause, prior, data)
+        odds = prior.odds + (0.0 if prior.everywhere else float(np.log(self._hypotheses)))
         odds += 0.5 * float(np.log(max(count, 1))) + float(np.log(len(PARTS)))
-        size = cause.size(data, term.joint, term.shape)[:k]
+        size = prior.size[:k]
         each = [term._replace(part=x) for x in PARTS]
         problem.add(each[0], columns, size, (low[:k], high[:k]), odds)
         for other in each[1:]:
             problem.share(other, each[0], other.part * size)
-        usual, small = cause.tolerance(data, term.joint), Term(term.cause, term.joint, (), True)
+        usual, small = prior.usual, Term(term.cause, term.joint, (), True)
         if usual and not any(term.shape) and small not in problem.numbers:
             problem.share(small, each[0], np.full(k, usual))
         return each
@@ -184,7 +186,7 @@ class TorquePredictor:
         plain = [
             t
             for t in self.candidates
-            if self.causes[t.cause].removed_first and t.part == PARTS[0] and t.joint != ARM
+            if self.causes[t.cause].adds_to in PLAIN and t.part == PARTS[0] and t.joint != ARM
         ]
         model = self.problem.model(plain)
         c, data = self.problem.fit(model), self.data
@@ -198,18 +200,14 @@ class TorquePredictor:
 
     def affected_joints(self, term: Term) -> list[int]:
         """Return the joints (from 0) whose torques a term acts on."""
-        if term.joint == ARM or self.causes[term.cause].coupled:
+        if term.joint == ARM or self.causes[term.cause].acts_on == ALL_OF_ONE:
             return list(range(self.data.n))
         return [term.joint]
 
     def rows_of(self, term: Term) -> dict[int, NDArray[np.float32]]:
         """Return the (k, T) columns of a term on each joint that it acts on."""
-        cause, joints = self.causes[term.cause], self.affected_joints(term)
-        if cause.coupled and term.joint != ARM:
-            spread = cause.spread(self.data, term.joint, term.shape)
-            each = {j: spread[:, j] for j in joints}
-        else:
-            each = {j: cause.columns(self.data, j, term.shape) for j in joints}
+        x = self.causes[term.cause].columns(self.data, term.joint, term.shape)
+        each = {term.joint: x} if x.ndim == 2 else {j: x[:, j] for j in range(self.data.n)}
         return {j: np.ascontiguousarray(x.T, dtype=np.float32) for j, x in each.items()}
 
     def needs(self, name: str) -> tuple[str, ...]:
@@ -222,14 +220,12 @@ class TorquePredictor:
         parts = dict(zip(model, problem.split(model, problem.fit(model)), strict=True))
         cause, mine = self.causes[term.cause], parts[term]
         level = sum(
-            self.causes[t.cause].dry_friction(c) for t, c in parts.items() if t.joint == term.joint
+            float(c[0])
+            for t, c in parts.items()
+            if t.joint == term.joint and self.causes[t.cause].adds_to == DRY
         )
         level += float(self.data.friction.level[term.joint]) if term.joint != ARM else 0.0
-        return not (
-            cause.negligible(mine, term.shape)
-            or cause.on_bound(mine, self.data, term.joint)
-            or cause.drives(mine, level)
-        )
+        return cause.possible(self.data, term.joint, mine, term.shape, level)
 
     # ---- torques -----------------------------------------------------------------------------
 

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.settings import GapSettings
@@ -228,7 +229,7 @@ def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tup
                 torque=torque,
                 without=without,
                 harmed=tuple(int(j) + 1 for j in np.flatnonzero(harmed)),
-                as_a_whole=bool(helps) and (cause.arm_wide or cause.coupled),
+                as_a_whole=bool(helps) and cause.acts_on in (THE_ARM, ALL_OF_ONE),
             )
         )
     return tuple(out)

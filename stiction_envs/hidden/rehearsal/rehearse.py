@@ -10,7 +10,7 @@ log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one 
 Of servo logs (`servo`) the plant simulates the whole arm under its servos instead.
 
 A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
-One that all joints' torques show (`Cause.coupled`: a link, a gear) is hidden joint by joint: all
+One that all joints' torques show (`Cause.acts_on`: a link, a gear) is hidden joint by joint: all
 together would be another fault, such as a wrong torque gain. The middle size comes first; then a
 smaller one where it was found, or a larger one where not. Refinements of dry friction are hidden on
 dry friction, as much as the log shows, which a rigid nominal model lacks: that is to be named too.

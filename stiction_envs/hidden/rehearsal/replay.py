@@ -25,6 +25,7 @@ from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
+from stiction_envs.gap.causes.base import DRY
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
@@ -228,10 +229,10 @@ def _dry_friction(own: Diagnosis) -> tuple[Array, Array]:
     known, found = np.array(own.base.friction.level), np.zeros(own.data.n)
     for part in own.baseline.parts:
         if part.joint:
-            c = np.array(part.coefficients)
-            known[part.joint - 1] += cause_named(part.cause).dry_friction(c)
+            dry = cause_named(part.cause).adds_to == DRY
+            known[part.joint - 1] += part.coefficients[0] if dry else 0.0
     split = own.predictor.problem.split(own.terms, own.coefficients)
     for term, c in zip(own.terms, split, strict=True):
-        if term.joint >= 0:
-            found[term.joint] += own.predictor.causes[term.cause].dry_friction(c)
+        if own.predictor.causes[term.cause].adds_to == DRY:
+            found[term.joint] += float(c[0])
     return np.maximum(known, 0.0), found

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import Cause, cause_named
+from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.rehearsal.gears import link_behind_gear
@@ -52,8 +53,8 @@ def hideable(cause: Cause) -> Hideable:
         unit=first.unit,
         what_to_record=cause.what_to_record,
         expected=effect.expected if effect else (),
-        arm_wide=cause.arm_wide,
-        coupled=cause.coupled,
+        arm_wide=(cause.acts_on == THE_ARM),
+        coupled=(cause.acts_on == ALL_OF_ONE),
     )
 
 
@@ -65,21 +66,21 @@ def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[Job]:
     for cause in causes:
         what = hideable(cause)
         no_law = ""
-        if cause.name not in EFFECTS and (not cause.is_linear or cause.coupled):
+        if cause.name not in EFFECTS and (not cause.is_linear or (cause.acts_on == ALL_OF_ONE)):
             no_law = "no law is known by which to hide it"
         joints = tuple(range(own.data.n))
         why_not = {}
-        for j in (-1,) if cause.arm_wide else joints:
+        for j in (-1,) if (cause.acts_on == THE_ARM) else joints:
             alone = f"it changes no torque of joint {j + 1}" if j >= 0 else "it changes no torque"
             seen = "" if (cause.name, j) in candidates else alone
             shown = "its interval is as wide as before" if (cause.name, j) in hidden else ""
             why_not[max(j, 0)] = seen or shown or no_law
         jobs += [Job(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
         left = tuple(j for j, why in why_not.items() if not why)
-        if cause.coupled:
+        if cause.acts_on == ALL_OF_ONE:
             jobs += [Job(what=what, joints=(j,)) for j in left]
         elif left:
-            jobs.append(Job(what=what, joints=joints if cause.arm_wide else left))
+            jobs.append(Job(what=what, joints=joints if (cause.acts_on == THE_ARM) else left))
     return jobs
 
 

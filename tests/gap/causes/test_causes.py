@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import CAUSES, Part, parameter_units
+from stiction_envs.gap.causes.base import limits, torque_of
 from stiction_envs.gap.causes.body import payload
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
@@ -39,12 +40,15 @@ def data() -> Data:
 def test_columns_bounds_values_and_view_fit_together(cause, data: Data) -> None:
     shape = cause.shapes(data, 3, data.rigid[:, 3])[0]
     columns = cause.columns(data, 3, shape)
-    low, high = cause.bounds(data, 3)
-    size = cause.size(data, 3, shape)
+    prior = cause.prior(data, 3, shape)
+    (low, high), size = limits(cause, prior, data), prior.size
     assert np.all(size > 0)
     assert np.isfinite(size).all()
     assert len(size) == len(low)
     assert len(columns) == len(data.t)
+    if columns.ndim == 3:
+        assert columns.shape[1] == data.n
+        columns = columns[:, 3]
     fewer = cause.name == "position_dependent_torque"  # of a lower order
     assert columns.shape[1] == len(low) or (fewer and columns.shape[1] < len(low))
     assert len(low) == len(high)
@@ -78,10 +82,10 @@ def test_payload_columns_are_the_torque_of_an_arm_with_one(data: Data) -> None:
     more -= data.rigid[rows]
     coefficients = np.array([mass, *(mass * com), *[0.0] * 6])
     for j in range(7):
-        own = BY_NAME["payload"].columns(data, j, tuple(com))[rows] @ coefficients
+        own = BY_NAME["payload"].columns(data, -1, tuple(com))[rows, j] @ coefficients
         assert np.allclose(own, more[:, j], atol=1e-9)
         # about another centre its inertia is linear only, to second order of the distance
-        near = BY_NAME["payload"].columns(data, j, tuple(com + 0.01))[rows] @ coefficients
+        near = BY_NAME["payload"].columns(data, -1, tuple(com + 0.01))[rows, j] @ coefficients
         assert np.abs(near - more[:, j]).max() < 0.01
     # a wider body has more of Σ: by its length along x
     long = 0.1**2 * mass
@@ -94,9 +98,9 @@ def test_poses_have_no_torque_of_motion(data: Data) -> None:
     rest = replace(data, recording=replace(data.recording, dt=float("nan")))
     viscous = Part(cause="viscous_friction", joint=2, shape=(), coefficients=(1.0,))
     offset = Part(cause="torque_offset", joint=2, shape=(), coefficients=(0.5,))
-    assert BY_NAME["viscous_friction"].torque(data, viscous).any()
-    assert not BY_NAME["viscous_friction"].torque(rest, viscous).any()
-    assert np.all(BY_NAME["torque_offset"].torque(rest, offset)[:, 1] == 0.5)
+    assert torque_of(BY_NAME["viscous_friction"], data, viscous).any()
+    assert not torque_of(BY_NAME["viscous_friction"], rest, viscous).any()
+    assert np.all(torque_of(BY_NAME["torque_offset"], rest, offset)[:, 1] == 0.5)
 
 
 def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> None:
@@ -129,7 +133,7 @@ def test_tilt_columns_are_the_gravity_of_a_leaning_arm(data: Data) -> None:
     zero = np.zeros_like(data.q)
     torque = inverse_dynamics(model, data.q, zero, zero)
     for j in range(7):
-        own = BY_NAME["base_tilt"].columns(data, j, tuple(side)) @ side
+        own = BY_NAME["base_tilt"].columns(data, -1, tuple(side))[:, j] @ side
         assert np.allclose(data.recording.gravity[:, j] + own, torque[:, j], atol=1e-9)
 
 
@@ -171,7 +175,7 @@ def test_a_stiff_spring_yields_load_over_stiffness(data: Data) -> None:
 def test_a_delays_low_pass_is_first_order(data: Data) -> None:
     """T y' + y = n, so that the column times −T is y − n."""
     lowpass = 0.03
-    column = BY_NAME["actuator_delay"].columns(data, 1, (-lowpass, 1.0))[:, 0]
+    column = BY_NAME["actuator_delay"].columns(data, -1, (-lowpass, 1.0))[:, 1, 0]
     n = data.nominal[:, 1]
     y = n - lowpass * column
     run = data.runs()[0]

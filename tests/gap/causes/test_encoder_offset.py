@@ -62,10 +62,12 @@ def test_a_pendulum_pulls_as_at_its_true_angle(pendulum: Arm) -> None:
     zero = np.zeros_like(still.q)
     still = replace(still, recording=replace(still.recording, dq=zero, ddq=zero))
     q, pull = still.q[:, 0], MASS * G * LENGTH
-    np.testing.assert_allclose(CAUSE.columns(still, 0, (0.0,))[:, 0], -pull * np.cos(q), atol=1e-3)
+    np.testing.assert_allclose(
+        CAUSE.columns(still, 0, (0.0,))[:, 0, 0], -pull * np.cos(q), atol=1e-3
+    )
     for offset in (0.05, -0.3):
         expected = pull * (np.sin(q - offset) - np.sin(q)) / offset
-        np.testing.assert_allclose(CAUSE.columns(still, 0, (offset,))[:, 0], expected, atol=1e-3)
+        np.testing.assert_allclose(CAUSE.columns(still, 0, (offset,))[:, 0, 0], expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("joint", range(1, 8))
@@ -77,10 +79,10 @@ def test_a_changed_arm_is_the_arm_at_another_angle(joint: int, data: Data) -> No
     model = off_by(data.arm, offset, joint).pinocchio()
     torque = inverse_dynamics(model, data.q, data.dq, data.ddq)
     np.testing.assert_allclose(torque, expected, atol=1e-9)
-    own = CAUSE.spread(data, joint - 1, (offset,))[..., 0] * offset
+    own = CAUSE.columns(data, joint - 1, (offset,))[..., 0] * offset
     np.testing.assert_allclose(data.recording.rigid + own, expected, atol=1e-9)
-    slope = CAUSE.spread(data, joint - 1, (0.0,))[..., 0]
-    near = CAUSE.spread(data, joint - 1, (1e-5,))[..., 0]
+    slope = CAUSE.columns(data, joint - 1, (0.0,))[..., 0]
+    near = CAUSE.columns(data, joint - 1, (1e-5,))[..., 0]
     np.testing.assert_allclose(slope, near, atol=1e-3)
 
 

@@ -67,5 +67,5 @@ def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_are_implausible(da
     sweep = replace(data, recording=replace(data.recording, q=q))
     cancelling = np.array([31.18, -47.822, -1.293, 20.511, 1.147, -3.69, -0.212])
     smaller = np.array([2.154, -3.128, -0.497, 1.16, 0.442])
-    assert CAUSE.on_bound(cancelling, sweep, 2)
-    assert not CAUSE.on_bound(smaller, sweep, 2)
+    assert not CAUSE.possible(sweep, 2, cancelling, (3.0,), 0.0)
+    assert CAUSE.possible(sweep, 2, smaller, (2.0,), 0.0)

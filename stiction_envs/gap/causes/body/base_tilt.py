@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import GRAVITY, THE_ARM, Array, Cause, Parameter, Prior, Shape
 from stiction_envs.gap.causes.body.bodies import leaning
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.signals.dataset import Data
@@ -35,18 +35,13 @@ class BaseTilt(Cause):
     what_to_record: ClassVar[str] = (
         "static poses with the arm stretched to all sides, joint 1 turned round"
     )
-    arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    changes_arm: ClassVar[bool] = True
-    refinable: ClassVar[bool] = False
+    acts_on: ClassVar[str] = THE_ARM
+    adds_to: ClassVar[str] = GRAVITY
     parameters: ClassVar = (
         Parameter("tilt_rad", "rad", size=2, low=-1.0, high=1.0),
         Parameter("azimuth_rad", "rad", size=0),
     )
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return the lean of bases that were levelled [-]."""
-        return USUAL
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return (x_0, y_0) that are tried: upright, and what a lean alone would find."""
@@ -58,17 +53,17 @@ class BaseTilt(Cause):
         found = (float(x), float(y))
         return [(0.0, 0.0), found] if LEAST < np.hypot(float(x), float(y)) < MOST else [(0.0, 0.0)]
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return the lean of a mount that was not levelled [-]; assumed."""
-        return np.array([0.1, 0.1])
+        return Prior(np.array([0.1, 0.1]), usual=USUAL)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per sin(tilt) towards x and y."""
-        side, lean = data.recording.derived(_sideways)[:, joint], float(np.linalg.norm(shape))
+        side, lean = data.recording.derived(_sideways), float(np.linalg.norm(shape))
         if not lean:
-            return np.array(side[:, :2])
+            return np.array(side[..., :2])
         lost = (1 - np.sqrt(1 - lean * lean)) / (lean * lean)
-        return np.asarray(side[:, :2] + lost * side[:, 2:] * np.array(shape))
+        return np.asarray(side[..., :2] + lost * side[..., 2:] * np.array(shape))
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return the lean that was found."""
@@ -83,18 +78,16 @@ class BaseTilt(Cause):
             "azimuth_rad": float(np.arctan2(coefficients[1], coefficients[0])),
         }
 
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether the base lies on its side."""
-        return bool(np.hypot(*coefficients[:2]) >= MOST)
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether the base does not lie on its side."""
+        return bool(np.hypot(*coefficients[:2]) < MOST)
 
     def part_of(self, coefficients: Array, shape: Shape) -> tuple[Array, Shape]:
         """Return the lean, and the loss of gravity along its nominal direction that follows."""
         x, y = coefficients[:2]
         return np.array([x, y, 1 - np.sqrt(max(1 - x * x - y * y, 0.0))]), ()
-
-    def lean(self, coefficients: Array) -> Array:
-        """Return (2,) part of gravity towards x and y [-]."""
-        return coefficients[:2]
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm under a gravity that leans."""

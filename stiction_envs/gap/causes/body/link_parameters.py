@@ -7,7 +7,16 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape
+from stiction_envs.gap.causes.base import (
+    ALL_OF_ONE,
+    LINK,
+    Array,
+    Cause,
+    Columns,
+    Parameter,
+    Prior,
+    Shape,
+)
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
     link_directions,
@@ -44,11 +53,9 @@ class LinkParameters(Cause):
     what_to_record: ClassVar[str] = (
         "static poses over the whole range of all joints, then an exciting motion"
     )
-    coupled: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    changes_arm: ClassVar[bool] = True
-    body: ClassVar[bool] = True
-    refinable: ClassVar[bool] = False
+    acts_on: ClassVar[str] = ALL_OF_ONE
+    adds_to: ClassVar[str] = LINK
     parameters: ClassVar = (
         Parameter("mass_kg", "kg"),
         Parameter("com_m", "m", size=3),
@@ -66,37 +73,29 @@ class LinkParameters(Cause):
         """Return all but the last: what is wrong with that link is named payload."""
         return super().joints(data)[:-1]
 
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return seven nats more where links were diagnosed before: tools change, links do not."""
-        known = data.recording.link_factor is not None
-        return super().odds(data, hypotheses) + (7.0 if known else 0.0)
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
+        """Return standard deviations about the nominal; some of the mass must remain.
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return standard deviations about the nominal."""
-        return shape[1] * np.array([MASS_SD, *[shape[2]] * 3])
+        Where links were diagnosed before, odds are seven nats worse: tools change, links do not.
+        """
+        size = shape[1] * np.array([MASS_SD, *[shape[2]] * 3])
+        low, known = np.full(4, -np.inf), data.recording.link_factor is not None
+        low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[joint])
+        return Prior(size, low, np.full(4, np.inf), odds=7.0 if known else 0.0)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
-        """Return the torque on the joint itself."""
-        return self.spread(data, joint, shape)[:, joint]
-
-    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per kilogram, and per kg·m that the link is moved by, on all joints."""
         return data.recording.derived(body_columns, *data.gravity_found)[
             :, :, 4 * joint : 4 * joint + 4
         ]
 
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the least mass that leaves a link."""
-        low = np.full(4, -np.inf)
-        low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[joint])
-        return low, np.full(4, np.inf)
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether hardly any mass is left, or the centre is far from the link."""
-        low, _ = self.bounds(data, joint)
-        mass = float(data.recording.derived(link_masses)[joint]) + float(coefficients[0])
-        moved = float(np.linalg.norm(coefficients[1:])) / max(mass, 1e-9)
-        return bool(coefficients[0] <= low[0]) or moved > FARTHEST
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether some mass is left, and the centre is near the link."""
+        was, more = float(data.recording.derived(link_masses)[joint]), float(coefficients[0])
+        moved = float(np.linalg.norm(coefficients[1:])) / max(was + more, 1e-9)
+        return more > -(1 - LEFT) * was and moved <= FARTHEST
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return the link, and what its mass [kg] and centre [m] in its axes differ by."""

@@ -11,7 +11,16 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape
+from stiction_envs.gap.causes.base import (
+    ALL_LINKS,
+    THE_ARM,
+    Array,
+    Cause,
+    Columns,
+    Parameter,
+    Prior,
+    Shape,
+)
 from stiction_envs.gap.causes.body.bodies import body_columns, link_basis
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.signals.dataset import Data
@@ -30,30 +39,20 @@ class LinkTolerances(Cause):
     name: ClassVar[str] = "link_tolerances"
     what: ClassVar[str] = "links within their tolerance"
     what_to_record: ClassVar[str] = "an exciting motion of all joints"
-    arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    changes_arm: ClassVar[bool] = True
-    random: ClassVar[bool] = True
-    refinable: ClassVar[bool] = False
+    acts_on: ClassVar[str] = THE_ARM
+    adds_to: ClassVar[str] = ALL_LINKS
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return one standard deviation of each direction."""
-        return np.ones(data.recording.derived(link_basis).shape[1])
+        one = np.ones(data.recording.derived(link_basis).shape[1])
+        return Prior(one, -np.inf * one, np.inf * one, usual=1.0)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per standard deviation of each direction."""
         columns = data.recording.derived(body_columns, *data.gravity_found)
-        return columns[:, joint, 4 * data.n + 10 :]
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return none."""
-        size = data.recording.derived(link_basis).shape[1]
-        return np.full(size, -np.inf), np.full(size, np.inf)
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return one standard deviation of the prior."""
-        return 1.0
+        return columns[..., 4 * data.n + 10 :]
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the directions."""

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape
+from stiction_envs.gap.causes.base import LINK, THE_ARM, Array, Cause, Parameter, Prior, Shape
 from stiction_envs.gap.causes.body.bodies import (
     body_columns,
     from_flange,
@@ -48,31 +48,36 @@ class Payload(Cause):
     name: ClassVar[str] = "payload"
     what: ClassVar[str] = "unmodelled mass on the flange"
     what_to_record: ClassVar[str] = "static poses with the flange turned all ways"
-    arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    changes_arm: ClassVar[bool] = True
-    body: ClassVar[bool] = True
-    refinable: ClassVar[bool] = False
+    acts_on: ClassVar[str] = THE_ARM
+    adds_to: ClassVar[str] = LINK
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the flange: the centre is not known yet."""
         return [(0.0, 0.0, 0.0)]
 
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return one nat: tools are mounted all the time."""
-        return 1.0
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
+        """Return a usual mass, 10 cm off the flange.
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return a usual mass, 10 cm off the flange."""
+        Some of the last link must remain. Tools are mounted all the time.
+        """
         mass = USUAL_SHARE * data.lift
-        return mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
+        size = mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
+        high = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
+        low = -high
+        low[0] = self._least(data)
+        return Prior(size, low, high, odds=1.0, everywhere=True)
+
+    def _least(self, data: Data) -> float:
+        """Return the least mass that leaves a last link [kg]."""
+        return -(1 - LEFT) * float(data.recording.derived(link_masses)[-1])
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque per kilogram, and per kg·m of moment about the flange in its axes."""
         change = from_flange(data.pinocchio, data.arm) @ payload_directions(np.array(shape))
         own = slice(4 * data.n, 4 * data.n + 10)
-        last = data.recording.derived(body_columns, *data.gravity_found)[:, joint, own]
+        last = data.recording.derived(body_columns, *data.gravity_found)[..., own]
         return np.asarray(last @ change)
 
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
@@ -82,16 +87,12 @@ class Payload(Cause):
         x, y, z = (float(v) for v in coefficients[1:4] / coefficients[0])
         return x, y, z
 
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the least mass that leaves a last link, and the largest inertia."""
-        most = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
-        low = -most
-        low[0] = -(1 - LEFT) * float(data.recording.derived(link_masses)[-1])
-        return low, most
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether nothing is left of the last link; its inertia may be on a bound."""
-        return bool(coefficients[0] <= self.bounds(data, joint)[0][0])
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether it has a mass and leaves a last link; its inertia may be on a bound."""
+        mass = float(coefficients[0])
+        return abs(mass) > SMALL and mass > self._least(data)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return mass [kg] and centre of mass in the flange's axes [m]."""
@@ -99,16 +100,12 @@ class Payload(Cause):
         com = coefficients[1:4] / mass if abs(mass) > SMALL else np.zeros(3)
         return {"mass_kg": mass, "com_m": [float(x) for x in com]}
 
-    def describe(self, coefficients: Array) -> str:
+    def describe(self, data: Data, coefficients: Array, shape: Shape) -> str:
         """Return whether the robot or the model has it."""
         mass = float(coefficients[0])
         if mass >= 0:
             return f"{self.what}, or a last link that is heavier than the model's"
         return f"the model carries {-mass:.3g} kg too much on the flange"
-
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether its mass is none."""
-        return bool(abs(coefficients[0]) <= SMALL)
 
     def on_links(self, data: Data, joint: int, shape: Shape, size: int) -> Array:
         """Return the change of the last link's parameters."""

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import DRY, Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -16,29 +16,20 @@ class CoulombFriction(Cause):
 
     name: ClassVar[str] = "coulomb_friction"
     what: ClassVar[str] = "dry friction missing or wrong"
-    base_friction: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, at several speeds"
-    removed_first: ClassVar[bool] = True
+    adds_to: ClassVar[str] = DRY
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
     view: ClassVar = View(
         "joint speed [rad/s]", variable("dq"), note="a step where the motion turns round"
     )
 
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return one nat: every joint has some."""
-        return 1.0
-
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return np.array([0.05 * data.strength[joint]])
+        return Prior(np.array([0.05 * data.strength[joint]]), odds=1.0, everywhere=True)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
         return data.smooth(data.dry_friction_ratio(joint))[:, None]
-
-    def dry_friction(self, coefficients: Array) -> float:
-        """Return F_c [N·m]."""
-        return float(coefficients[0])
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise friction at rest and in motion."""

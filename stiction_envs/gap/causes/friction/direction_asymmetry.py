@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
@@ -26,17 +26,15 @@ class DirectionAsymmetry(Cause):
         "joint speed [rad/s]", variable("dq"), note="both directions lie off zero to the same side"
     )
 
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return two nats more than usual: an offset looks alike, and is more common; assumed."""
-        return super().odds(data, hypotheses) + 2.0
-
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a fiftieth of what the joint can bear [N·m]; assumed."""
-        return np.array([0.02 * data.strength[joint]])
+        return Prior(np.array([0.02 * data.strength[joint]]), odds=2.0)
 
-    def drives(self, coefficients: Array, level: float) -> bool:
-        """Return whether friction would push in one direction."""
-        return abs(float(coefficients[0])) > level
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether friction resists in both directions."""
+        return abs(float(coefficients[0])) <= level
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return one while the joint moves."""

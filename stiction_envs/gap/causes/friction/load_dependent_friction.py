@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
@@ -20,7 +20,6 @@ class LoadDependentFriction(Cause):
 
     name: ClassVar[str] = "load_dependent_friction"
     what: ClassVar[str] = "friction grows with transmitted torque"
-    refinable: ClassVar[bool] = False
     what_to_record: ClassVar[str] = (
         "the same slow motion in poses of small and of large gravity torque"
     )
@@ -41,9 +40,9 @@ class LoadDependentFriction(Cause):
         mean = 0.0 if data.has_friction else float(np.abs(data.rigid[:, joint]).mean())
         return [(0.0, mean)]
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return the coefficient of a dry gear [-]; assumed."""
-        return np.array([0.1])
+        return Prior(np.array([0.1]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the load's size in the direction of motion."""
@@ -59,10 +58,7 @@ class LoadDependentFriction(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Let friction grow in the tables; MJCF holds the level at the mean load."""
-        draft.load[part.joint - 1] += part.coefficients[0]
-        draft.leave_out(part, "the level at the logs' mean load stands", tables=False)
-
-    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array:
-        """Return friction at the mean load."""
-        j = part.joint - 1
-        return part.coefficients[0] * draft.mean_load[j] * data.smooth(data.direction(j))
+        j, k = part.joint - 1, part.coefficients[0]
+        draft.load[j] += k
+        stands = k * draft.mean_load[j]
+        draft.leave_out(part, "the level at the logs' mean load stands", tables=False, dry=stands)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -40,7 +40,6 @@ class PositionDependentFriction(Cause):
     what_to_record: ClassVar[str] = (
         "slow constant speed over a quarter turn or more, there and back"
     )
-    refinable: ClassVar[bool] = False
     parameters: ClassVar = (
         Parameter("ripple_nm", "N·m", size=2),
         Parameter("periods_per_rev", "1/rev", 0.0, size=0),
@@ -50,9 +49,9 @@ class PositionDependentFriction(Cause):
         "joint angle, part of one ripple period [-]", phase, note="a sine, once per period"
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a hundredth of what the joint can bear [N·m]; assumed."""
-        return np.full(2, 0.01 * data.strength[joint])
+        return Prior(np.full(2, 0.01 * data.strength[joint]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return sine and cosine of k q, in the direction of motion if it is friction's."""
@@ -97,11 +96,12 @@ class PositionDependentFriction(Cause):
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return a [N·m], k [1/rev], φ [rad]."""
-        return {
-            "ripple_nm": float(np.hypot(*coefficients)),
-            "periods_per_rev": shape[0],
-            "phase_rad": float(np.arctan2(coefficients[1], coefficients[0])),
-        }
+        size, periods, angle = self._wave(coefficients, shape)
+        return {"ripple_nm": size, "periods_per_rev": periods, "phase_rad": angle}
+
+    @staticmethod
+    def _wave(c: Array, shape: Shape) -> tuple[float, float, float]:
+        return float(np.hypot(*c)), shape[0], float(np.arctan2(c[1], c[0]))
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add to the joint's cogging, or take another motor's where that has other periods."""
@@ -109,9 +109,9 @@ class PositionDependentFriction(Cause):
         if len(part.shape) > 1:
             draft.leave_out(part, "MuJoCo's ripple does not turn with the motion")
             return
-        v = self.parameters_of(part)
+        size, periods, angle = self._wave(np.array(part.coefficients), part.shape)
         # MuJoCo's cogging drives the joint; ours is what the motor must overcome
-        size, periods, angle = v["ripple_nm"], v["periods_per_rev"], v["phase_rad"] + np.pi
+        angle += np.pi
         there, its_periods, its_angle = draft.ripple[j]
         if there == 0:
             draft.ripple[j] = size, periods, angle
@@ -124,10 +124,6 @@ class PositionDependentFriction(Cause):
                 f"{part.cause} of {part.where}: {periods:g} periods per turn are in model.xml; the "
                 "tables hold one ripple per joint"
             )
-
-    def contribution_order(self, part: Part) -> tuple[int, float]:
-        """Return the strongest first: it is the one that the friction tables take."""
-        return 1, -float(np.hypot(part.coefficients[0], part.coefficients[1]))
 
 
 def _shown(q: Array, count: int, side: Array, base: Array, r: Array) -> Array:

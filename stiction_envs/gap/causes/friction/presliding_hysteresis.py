@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.bristle import bristles
@@ -52,9 +52,9 @@ class PreslidingHysteresis(Cause):
         limit=lambda shape: 8 * shape[0],
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return np.array([0.05 * data.strength[joint]])
+        return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m."""
@@ -63,15 +63,9 @@ class PreslidingHysteresis(Cause):
         ratio = bristles(path, runs, distance, motion)[:, 0, 0]
         return data.smooth(ratio - data.dry_friction_ratio(joint))[:, None]
 
-    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+    def grid(self, data: Data, joint: int) -> Array:
         """Return presliding distances d = F_c/σ0 [rad]."""
-        return [(float(d),) for d in DISTANCES]
-
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbouring distances."""
-        at = int(np.argmin(np.abs(np.log(DISTANCES / shape[0]))))
-        last = len(DISTANCES) - 1
-        return float(DISTANCES[max(at - 1, 0)]), float(DISTANCES[min(at + 1, last)])
+        return DISTANCES
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return σ0 = F_c/d [N·m/rad], F_c being the part of friction that lags."""
@@ -81,6 +75,8 @@ class PreslidingHysteresis(Cause):
         """Set the bristle's stiffness."""
         draft.bristle[part.joint - 1] = part.coefficients[0] / part.shape[0]
 
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether nothing lags; the damping may be zero."""
-        return bool(coefficients[0] <= 0)
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether anything lags."""
+        return bool(coefficients[0] > 0)

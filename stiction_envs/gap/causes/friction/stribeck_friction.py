@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
@@ -41,9 +41,9 @@ class StribeckFriction(Cause):
         limit=lambda shape: max(6 * shape[0], 0.02),
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return np.array([0.05 * data.strength[joint]])
+        return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction, faded out with speed."""
@@ -59,15 +59,18 @@ class StribeckFriction(Cause):
             return shape
         return shape[0], min(float(coefficients[0]) / level, MOST_RATIO)
 
-    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+    def grid(self, data: Data, joint: int) -> Array:
         """Return Stribeck velocities from what a filtered log resolves to common speeds.
 
         A faster one would never fade along this motion: it would look constant.
         """
         top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
         low = 3 * data.settings.motion.rest_speed
-        high = min(FASTEST, top)
-        return [(float(x),) for x in np.geomspace(low, high, COUNT)] if top > 1.1 * low else []
+        return np.geomspace(low, min(FASTEST, top), COUNT) if top > 1.1 * low else np.empty(0)
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return those of the grid; none along slow motion."""
+        return [(float(x),) for x in self.grid(data, joint)]
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Raise friction at rest only."""

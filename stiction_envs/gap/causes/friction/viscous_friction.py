@@ -6,7 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import (
+    DAMPING,
+    Array,
+    Cause,
+    Parameter,
+    Prior,
+    Shape,
+    View,
+    variable,
+)
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -16,19 +25,14 @@ class ViscousFriction(Cause):
 
     name: ClassVar[str] = "viscous_friction"
     what: ClassVar[str] = "slope of friction with speed"
-    base_friction: ClassVar[bool] = True
     what_to_record: ClassVar[str] = "constant speed in both directions, slow to fast"
-    removed_first: ClassVar[bool] = True
+    adds_to: ClassVar[str] = DAMPING
     parameters: ClassVar = (Parameter("viscous_nms", "N·m·s/rad", 0.0),)
     view: ClassVar = View("joint speed [rad/s]", variable("dq"), note="a slope with speed")
 
-    def odds(self, data: Data, hypotheses: int) -> float:
-        """Return one nat: every joint has some."""
-        return 1.0
-
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a twentieth of what the joint can bear, at 1 rad/s [N·m·s/rad]; assumed."""
-        return np.array([0.05 * data.strength[joint]])
+        return Prior(np.array([0.05 * data.strength[joint]]), odds=1.0, everywhere=True)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the speed."""

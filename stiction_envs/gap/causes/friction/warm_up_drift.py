@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import LATE, LEAST_FRICTION, ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
@@ -36,7 +36,6 @@ class WarmUpDrift(Cause):
     what_to_record: ClassVar[str] = (
         "the same motion repeated for tens of minutes, from cold, on one clock"
     )
-    refinable: ClassVar[bool] = False
     needs: ClassVar = (CoulombFriction.name,)
     parameters: ClassVar = (Parameter("drift_nm_per_s", "N·m/s"),)
     view: ClassVar = View(
@@ -46,10 +45,10 @@ class WarmUpDrift(Cause):
         note="friction changes along the log",
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a fiftieth of what the joint can bear, over the time [N·m/s]; assumed."""
         seconds = max(float(np.ptp(_time(data, shape))), 1.0)
-        return np.array([0.02 * data.strength[joint] / seconds])
+        return Prior(np.array([0.02 * data.strength[joint] / seconds]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return time in the direction of motion."""
@@ -61,19 +60,19 @@ class WarmUpDrift(Cause):
         same = np.array_equal(recording.since_log, recording.since_session)
         return [()] if same else [(OF_LOG,), (OF_SESSION,)]
 
-    def assumption(self, data: Data, shape: Shape) -> str:
+    def describe(self, data: Data, coefficients: Array, shape: Shape) -> str:
         """Return since when time counts, where there are several logs."""
         if shape:
             both = ("the session", "each log")
             this, other = both if shape == (OF_SESSION,) else both[::-1]
             return (
-                f"with the time since {this} began, which fits better than the time since {other} "
-                "began"
+                f"{self.what} (with the time since {this} began, which fits better than the time "
+                f"since {other} began)"
             )
         if len(np.unique(data.recording.log)) < 2:
-            return ""
+            return self.what
         why = "their pauses are long" if data.recording.common_clock else "no clock is common"
-        return f"each log is assumed to start cold: {why}"
+        return f"{self.what} (each log is assumed to start cold: {why})"
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Write the drift as the start of a slow exponential, if friction stays positive."""
@@ -84,19 +83,10 @@ class WarmUpDrift(Cause):
         rise = -rate * late / warm if warm > LEAST_FRICTION < level else -1.0
         ok = rise > -0.9 and draft.warm[j, 0] == 0
         when = "mid-record" if ok else "the start of the record"
-        draft.leave_out(part, f"MJCF has no clock: the level at {when} stands", tables=not ok)
+        stands = rate * draft.duration / 2 if ok else 0.0
+        why = f"MJCF has no clock: the level at {when} stands"
+        draft.leave_out(part, why, tables=not ok, dry=stands)
         if ok:
             draft.warm[j] = rise, late
             draft.coulomb[j] *= warm / level
             draft.stiction[j] *= warm / level
-
-    def contribution_order(self, part: Part) -> tuple[int, float]:
-        """Return last: it needs the level it drifts from."""
-        return 2, 0.0
-
-    def held(self, draft: ModelDraft, part: Part, data: Data) -> Array | None:
-        """Return the level half-way through the logs."""
-        j = part.joint - 1
-        if draft.warm[j, 1] != LATE * draft.duration:
-            return None
-        return part.coefficients[0] * (draft.duration / 2) * data.smooth(data.direction(j))

@@ -6,21 +6,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Columns, Shape
+from stiction_envs.gap.causes.base import ALL_OF_ONE, Array, Cause, Columns, Prior, Shape
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording, rate
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 
 class DeflectedLink(Cause):
-    """A cause that moves a link relative to its motor, by `spread` of a number that is tried.
+    """A cause that moves a link relative to its motor, by a number that is tried.
 
     The coefficient is the size of the torque over what the cause predicts.
     """
 
     resembles_delay: ClassVar[bool] = True
     is_linear: ClassVar[bool] = False
-    coupled: ClassVar[bool] = True
+    acts_on: ClassVar[str] = ALL_OF_ONE
     tried: ClassVar[Array]
     """Values of the nonlinear parameter that are tried, evenly in the logarithm."""
     least: ClassVar[float]
@@ -28,22 +28,13 @@ class DeflectedLink(Cause):
     most: ClassVar[float]
     """Largest coefficient [-]."""
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return one: all of what is predicted [-]."""
-        return np.ones(1)
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
+        """Return all of what is predicted [-], and the least and the largest coefficient."""
+        return Prior(np.ones(1), np.array([self.least]), np.array([self.most]))
 
-    def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
-        """Return the torque on the joint itself."""
-        return self.spread(data, joint, shape)[:, joint]
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return the least and the largest coefficient."""
-        return np.array([self.least]), np.array([self.most])
-
-    def between(self, shape: Shape, shapes: list[Shape]) -> tuple[float, float]:
-        """Return the neighbours on the grid."""
-        step = float(self.tried[1] / self.tried[0])
-        return shape[0] / step, shape[0] * step
+    def grid(self, data: Data, joint: int) -> Array:
+        """Return `tried`."""
+        return self.tried
 
     def left(self, along: Array, size: Array) -> Array:
         """Return the squared error of columns, less that without them, with the best coefficient.

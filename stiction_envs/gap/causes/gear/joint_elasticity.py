@@ -45,7 +45,7 @@ class JointElasticity(DeflectedLink):
     most: ClassVar[float] = 1.5
     """Assumed."""
 
-    def spread(self, data: Data, joint: int, shape: Shape) -> Array:
+    def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
         delta = deflection(data, joint, *shape)
         return data.smooth(torque_of(data, joint, delta))[..., None]
@@ -61,17 +61,15 @@ class JointElasticity(DeflectedLink):
             left.append(self.left(residual[ok] @ columns, np.square(columns).sum(axis=0)))
         return [tried[k] for k in np.argsort(np.concatenate(left), kind="stable")[:BEST]]
 
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Return whether the stiffness is at the end of what was tried."""
-        return not self.tried[0] * 1.001 < shape[0] < self.tried[-1] * 0.999
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether hardly any of its torque is in the logs.
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether more than hardly any of its torque is in the logs.
 
         The upper bound is none: a motion without the resonance asks for a stiffer spring of more
         than its size, and K is then the size of the deflection only.
         """
-        return bool(coefficients[0] <= self.least)
+        return bool(coefficients[0] > self.least)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return K [N·m/rad]."""

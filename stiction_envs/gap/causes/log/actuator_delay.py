@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import THE_ARM, Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
@@ -45,7 +45,7 @@ class ActuatorDelay(Cause):
     what: ClassVar[str] = "torque acts late or filtered"
     is_linear: ClassVar[bool] = False
     what_to_record: ClassVar[str] = "fast motion of large torque, all channels stamped by one clock"
-    arm_wide: ClassVar[bool] = True
+    acts_on: ClassVar[str] = THE_ARM
     parameters: ClassVar = (Parameter("delay_s", "s", -0.2, 0.2),)
     view: ClassVar = View(
         "rate of the nominal torque [N·m/s]",
@@ -94,19 +94,17 @@ class ActuatorDelay(Cause):
         lengths = (factor * shape[0] for factor in STEPS)
         return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return two cycles of a slow controller [s]; assumed."""
-        return np.array([0.02])
+        return Prior(np.array([0.02]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return `shifted` of the torque, for a T' near T."""
-        if self._torque is not None:
-            torque = self._torque[:, joint]
-        elif data.carried is not None:
-            torque = data.nominal[:, joint] + data.carried[:, joint]
-        else:
-            torque = data.nominal[:, joint]
-        return self.shifted(data, torque, shape)[:, None]
+        torque = data.nominal if self._torque is None else self._torque
+        if self._torque is None and data.carried is not None:
+            torque = torque + data.carried
+        each = [self.shifted(data, torque[:, j], shape) for j in range(data.n)]
+        return np.stack(each, axis=1)[..., None]
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return T' [s], positive and negative."""
@@ -116,19 +114,13 @@ class ActuatorDelay(Cause):
             *((-x, part) for part in LOWPASS_PARTS for x in (*SMOOTHED, *found)),
         ]
 
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the delay is below `LEAST`."""
-        return abs(float(coefficients[0])) < LEAST
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether the delay is on a bound, or shorter than half of the sampling time."""
-        return abs(float(coefficients[0])) < 0.5 * data.dt or super().on_bound(
-            coefficients, data, joint
-        )
-
-    def at_edge(self, shape: Shape, shapes: list[Shape], edge: float) -> bool:
-        """Return false: the coefficient is the delay, and T' only linearises it."""
-        return False
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether the delay counts: `LEAST`, and half of the sampling time."""
+        delay = abs(float(coefficients[0]))
+        usual = super().possible(data, joint, coefficients, shape, level)
+        return usual and delay >= max(LEAST, 0.5 * data.dt)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return T [s]."""
@@ -141,7 +133,7 @@ class ActuatorDelay(Cause):
         behind = ", which come behind a low-pass" if len(part.shape) > 1 else ""
         draft.leave_out(part, f"{what} {abs(delay):.4g} s earlier{behind}")
 
-    def describe(self, coefficients: Array) -> str:
+    def describe(self, data: Data, coefficients: Array, shape: Shape) -> str:
         """Return whether torque acts after it was logged, or was logged after it acted."""
         if coefficients[0] >= 0:
             return self.what

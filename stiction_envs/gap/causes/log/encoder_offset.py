@@ -16,7 +16,17 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.causes.base import Array, Cause, Columns, Parameter, Shape, View
+from stiction_envs.gap.causes.base import (
+    ALL_OF_ONE,
+    ZERO,
+    Array,
+    Cause,
+    Columns,
+    Parameter,
+    Prior,
+    Shape,
+    View,
+)
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
@@ -40,10 +50,9 @@ class EncoderOffset(Cause):
     what_to_record: ClassVar[str] = (
         "static poses with the joint and those before it over their whole range"
     )
-    coupled: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
-    changes_arm: ClassVar[bool] = True
-    refinable: ClassVar[bool] = False
+    acts_on: ClassVar[str] = ALL_OF_ONE
+    adds_to: ClassVar[str] = ZERO
     parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
@@ -63,15 +72,11 @@ class EncoderOffset(Cause):
         found = float((slope * torque).sum()) / max(float(np.square(slope).sum()), 1e-300)
         return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return `USUAL`."""
-        return np.array([USUAL])
+        return Prior(np.array([USUAL]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
-        """Return the torque per radian on the joint itself."""
-        return self.spread(data, joint, shape)[:, joint]
-
-    def spread(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per radian on all joints."""
         if not shape[0]:
             return data.links.derived(_slopes, *data.gravity_found)[:, :, joint, None]
@@ -91,9 +96,12 @@ class EncoderOffset(Cause):
         """Return δ [rad]."""
         return {"offset_rad": float(coefficients[0])}
 
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the offset is below `LEAST`."""
-        return abs(float(coefficients[0])) < LEAST
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether the offset is one, and not the largest."""
+        usual = super().possible(data, joint, coefficients, shape, level)
+        return usual and abs(float(coefficients[0])) >= LEAST
 
     def changed(self, arm: Arm, part: Part) -> Arm:
         """Return the arm whose joint reads δ more: at zero its link is turned by −δ."""

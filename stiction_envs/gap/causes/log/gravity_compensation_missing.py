@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View
+from stiction_envs.gap.causes.base import THE_ARM, Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -30,8 +30,8 @@ class GravityCompensationMissing(Cause):
         "static poses of large and small gravity torque, and the measured torque beside the "
         "commanded one"
     )
-    arm_wide: ClassVar[bool] = True
     shown_at_rest: ClassVar[bool] = True
+    acts_on: ClassVar[str] = THE_ARM
     parameters: ClassVar = (Parameter("share", "1", 0.0, 1.0),)
     view: ClassVar = View(
         "gravity torque [N·m]",
@@ -39,23 +39,21 @@ class GravityCompensationMissing(Cause):
         note="a slope: minus the share that is missing, the same on all joints",
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return all of it [-]."""
-        return np.array([1.0])
+        return Prior(np.array([1.0]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return minus the nominal gravity torque."""
-        return -data.recording.gravity[:, joint, None]
+        return -data.recording.gravity[..., None]
 
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the share is below `LEAST`."""
-        return float(coefficients[0]) < LEAST
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether a share is missing; all of it may be."""
+        return float(coefficients[0]) >= LEAST
 
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Return whether nothing is missing; all of it may be."""
-        return float(coefficients[0]) <= 0.0
-
-    def describe(self, coefficients: Array) -> str:
+    def describe(self, data: Data, coefficients: Array, shape: Shape) -> str:
         """Return whether all of gravity is missing, or how much."""
         share = float(coefficients[0])
         if share >= WHOLE:
@@ -64,7 +62,7 @@ class GravityCompensationMissing(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say what to add: it is the log that is wrong, not the arm."""
-        share = self.parameters_of(part)["share"]
+        share = part.coefficients[0]
         draft.leave_out(
             part,
             f"add {share:.4g} of the gravity torque to the logged torque (or replay it with "

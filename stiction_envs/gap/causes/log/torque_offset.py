@@ -6,7 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import (
+    OFFSET,
+    Array,
+    Cause,
+    Parameter,
+    Prior,
+    Shape,
+    View,
+    variable,
+)
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -23,21 +32,18 @@ class TorqueOffset(Cause):
         "static poses on both sides of the joint's range, and rests in motion"
     )
     shown_at_rest: ClassVar[bool] = True
-    removed_first: ClassVar[bool] = True
+    adds_to: ClassVar[str] = OFFSET
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
     view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return three times the offset of usual sensors [N·m]; assumed."""
-        return np.array([3 * self.tolerance(data, joint)])
+        usual = USUAL * float(data.arm.limits.torque[joint])
+        return Prior(np.array([3 * usual]), usual=usual)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones."""
         return np.ones((len(data.t), 1))
-
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return the offset of usual sensors [N·m]."""
-        return USUAL * float(data.arm.limits.torque[joint])
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""

@@ -6,7 +6,16 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import (
+    EITHER,
+    Array,
+    Cause,
+    Parameter,
+    Prior,
+    Shape,
+    View,
+    variable,
+)
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -25,7 +34,7 @@ class TorqueScale(Cause):
     what: ClassVar[str] = "torque gain wrong"
     what_to_record: ClassVar[str] = "poses of large and small gravity torque, with a known weight"
     shown_at_rest: ClassVar[bool] = True
-    arm_too: ClassVar[bool] = True  # another unit is one hypothesis, not one per joint
+    acts_on: ClassVar[str] = EITHER  # another unit is one hypothesis, not one per joint
     parameters: ClassVar = (Parameter("scale", "1", neutral=1.0),)
     view: ClassVar = View(
         "nominal torque [N·m]",
@@ -33,24 +42,22 @@ class TorqueScale(Cause):
         note="a slope: an error in proportion to the torque",
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return the error of another unit [-]."""
-        return np.array([1.0])
+        return Prior(np.array([1.0]), usual=USUAL)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque and the load."""
-        torque = data.nominal[:, joint, None]
-        return torque if data.carried is None else torque + data.carried[:, joint, None]
+        torque = data.nominal if data.carried is None else data.nominal + data.carried
+        return torque[..., None] if joint < 0 else torque[:, joint, None]
 
-    def tolerance(self, data: Data, joint: int) -> float:
-        """Return the error of usual gains [-]."""
-        return USUAL
-
-    def negligible(self, coefficients: Array, shape: Shape) -> bool:
-        """Return whether the gain is right within the error of usual gains."""
-        return abs(float(coefficients[0])) < LEAST_ERROR
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether the gain is off by more than usual gains are."""
+        return abs(float(coefficients[0])) >= LEAST_ERROR
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by what to divide: it is the log that is wrong, not the arm."""
-        scale = self.parameters_of(part)["scale"]
+        scale = 1 + part.coefficients[0]
         draft.leave_out(part, f"divide the logged torque by {scale:.4g}")

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -26,21 +26,18 @@ class ExternalSpring(Cause):
     )
     view: ClassVar = View("joint angle [rad]", variable("q"), note="a slope: a pull with position")
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a third of what the joint can bear, at one radian [N·m/rad, N·m]; assumed.
 
-        Springs that balance an arm carry most of its weight.
+        Springs that balance an arm carry most of its weight. They pull back, whatever their rest.
         """
-        return np.full(2, data.strength[joint] / 3)
+        low, high = np.array([0.0, -np.inf]), np.full(2, np.inf)
+        return Prior(np.full(2, data.strength[joint] / 3), low, high)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the angle, and ones."""
         q = data.q[:, joint]
         return np.stack([q, np.ones_like(q)], axis=1)
-
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return a spring that pulls back, whatever its rest."""
-        return np.array([0.0, -np.inf]), np.array([np.inf, np.inf])
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return k [N·m/rad] and q_0 [rad]."""
@@ -49,8 +46,9 @@ class ExternalSpring(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Pull from the world; several springs are one."""
-        j, v = part.joint - 1, self.parameters_of(part)
-        k, rest = v["stiffness_nm_per_rad"], v["rest_rad"]
+        j, c = part.joint - 1, part.coefficients
+        k = max(c[0], 1e-9)
+        rest = -c[1] / k
         stiffness, middle = draft.pull[j]
         if k > 1e-8:
             draft.pull[j] = stiffness + k, (stiffness * middle + k * rest) / (stiffness + k)

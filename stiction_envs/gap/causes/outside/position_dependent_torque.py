@@ -17,7 +17,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.gap.causes.base import Array, Cause, Parameter, Shape, View, variable
+from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
@@ -46,7 +46,6 @@ class PositionDependentTorque(Cause):
         "several poses that turn it against gravity"
     )
     is_linear: ClassVar[bool] = False
-    refinable: ClassVar[bool] = False
     shown_at_rest: ClassVar[bool] = True
     parameters: ClassVar = (
         Parameter("coefficients_nm", "N·m", size=7),
@@ -56,9 +55,10 @@ class PositionDependentTorque(Cause):
         "joint angle [rad]", variable("q"), note="a smooth curve, the same in both directions"
     )
 
-    def size(self, data: Data, joint: int, shape: Shape) -> Array:
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a thirtieth of what the joint can bear [N·m]; assumed."""
-        return np.full(1 + 2 * MOST_ORDER, 0.03 * data.strength[joint])
+        free = np.full(1 + 2 * MOST_ORDER, np.inf)
+        return Prior(np.full(len(free), 0.03 * data.strength[joint]), -free, free)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return ones, then cosine and sine of each harmonic, constant beyond the logs' angles."""
@@ -81,18 +81,15 @@ class PositionDependentTorque(Cause):
                 out.append((float(k), low, high))
         return out
 
-    def bounds(self, data: Data, joint: int) -> tuple[Array, Array]:
-        """Return no bounds for the coefficients of the highest order."""
-        free = np.full(1 + 2 * MOST_ORDER, np.inf)
-        return -free, free
-
-    def on_bound(self, coefficients: Array, data: Data, joint: int) -> bool:
-        """Whether harmonics cancel at the angles of the logs and are huge elsewhere."""
+    def possible(
+        self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
+    ) -> bool:
+        """Return whether harmonics do not cancel where the joint was, to be huge elsewhere."""
         low, high = np.percentile(data.q[data.block >= 0, joint], [1, 99])
         more = ASIDE * (high - low)
         seen, wider = np.linspace(low, high, 100), np.linspace(low - more, high + more, 200)
         most = BEYOND * np.ptp(series(coefficients, seen))
-        return bool(np.ptp(series(coefficients, wider)) > most)
+        return bool(np.ptp(series(coefficients, wider)) <= most)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return c_0, a_1, b_1, a_2, ... [N·m] and the order."""
