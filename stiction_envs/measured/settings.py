@@ -24,37 +24,21 @@ class MotionThresholds:
     reversal_speed: Positive
     """A joint reverses between this speed and its opposite. Speeds that vary by less do not show
     lags [rad/s]."""
-    moving_speed: Positive
-    """Above this speed a joint certainly moves [rad/s]: ten times the width of a direction."""
-    slow_speed: Positive
-    """Below this speed motion shows friction that falls with speed [rad/s]."""
-    speed_spread: Positive
-    """Least standard deviation of a joint's speeds over their mean for distinct speeds [-]."""
-    least_acceleration: Positive
-    """Least root mean square acceleration of a joint that accelerates [rad/s²]."""
     stir_span: Positive
     """A joint that covers a smaller angle does not move at all [rad]."""
     hold_span: Positive
     """A joint that covers a smaller angle only holds its position [rad]."""
     travel_span: Positive
     """Least angle that a joint must turn for its motion to be informative [rad]."""
-    wide_span: Positive
-    """The same for effects that grow with the angle [rad]."""
     start_span: Positive
     """A joint that turns this far in its first `start_samples` moves from the start [rad]."""
     start_samples: Count
     """See `start_span`."""
     mover_ratio: Share
     """A joint slower than this part of the fastest is only shaken by the others [-]."""
-    acting_share: Share
-    """Least part of the samples in which a joint must move for a cause to act [-]."""
-    slow_share: Share
-    """Least part of the samples with slow motion for it to be informative [-]."""
     moving_share: Share
     """Least part of the samples in which a joint moves, or moves in both directions, where a
     little motion is not informative [-]."""
-    always_share: Share
-    """Least part of the samples in motion for a joint that always moves [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)

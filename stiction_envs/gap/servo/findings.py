@@ -17,6 +17,8 @@ from stiction_envs.gap.servo.spread import EXTRA_STICTION, SERVO_LAG
 from stiction_envs.gap.settings import GapSettings
 
 Array = NDArray[np.float64]
+CLOSE = 3.0
+"""Held-out error over the noise floor below which nothing is left [-]; assumed."""
 EVIDENCE = {
     "servo_stiffness": "the arm sags under gravity by its torque over {value}",
     "damping": "the angle follows the command late, the more the faster it moves",
@@ -179,5 +181,5 @@ def verdict_of(
     if not causes:
         enough = settings.servo.selection.links_leave * noise
         return "no discrepancy" if (nominal < enough).all() else "cannot tell"
-    enough = settings.verdict.close * noise
+    enough = CLOSE * noise
     return "explained" if (extended < enough).all() else "partly explained"

@@ -19,6 +19,8 @@ from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.recording import Recording
 
 Array = NDArray[np.float64]
+LEAST = 1e-4
+"""Least noise that is assumed [N·m], so that perfect data do not divide by zero; assumed."""
 SAME_POSE = 0.03
 """Distance over all joints below which poses are equal [rad]; assumed: 0.2 N·m of gravity in
 7 N·m/rad, before the model is subtracted."""
@@ -72,7 +74,7 @@ def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
     The latter grows with frequency: the upper half of the filter's band contains all of it and half
     of the torque's. Medians over windows ignore the few that contain a jump of friction.
     """
-    least = recording.settings.noise.least_noise
+    least = LEAST
     q, dq, ddq, runs = recording.q, recording.dq, recording.ddq, recording.runs
     torque = np.asarray(noise_tau)
     if not np.all(np.isfinite(torque)):
