@@ -169,6 +169,7 @@ class Problem:
     _bounds: dict[Term, tuple[Array, Array]] = field(default_factory=dict)
     _count: int = 0
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
+    _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict)
     _sums: tuple[Array, Array, float] | None = None
 
     # ---- terms -------------------------------------------------------------------------------
@@ -231,6 +232,7 @@ class Problem:
         if scales is not None:
             self.scales = scales
         self._scores.clear()
+        self._fits.clear()
 
     def reweigh(self, weights: Array) -> None:
         """Take other weights (T, C) of the rows."""
@@ -238,10 +240,11 @@ class Problem:
             channel.reweigh(weight)
         self._sums = None
         self._scores.clear()
+        self._fits.clear()
 
     def without(self, fold: int) -> Problem:
         """Return the problem without the rows of a fold; terms are shared."""
-        return replace(self, held_out=fold, _scores={}, _sums=None)
+        return replace(self, held_out=fold, _scores={}, _fits={}, _sums=None)
 
     def only(self, terms: Sequence[Term]) -> Problem:
         """Return a problem with the columns of some terms alone, to which others can be added."""
@@ -256,6 +259,7 @@ class Problem:
             _sd=dict(self._sd),
             _bounds=dict(self._bounds),
             _scores={},
+            _fits={},
             _sums=None,
         )
         out.reweigh(np.stack([x.weight for x in self.channels], axis=1))
@@ -268,8 +272,12 @@ class Problem:
 
     def split(self, terms: Sequence[Term], c: Array) -> list[Array]:
         """Return the coefficients (..., k) of each term."""
-        ends = np.cumsum([len(self.numbers[t]) for t in terms], dtype=int)
-        return np.split(c, ends, axis=-1)[:-1]
+        out, start = [], 0
+        for term in terms:
+            end = start + len(self.numbers[term])
+            out.append(c[..., start:end])
+            start = end
+        return out
 
     # ---- sums --------------------------------------------------------------------------------
 
@@ -316,9 +324,12 @@ class Problem:
         return root, b, c, sd
 
     def fit(self, terms: Sequence[Term]) -> Array:
-        """Return (P,) the likeliest coefficients of a model within bounds."""
-        _, _, c, sd = self._solved(terms)
-        return c * sd
+        """Return (P,) the likeliest coefficients of a model within bounds; not to be changed."""
+        key = tuple(terms)
+        if key not in self._fits:
+            _, _, c, sd = self._solved(terms)
+            self._fits[key] = c * sd
+        return self._fits[key]
 
     def covariance(self, terms: Sequence[Term]) -> Array:
         """Return (P, P) posterior covariance of a model's coefficients."""

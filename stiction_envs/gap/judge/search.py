@@ -21,6 +21,8 @@ SHORTLIST = 12
 """Number of offers whose exact score is computed in each step [-]; the closed form ranks them."""
 PER_CAUSE = 3
 """Number of nonlinear parameters and sizes of one cause on one joint among them [-]."""
+SLACK = 1.0
+"""Nats by which the closed form, which knows no bounds, may promise too little [-]; assumed."""
 CLEAR = 15.0
 """Nats by the closed form from which on a term's removal is not tried [-]; assumed."""
 MOST_STEPS = 80
@@ -133,12 +135,18 @@ class Search:
         return [self._plain[k] for k in keys if k not in have and k in self._plain]
 
     def rivals(
-        self, terms: Sequence[Term], mine: Sequence[Term], *, reshaped: bool = False
+        self,
+        terms: Sequence[Term],
+        mine: Sequence[Term],
+        *,
+        reshaped: bool = False,
+        least: float = -np.inf,
     ) -> list[tuple[float, list[Term]]]:
         """Return scores and models with some terms replaced by one other candidate each.
 
         Candidates are of the terms' joints or of the arm; any, in place of one of the arm.
         ``reshaped``: the same causes with other nonlinear parameters are candidates too.
+        ``least`` is the score that the closed form must promise for the exact one to be computed.
         """
         rest = [t for t in terms if t not in mine]
         have = {(t.cause, t.joint) for t in (rest if reshaped else terms)}
@@ -155,12 +163,16 @@ class Search:
         if not added:
             return []
         gains = self.problem.gains(rest, added)
+        if np.isfinite(least) and gains.max() < least - self.problem.score(rest):
+            return []
         best: dict[str, int] = {}
         for k in np.argsort(-gains, kind="stable"):
             best.setdefault(added[k][-1].cause, int(k))
         out = []
         for k in list(best.values())[:SHORTLIST]:
             model = [*rest, *added[k]]
+            if gains[k] < least - self.problem.score(rest):
+                break
             if self.possible(self.problem, model, added[k][-1]):
                 out.append((self.problem.score(model), model))
         return out
@@ -172,7 +184,8 @@ class Search:
         groups = [[t for t in terms if t.cause == c and t.joint != ARM] for c in causes]
         some = [[t] for t in terms] + [g for g in groups if len(g) > 1]
         for mine in some:
-            for score, model in self.rivals(terms, mine, reshaped=True):
+            least = now + gain - NAMED * len(mine) - SLACK
+            for score, model in self.rivals(terms, mine, reshaped=True, least=least):
                 fewer = NAMED * (len(terms) - len(model))
                 if len(mine) > 1 and model[-1].joint != ARM:
                     continue
