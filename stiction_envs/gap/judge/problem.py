@@ -170,6 +170,9 @@ class Problem:
     _count: int = 0
     _scores: dict[tuple[Term, ...], float] = field(default_factory=dict)
     _fits: dict[tuple[Term, ...], Array] = field(default_factory=dict)
+    _offers: dict[tuple[Term, ...], tuple[Index, Array, float, set[tuple[str, int]]]] = field(
+        default_factory=dict
+    )
     _sums: tuple[Array, Array, float] | None = None
 
     # ---- terms -------------------------------------------------------------------------------
@@ -397,23 +400,34 @@ class Problem:
         xx, xr, _ = self.sums()
         z = solve_triangular(root, sd[:, None] * xx[self.at(terms)], lower=True)
         along = xr - solve_triangular(root, b, lower=True) @ z
-        small: dict[tuple[object, ...], Array] = {t[:2]: self.sd(t) for t in terms if t.small}
-        numbers = [self.at(some) for some in offers]
-        sizes, out = np.array([len(x) for x in numbers]), np.zeros(len(offers))
+        small = {t[:2]: self.sd(t) for t in terms if t.small}
+        each = [self._offer(tuple(some)) for some in offers]
+        sizes, out = np.array([len(x[0]) for x in each]), np.zeros(len(offers))
         for size in np.unique(sizes):
             which = np.flatnonzero(sizes == size)
-            index = np.array([numbers[k] for k in which])
-            variance = [
-                np.concatenate([self._beside(t, small.get(t[:2])) for t in offers[int(k)]])
-                for k in which
-            ]
-            usual, zs = np.sqrt(np.array(variance)), z[:, index]
+            index = np.array([each[k][0] for k in which])
+            variance = np.array([each[k][1] for k in which])
+            for row, k in enumerate(which):
+                if not small.keys().isdisjoint(each[k][3]):
+                    some = offers[int(k)]
+                    variance[row] = np.concatenate(
+                        [self._beside(t, small.get(t[:2])) for t in some]
+                    )
+            usual, zs = np.sqrt(variance), z[:, index]
             own = xx[index[:, :, None], index[:, None, :]] - np.einsum("pki,pkj->kij", zs, zs)
             unit = own * usual[:, :, None] * usual[:, None, :] + np.eye(size)
             moved = along[index] * usual
             value = np.einsum("ki,ki->k", moved, np.linalg.solve(unit, moved[..., None])[..., 0])
             out[which] = 0.5 * (value - np.linalg.slogdet(unit)[1])
-        return out - np.array([sum(self.odds[t] for t in some) for some in offers])
+        return out - np.array([x[2] for x in each])
+
+    def _offer(self, some: tuple[Term, ...]) -> tuple[Index, Array, float, set[tuple[str, int]]]:
+        """Return numbers and prior variances of some terms, the odds against them, and of what."""
+        if some not in self._offers:
+            variance = np.concatenate([np.square(self.sd(t)) for t in some])
+            odds = sum(self.odds[t] for t in some)
+            self._offers[some] = self.at(some), variance, odds, {(t.cause, t.joint) for t in some}
+        return self._offers[some]
 
     def _beside(self, term: Term, small: Array | None) -> Array:
         """Return (k,) prior variance that a term adds to the small error that it replaces."""

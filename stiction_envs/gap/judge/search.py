@@ -6,7 +6,7 @@ leaves; the search ends when no step helps. It is greedy, so it starts from seve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,14 +71,17 @@ class Search:
         self.problem, self.candidates = problem, list(candidates)
         self.needs, self.refresh, self.possible = needs, refresh, possible
         self._plain = {(t.cause, t.joint): t for t in reversed(self.candidates)}
+        self._of_joint: dict[int, list[Term]] = {}
+        for term in self.candidates:
+            self._of_joint.setdefault(term.joint, []).append(term)
 
-    def climb(self, start: Sequence[Term]) -> Model:
-        """Return the best model that steps from a start reach."""
+    def climb(self, start: Sequence[Term], *, swaps: bool = True) -> Model:
+        """Return the best model that steps from a start reach; ``swaps`` take most of the time."""
         terms, problem = list(start), self.problem
         evidence = self.refresh(problem, terms)
         for _ in range(MOST_STEPS):
             step = self._step(terms)
-            if step is None:
+            if step is None and swaps:
                 step = self._swapped(terms, problem.score(terms))
             if step is None:
                 break
@@ -114,8 +117,8 @@ class Search:
 
     def offers(self, terms: Sequence[Term]) -> list[list[Term]]:
         """Return what to add: candidates with what they need, those that promise most."""
-        have = {(t.cause, t.joint) for t in terms}
-        free = [t for t in self.candidates if (t.cause, t.joint) not in have]
+        have = {t[:2] for t in terms}
+        free = [t for t in self.candidates if t[:2] not in have]
         added = [[*self._needed(t, have), t] for t in free]
         if not added:
             return []
@@ -130,7 +133,7 @@ class Search:
                 out.append(added[k])
         return out
 
-    def _needed(self, term: Term, have: set[tuple[str, int]]) -> list[Term]:
+    def _needed(self, term: Term, have: Collection[tuple[object, ...]]) -> list[Term]:
         keys = [(name, term.joint) for name in self.needs(term.cause)]
         return [self._plain[k] for k in keys if k not in have and k in self._plain]
 
@@ -149,17 +152,17 @@ class Search:
         ``least`` is the score that the closed form must promise for the exact one to be computed.
         """
         rest = [t for t in terms if t not in mine]
-        have = {(t.cause, t.joint) for t in (rest if reshaped else terms)}
+        have = {t[:2] for t in (rest if reshaped else terms)}
         joints = {t.joint for t in mine} | {ARM}
-        free = [
-            t
-            for t in self.candidates
-            if (t.cause, t.joint) not in have
-            and (t.joint in joints or mine[0].joint == ARM)
-            and t not in mine
-            and not any((n, t.joint) == x[:2] for n in self.needs(t.cause) for x in mine)
-        ]
-        added = [[*self._needed(t, {(x.cause, x.joint) for x in rest}), t] for t in free]
+        near = [t for j in sorted(joints) for t in self._of_joint.get(j, [])]
+        gone, left = {t[:2] for t in mine}, {t[:2] for t in rest}
+        added = []
+        for term in self.candidates if mine[0].joint == ARM else near:
+            if term[:2] in have or term in mine:
+                continue
+            needed = self.needs(term.cause)
+            if not any((name, term.joint) in gone for name in needed):
+                added.append([*self._needed(term, left), term] if needed else [term])
         if not added:
             return []
         gains = self.problem.gains(rest, added)

@@ -107,12 +107,12 @@ def _first(predictor: TorquePredictor) -> Model:
             problem.given(np.full(predictor.data.n, predictor.rows), (size, size))
             search = search_of(predictor)
             predictor.free = False
-            model = search.climb(start)
+            model = search.climb(start, swaps=False)
             predictor.free = True
-            found.append(search.climb(model.terms))
+            found.append(search.climb(model.terms, swaps=False))
     best = max(found, key=lambda m: m.evidence)
     problem.given(best.inflation, best.scales)
-    return best
+    return search_of(predictor).climb(best.terms)
 
 
 def _expected(predictor: TorquePredictor, model: Model) -> Model:
@@ -227,7 +227,7 @@ def held_out(judged: Judged, say: Callable[[float], None] = lambda _: None) -> A
             continue
         search = search_of(predictor, fold)
         search.problem.given(best.inflation, best.scales)
-        model = search.climb(plain_friction(predictor))
+        model = search.climb(plain_friction(predictor), swaps=False)
         terms = search.problem.model(model.terms)
         c = search.problem.fit(terms)
         for j in range(data.n):

@@ -172,7 +172,7 @@ class TorquePredictor:
         odds = prior.odds + (0.0 if prior.everywhere else float(np.log(self._hypotheses)))
         odds += 0.5 * float(np.log(max(count, 1))) + float(np.log(len(PARTS)))
         size = prior.size[:k]
-        each = [term._replace(part=x) for x in PARTS]
+        each = [term._replace(part=x) for x in (PARTS if cause.is_linear else PARTS[:1])]
         problem.add(each[0], columns, size, (low[:k], high[:k]), odds)
         for other in each[1:]:
             problem.share(other, each[0], other.part * size)
