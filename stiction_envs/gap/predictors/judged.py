@@ -31,6 +31,8 @@ ROUNDS = 3
 """Largest number of searches, each with the columns given the model before [-]; assumed."""
 STARTS = (0.1, 1.0)
 """Sizes of the small errors from which searches start [-]; assumed: links exact, and usual ones."""
+CLEAR = 1.96
+"""Standard deviations from zero beyond which a 95 % interval does not contain zero [-]."""
 TANGENT = 0.05
 """Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
 SAME = 1e-9
@@ -94,9 +96,33 @@ def judge(
         predictor.problem.given(best.inflation, best.scales)
         if {(t.cause, t.joint) for t in best.terms} == {(t.cause, t.joint) for t in before.terms}:
             break
-    best = sharpened(predictor, _expected(predictor, best))
+    best = _clear(predictor, sharpened(predictor, _expected(predictor, best)))
     terms = predictor.problem.model(best.terms)
     return Judged(predictor, best, terms, predictor.problem.fit(terms))
+
+
+def _clear(predictor: TorquePredictor, model: Model) -> Model:
+    """Return the model without causes whose first parameter's interval contains zero.
+
+    A cause may be likely for its other parameters: a body for its inertia, without a mass.
+    """
+    problem, named = predictor.problem, list(model.terms)
+    while named:
+        terms = problem.model(named)
+        sd = np.sqrt(np.diag(problem.covariance(terms)))
+        parts, doubts = problem.split(terms, problem.fit(terms)), problem.split(terms, sd)
+        size = {}
+        for term, c, doubt in zip(terms, parts, doubts, strict=True):
+            first = predictor.causes[term.cause].parameters[0].size or len(c)
+            size[term] = float(np.max(np.abs(c[:first]) / doubt[:first]))
+        worst = min(named, key=lambda t: size[t])
+        if size[worst] > CLEAR:
+            break
+        named = search_of(predictor).without(named, worst)
+    if len(named) == len(model.terms):
+        return model
+    evidence = predictor.refresh(problem, named)
+    return Model(tuple(named), problem.scales, problem.inflation.copy(), evidence)
 
 
 def _first(predictor: TorquePredictor) -> Model:
