@@ -28,8 +28,9 @@ Array = NDArray[np.float64]
 LEVEL_SD, OFFSET_SD = 0.03, 0.007
 """Prior sizes of the errors of a pose's friction level, and of its offset over friction [-];
 assumed: half the sum of two base torques of 1 % scatter each, and a level that varies more."""
-TANGENT = 0.05
-"""Step of x over its prior size for a tangent [-]; assumed."""
+TANGENT = 0.3
+"""Step of x over its prior size for a tangent [-]; assumed: wider than the steps by which dither's
+periods quantise breakaway torques."""
 ROUNDS, STEPS, ENOUGH = 4, 12, 0.02
 """Of the fit: most states of the whole arm, most steps from each, and a step over the prior size
 that ends it; assumed."""
