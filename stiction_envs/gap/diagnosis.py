@@ -39,6 +39,8 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 DRAWS = 1000
 """Number of draws of the posterior for intervals [-]; assumed."""
+NEGLIGIBLE = 0.1
+"""Torque of a small error over the noise below which a model leaves it out [-]; assumed."""
 CLOSE = 3.0
 """Held-out error over the noise floor below which nothing is left [-]; assumed."""
 SMALL = 0.02
@@ -184,10 +186,14 @@ def _conclude(
     seed: int,
     say: Callable[[str, float], None],
 ) -> Diagnosis:
-    predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
+    predictor = judged.predictor
     data, kept = predictor.data, predictor.fold >= 0
     nominal_rms = np.sqrt(np.mean(np.square(data.residual[kept]), axis=0))
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
+    if percent_gained(nominal_rms, extended_rms) <= 0:  # what predicts worse names nothing
+        judged = Judged(predictor, replace(judged.model, terms=()), [], np.zeros(0))
+        extended_rms = nominal_rms
+    terms, c = judged.terms, judged.coefficients
     drawn = draws(judged, DRAWS, seed)
     doubt = found_factor(drawn, predictor.problem.split(terms, c))
     drawn = with_earlier(drawn, terms, baseline.parts, seed)
@@ -195,8 +201,6 @@ def _conclude(
     named, minor = named_causes(judged, drawn)
     verdict = _verdict(data, bool(named), nominal_rms, extended_rms)
     hidden = not_shown(judged)
-    if percent_gained(nominal_rms, extended_rms) <= 0:
-        named, minor = (), ()  # a model that predicts worse than none names nothing
     return Diagnosis(
         robot=data.arm.name,
         verdict=verdict,
@@ -222,20 +226,17 @@ def _conclude(
     )
 
 
-CANNOT_TELL = "cannot tell"
-
-
 def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     """Return the verdict of the contract; errors (n,) of both models [N·m]."""
     size = np.sqrt(np.mean(np.square(data.tau), axis=0))
     enough = np.maximum(CLOSE * data.noise, SMALL * size)
     moved = float(np.ptp(data.q, axis=0).max()) > data.settings.motion.travel_span
-    if not moved or percent_gained(nominal, extended) < 0:
-        return CANNOT_TELL if not moved or (nominal > enough).any() else "no discrepancy"
+    if not moved:
+        return "cannot tell"
     if not named and not (nominal > enough).any():
         return "no discrepancy"
     if not named and (extended > enough).any():
-        return CANNOT_TELL
+        return "cannot tell"
     return "partly explained" if (extended > enough).any() else "explained"
 
 
@@ -295,8 +296,14 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
             doubt=tuple(tuple(float(x) for x in row) for row in factor),
         )
 
-    each = zip(diagnosis.terms, split, diagnosis.doubt, strict=True)
-    parts = tuple(part(*x) for x in each)
+    seen = NEGLIGIBLE * data.noise
+    parts = []
+    for term, mine, factor in zip(diagnosis.terms, split, diagnosis.doubt, strict=True):
+        if term.small and term.shape != LINKS:
+            torque = diagnosis.predictor.torques([term], mine)[term]
+            if (np.sqrt(np.mean(np.square(torque), axis=0)) < seen).all():
+                continue  # nobody needs an actuator of a millinewton metre
+        parts.append(part(term, mine, factor))
     return Nominal(
         friction=before.friction,
         parts=(*before.parts, *parts),

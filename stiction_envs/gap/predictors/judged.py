@@ -269,6 +269,8 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
     """
     predictor, terms = judged.predictor, judged.terms
     problem = predictor.problem
+    if not terms:
+        return []
     parts = problem.split(terms, judged.coefficients)
     alone, bent = problem.only(terms), dict[int, Term]()
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
