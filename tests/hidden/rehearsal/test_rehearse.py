@@ -25,7 +25,7 @@ from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw
 from stiction_envs.hidden.worlds import World
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
-FEW = ("coulomb_friction", "payload")
+FEW = ("coulomb_friction", "gravity_compensation_missing")
 
 
 @pytest.fixture(scope="module")
@@ -48,14 +48,14 @@ def rows_of(result, cause: str) -> dict:
 
 def test_a_large_cause_is_found_and_nothing_else(rehearsed):
     assert rehearsed.named_without == ()
-    (payload,) = rows_of(rehearsed, "payload").values()
-    assert 0.005 < payload.smallest_found < 0.5
-    assert (payload.joint, payload.unit, payload.instead) == (0, "kg", "")
+    (share,) = rows_of(rehearsed, "gravity_compensation_missing").values()
+    assert 1e-4 < share.smallest_found < 0.1
+    assert (share.joint, share.unit, share.instead) == (0, "1", "")
     dry_rows = rows_of(rehearsed, "coulomb_friction")
     assert sorted(dry_rows) == [1, 2]
     assert all(0.001 < r.smallest_found < 0.1 for r in dry_rows.values())
     assert all(r.smallest_found in r.tried for r in rehearsed.rows)
-    assert "payload from 0.0" in str(rehearsed)
+    assert "gravity_compensation_missing from 0.0" in str(rehearsed)
     assert "With nothing hidden it names nothing." in rehearsed.summary
 
 
@@ -112,7 +112,7 @@ def test_finished_jobs_are_not_done_again(planned, rehearsed, tmp_path, monkeypa
     with pytest.raises(KeyboardInterrupt):
         planned.run(kept=kept)
     again = planned.run(kept=kept)
-    assert asked == [NOTHING, "coulomb_friction", "coulomb_friction", "payload"]
+    assert asked == [NOTHING, "coulomb_friction", *FEW]
     assert again.runs == rehearsed.runs == json.loads(kept.read_text())
     assert again.rows == rehearsed.rows
 

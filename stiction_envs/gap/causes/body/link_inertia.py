@@ -19,6 +19,10 @@ from stiction_envs.gap.causes.base import (
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
+QUICK = 100.0
+"""Acceleration of a usual rotor by all that its joint can bear [rad/s²]; assumed: 0.1 kg·m² of 12
+N·m, 0.4 kg·m² of 87 N·m."""
+
 
 class LinkInertia(Cause):
     """A rotor, or a link's inertia about its joint."""
@@ -40,7 +44,11 @@ class LinkInertia(Cause):
         The rotor remains positive; a rigid model has none.
         """
         low, high = -float(data.friction.rotor[joint]), self.parameters[0].high
-        return Prior(np.array([data.own_inertia[joint]]), np.array([low]), np.array([high]))
+        return Prior(
+            np.array([data.own_inertia[joint] + data.strength[joint] / QUICK]),
+            np.array([low]),
+            np.array([high]),
+        )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the acceleration."""

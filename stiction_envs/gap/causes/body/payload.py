@@ -31,7 +31,7 @@ its centre."""
 USUAL_SHARE = 0.3
 """Mass of usual tools over what the arm can lift at its reach [-]; assumed."""
 USUAL_CENTRE = 0.1
-"""Distance of their centre from the flange, and radius of gyration [m]; assumed."""
+"""Distance of their centre from the flange, and twice their radius of gyration [m]; assumed."""
 LEAST_INERTIA = 0.001
 """Least eigenvalue of the inertia about the centre, of a payload or of the rest of a link, over the
 mean of a small sphere's or of the link's [-]; assumed: far below any body's, far above rounding."""
@@ -63,7 +63,7 @@ class Payload(Cause):
         Some of the last link must remain. Tools are mounted all the time.
         """
         mass = USUAL_SHARE * data.lift
-        size = mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[USUAL_CENTRE**2] * 6])
+        size = mass * np.array([1.0, *[USUAL_CENTRE] * 3, *[(USUAL_CENTRE / 2) ** 2] * 6])
         high = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
         low = -high
         low[0] = self._least(data)
