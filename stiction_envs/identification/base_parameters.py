@@ -109,6 +109,8 @@ def fit_base(predictor: TorquePredictor, columns: Array) -> BaseFit:
     least = max(float(eigenvalues[0]), float(np.finfo(float).eps * eigenvalues[-1]))
     seen = eigenvalues > UNKNOWN
     variance = (np.square(v[:, seen]) / eigenvalues[seen]).sum(axis=1) / size**2
+    # neighbours within half a period of the filter depend on each other
+    variance *= max(1.0, 0.5 / (data.cutoff * data.dt)) / predictor.rows
     known = np.square(v[:, ~seen]).sum(axis=1) < UNKNOWN
     without = np.array([fitted(whole - x, along - y) for x, y in zip(xx, xr, strict=True)])
     jackknife = (FOLDS - 1) * without.var(axis=0)

@@ -35,6 +35,10 @@ SCALES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 may be far off, and is never exact."""
 
 
+WIDE = 0.5
+"""Standard deviation of a posterior over the prior's from which on logs do not show it [-]."""
+
+
 class _SmallOffset(TorqueOffset):
     """That of a usual sensor: of a joint that rests it looks like gravity's torque of a link."""
 
@@ -85,6 +89,8 @@ def _predictor(data: Data) -> TorquePredictor:
     own = [KINDS[x] for x in kinds_of(data.recording.torque)]
     predictor = TorquePredictor(data, [TOLERANCES, *own])
     predictor.problem.always = [t for t in predictor.problem.always if t.joint == ARM]
+    predictor.candidates = [t for t in predictor.candidates if t.part == 1.0]
+    predictor.expect(predictor.problem, 0.0, 0.0)  # the noise alone
     predictor.problem.given(scales=(SCALES[-1], 1.0))
     return predictor
 
@@ -104,12 +110,22 @@ def terms_of(predictor: TorquePredictor) -> list[Term]:
 def not_shown(predictor: TorquePredictor) -> list[str]:
     """Return the parameters of joints' own that the logs cannot show: ``Fc2``, ``rotor7``."""
     kinds = {cause.name: kind for kind, cause in KINDS.items()}
-    shown = {(t.cause, t.joint) for t in predictor.candidates}
+    problem, terms = predictor.problem, terms_of(predictor)
+    sd = np.sqrt(np.diag(problem.covariance(terms)))
+    wide = {
+        t[:2]
+        for t, doubt in zip(terms, problem.split(terms, sd), strict=True)
+        if t in predictor.candidates and (doubt > WIDE * problem.sd(t)).any()
+    }
+    data = predictor.data
+    still = np.flatnonzero(np.ptp(data.q, axis=0) < data.settings.motion.travel_span)
+    wide |= {(KINDS[x].name, int(j)) for x in ("Fc", "Fv") for j in still}
+    shown = {t[:2] for t in predictor.candidates} - wide
     return [
         f"{kinds[name]}{j + 1}"
         for name in predictor.causes
         if name in kinds
-        for j in range(predictor.data.n)
+        for j in range(data.n)
         if (name, j) not in shown
     ]
 

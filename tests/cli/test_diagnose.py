@@ -154,11 +154,11 @@ def test_the_same_run_gives_the_same_bytes_and_its_model_explains_its_log(ran, w
 
 
 def test_poses_at_rest_without_time(cli, work, two, inputs):
-    """Gravity torques with an offset of 0.7 N·m on joint 1, and no log beside them."""
+    """Gravity torques with an offset of 7 N·m on joint 1, and no log beside them."""
     arm = load_arm(two)
     rng = np.random.default_rng(0)
     q = rng.uniform(-1, 1, (120, 2))
-    tau = gravity_torque(arm.pinocchio(), q) + [0.7, 0] + 0.02 * rng.normal(size=(120, 2))
+    tau = gravity_torque(arm.pinocchio(), q) + [7.0, 0] + 0.02 * rng.normal(size=(120, 2))
     path = inputs / "poses.csv"
     np.savetxt(
         path, np.hstack([q, tau]), fmt="%.6f", delimiter=",", header="q1,q2,tau1,tau2", comments=""
@@ -170,7 +170,7 @@ def test_poses_at_rest_without_time(cli, work, two, inputs):
     assert {p.name for p in (work / "p").iterdir()} == FILES
     by = {c["name"]: c for c in found["causes"]}
     assert by["torque_offset"]["joints"] == [1]
-    assert by["torque_offset"]["parameters"]["offset_nm"]["value"] == pytest.approx(0.7, abs=0.05)
+    assert by["torque_offset"]["parameters"]["offset_nm"]["value"] == pytest.approx(7.0, abs=0.05)
     assert "120 poses at rest" in (work / "p/report.md").read_text("utf-8")
     assert "poses.csv" in (work / "p/provenance.json").read_text("utf-8")
     # as a log it lacks a time, and the line says what it may be
