@@ -35,12 +35,7 @@ def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tm
     arm, truth = load_arm("panda"), Truth(joint=7, rotor_inertia=2.0)
     measured = tables([7], truth, seed=1)
     whole = WholeArm(arm, nominal(), protocol=protocol())
-    every = registered()
-    assert outside in every
-    both = [c for c in every if c.name in ("rotor_inertia", "heavier_gear")]
-    first = diagnose_tables(*measured, arm, whole=whole, causes=both).causes[0]
-    other = ({"rotor_inertia", "heavier_gear"} - {first.name}).pop()
-    assert first.told_apart_by == {other: "the gear on a balance"}
+    assert outside in registered()
     d = diagnose_tables(*measured, arm, whole=whole, causes=[outside])
     (found,) = d.causes
     assert (found.name, found.joints) == ("heavier_gear", (7,))
