@@ -55,7 +55,7 @@ def test_a_large_cause_is_found_and_nothing_else(rehearsed):
     assert sorted(dry_rows) == [1, 2]
     assert all(0.001 < r.smallest_found < 0.1 for r in dry_rows.values())
     assert all(r.smallest_found in r.tried for r in rehearsed.rows)
-    assert "gravity_compensation_missing from 0.0" in str(rehearsed)
+    assert "gravity_compensation_missing from 0." in str(rehearsed)
     assert "With nothing hidden it names nothing." in rehearsed.summary
 
 
