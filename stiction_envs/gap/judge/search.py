@@ -194,4 +194,24 @@ class Search:
                     continue
                 if score - now + fewer > gain:
                     best, gain = model, score - now + fewer
+        for whole in (t for t in terms if t.joint == ARM):
+            model = self._split(terms, whole)
+            more = self.problem.score(model) - now - NAMED * (len(model) - len(terms))
+            if more > gain:
+                best, gain = model, more
         return best
+
+    def _split(self, terms: Sequence[Term], whole: Term) -> list[Term]:
+        """Return the terms with one of the arm replaced by its cause on each joint that needs it.
+
+        A dead sensor on three joints is a gain of zero on three, not one on all that three take back.
+        """
+        rest = [t for t in terms if t.cause != whole.cause]
+        own = {t.joint: t for t in reversed(self.candidates) if t.cause == whole.cause}
+        each = [own[j] for j in sorted(own) if j != ARM]
+        while each:
+            losses = self.problem.losses([*rest, *each])[len(rest) :]
+            if losses.min() > NAMED:
+                break
+            each.pop(int(np.argmin(losses)))
+        return [*rest, *each] if each else list(terms)
