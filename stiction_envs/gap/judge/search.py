@@ -41,6 +41,11 @@ class Model:
     evidence: float
     """Log evidence and log prior odds [nats], comparable between models of the same rows."""
 
+    @property
+    def worth(self) -> float:
+        """Evidence less what every name must bring [nats]."""
+        return self.evidence - NAMED * len(self.terms)
+
 
 Refresh = Callable[[Problem, Sequence[Term]], float]
 """Sets noise and size of the small errors by what a model leaves; returns the model's evidence."""

@@ -89,11 +89,7 @@ def judge(
         if not named:
             break
         before, (predictor, start) = best, _given(predictor, best, data, causes)
-        best = max(
-            (search_of(predictor).climb(x) for x in (start, plain_friction(predictor))),
-            key=lambda m: m.evidence,
-        )
-        predictor.problem.given(best.inflation, best.scales)
+        best = _best(predictor, [start, plain_friction(predictor)])
         # what a body weighs depends on a tilt, and the tilt that is found on the body
         leans = any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms)
         if not leans and {t[:2] for t in best.terms} == {t[:2] for t in before.terms}:
@@ -133,11 +129,7 @@ def _first(predictor: TorquePredictor) -> Model:
     for size in STARTS[1:] if predictor.links_known else STARTS:
         for start in ([], plain_friction(predictor)):
             problem.given(np.full(predictor.data.n, predictor.rows), (size, size))
-            search = search_of(predictor)
-            predictor.free = False
-            model = search.climb(start, swaps=False)
-            predictor.free = True
-            found.append(search.climb(model.terms, swaps=False))
+            found.append(_freed(predictor, start))
     best = max(found, key=lambda m: m.evidence)
     problem.given(best.inflation, best.scales)
     return search_of(predictor).climb(best.terms)
@@ -149,10 +141,32 @@ def _expected(predictor: TorquePredictor, model: Model) -> Model:
     if expected == predictor.expects:
         return model
     predictor.expect(predictor.problem, *expected)
-    starts = (model.terms, plain_friction(predictor))
-    best = max((search_of(predictor).climb(x) for x in starts), key=lambda m: m.evidence)
-    predictor.problem.given(best.inflation, best.scales)
+    return _best(predictor, [model.terms, plain_friction(predictor)])
+
+
+def _best(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Model:
+    """Return the best model that searches from some starts reach, and set its noise and sizes.
+
+    One large error among small ones raises the size of all of them. So the best model is searched
+    on with small errors of the least size, under which the large one is named.
+    """
+    problem, search = predictor.problem, search_of(predictor)
+    best = max((search.climb(x) for x in starts), key=lambda m: m.evidence)
+    small = (min(STARTS[0], best.scales[0]), min(STARTS[0], best.scales[1]))
+    if small != best.scales:
+        problem.given(best.inflation, small)
+        best = max(best, _freed(predictor, best.terms), key=lambda m: m.worth)
+    problem.given(best.inflation, best.scales)
     return best
+
+
+def _freed(predictor: TorquePredictor, start: Sequence[Term]) -> Model:
+    """Return the model of a search with the given sizes of the small errors, then with any."""
+    search = search_of(predictor)
+    predictor.free = False
+    model = search.climb(start, swaps=False)
+    predictor.free = True
+    return search.climb(model.terms, swaps=False)
 
 
 def _given(
