@@ -209,7 +209,7 @@ class Search:
     def _split(self, terms: Sequence[Term], whole: Term) -> list[Term]:
         """Return the terms with one of the arm replaced by its cause on each joint that needs it.
 
-        A dead sensor on three joints is a gain of zero on three, not one on all that three take back.
+        Dead sensors of three joints are gains of zero there, not one that other joints take back.
         """
         rest = [t for t in terms if t.cause != whole.cause]
         own = {t.joint: t for t in reversed(self.candidates) if t.cause == whole.cause}
