@@ -89,7 +89,7 @@ def judge(
         if not named:
             break
         before, (predictor, start) = best, _given(predictor, best, data, causes)
-        best = _best(predictor, [start, plain_friction(predictor)])
+        best = best_of(predictor, [start, plain_friction(predictor)])
         # what a body weighs depends on a tilt, and the tilt that is found on the body
         leans = any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms)
         if not leans and {t[:2] for t in best.terms} == {t[:2] for t in before.terms}:
@@ -141,10 +141,10 @@ def _expected(predictor: TorquePredictor, model: Model) -> Model:
     if expected == predictor.expects:
         return model
     predictor.expect(predictor.problem, *expected)
-    return _best(predictor, [model.terms, plain_friction(predictor)])
+    return best_of(predictor, [model.terms, plain_friction(predictor)])
 
 
-def _best(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Model:
+def best_of(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Model:
     """Return the best model that searches from some starts reach, and set its noise and sizes.
 
     One large error among small ones raises the size of all of them. So the best model is searched
