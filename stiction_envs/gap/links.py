@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes.body.bodies import link_basis, link_factor, link_squares
+from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import LINKS, Term
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
@@ -22,8 +23,6 @@ from stiction_envs.robots.regressor import inertial_parameters
 Array = NDArray[np.float64]
 ROUNDING = 1e-10
 """Eigenvalues of correlations, over the largest, that are rounding [-]; assumed."""
-WIDTH = 1.96
-"""Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from stiction_envs.reporting.json_text import plain
 
 Array = NDArray[np.float64]
+WIDTH = 1.96
+"""Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)

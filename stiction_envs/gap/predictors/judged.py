@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.causes import Cause
-from stiction_envs.gap.causes.base import DRY, GRAVITY, OF_ARM
+from stiction_envs.gap.causes.base import DRY, FRICTION, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import Draws
+from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import Model, Search
 from stiction_envs.gap.links import with_found_links
@@ -31,8 +33,6 @@ ROUNDS = 4
 """Largest number of searches, each with the columns given the model before [-]; assumed."""
 STARTS = (0.1, 1.0)
 """Sizes of the small errors from which searches start [-]; assumed: links exact, and usual ones."""
-CLEAR = 1.96
-"""Standard deviations from zero beyond which a 95 % interval does not contain zero [-]."""
 TANGENT = 0.05
 """Step in the logarithm of a nonlinear parameter for its tangent [-]; assumed."""
 SAME = 1e-9
@@ -53,18 +53,23 @@ class Judged:
     """(P,)."""
 
 
-def search_of(predictor: TorquePredictor, fold: int = -1) -> Search:
-    """Return the search among a predictor's candidates, without a fold of the rows."""
+def search_of(predictor: TorquePredictor, fold: int = -1, *, resizes: bool = True) -> Search:
+    """Return the search among a predictor's candidates, without a fold of the rows.
+
+    ``resizes`` says whether the small errors take the size that a model leaves them.
+    """
     problem = predictor.problem if fold < 0 else predictor.problem.without(fold)
-    return Search(
-        problem, predictor.candidates, predictor.needs, predictor.refresh, predictor.possible
-    )
+    refresh = partial(predictor.refresh, resizes=resizes)
+    return Search(problem, predictor.candidates, predictor.needs, refresh, predictor.possible)
 
 
 def plain_friction(predictor: TorquePredictor) -> list[Term]:
     """Return dry and viscous friction of every joint: a usual start of a search."""
-    plain = ("coulomb_friction", "viscous_friction")
-    return [t for t in predictor.candidates if t.cause in plain and t.part == PARTS[0]]
+    return [
+        t
+        for t in predictor.candidates
+        if predictor.causes[t.cause].adds_to in FRICTION and t.part == PARTS[0]
+    ]
 
 
 def judge(
@@ -114,7 +119,7 @@ def _clear(predictor: TorquePredictor, model: Model) -> Model:
             first = predictor.causes[term.cause].parameters[0].size or len(c)
             size[term] = float(np.max(np.abs(c[:first]) / doubt[:first]))
         worst = min(named, key=lambda t: size[t])
-        if size[worst] > CLEAR:
+        if size[worst] > WIDTH:
             break
         named = search_of(predictor).without(named, worst)
     if len(named) == len(model.terms):
@@ -162,11 +167,8 @@ def best_of(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Mod
 
 def _freed(predictor: TorquePredictor, start: Sequence[Term]) -> Model:
     """Return the model of a search with the given sizes of the small errors, then with any."""
-    search = search_of(predictor)
-    predictor.free = False
-    model = search.climb(start, swaps=False)
-    predictor.free = True
-    return search.climb(model.terms, swaps=False)
+    model = search_of(predictor, resizes=False).climb(start, swaps=False)
+    return search_of(predictor).climb(model.terms, swaps=False)
 
 
 def _given(
@@ -198,7 +200,7 @@ def _given(
     lengths = [float(shares[t][0]) for t in terms if isinstance(own[t.cause], ActuatorDelay)]
     given = [x.acting_on(late, lengths) if isinstance(x, ActuatorDelay) else x for x in causes]
     if not data.has_friction:
-        dry = [t for t in terms if t.cause == "coulomb_friction"]
+        dry = [t for t in terms if own[t.cause].adds_to == DRY]
         rest = np.sum([x for t, x in torques.items() if t not in dry], axis=0)
         data = data.with_presliding(presliding_distances(data.recording, data.residual - rest))
     after = TorquePredictor(data, given, torques)

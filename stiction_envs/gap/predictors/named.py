@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.causes.base import ALL_LINKS
 from stiction_envs.gap.doubt import Draws
-from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown, percent_lost
+from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause, NotShown, percent_lost
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.judge.search import Search
 from stiction_envs.gap.predictors.judged import Judged, search_of
 
 Array = NDArray[np.float64]
-WIDTH = 1.96
-"""Half width of a 95 % interval of a Gaussian, in standard deviations [-]."""
 FAR = 5.0
 """Number of robust standard deviations at which draws are clipped [-]; assumed: a quotient whose
 divisor comes near zero has no variance."""

@@ -68,7 +68,7 @@ class TorquePredictor:
         """
         self.data, self.causes, self._found = data, {c.name: c for c in causes}, found
         self.candidates: list[Term] = []
-        self.volume, self.free = 0.0, True
+        self.volume = 0.0
         self.links_known = data.recording.link_factor is not None
         self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
         channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
@@ -91,14 +91,17 @@ class TorquePredictor:
         kept = self.fold >= 0
         self.volume = -0.5 * float(np.log(variance[kept]).sum()) / self.rows
 
-    def refresh(self, problem: Problem, terms: Sequence[Term]) -> float:
-        """Set noise and sizes of the small errors by what a model leaves; return its evidence."""
+    def refresh(self, problem: Problem, terms: Sequence[Term], *, resizes: bool = True) -> float:
+        """Set noise, and with ``resizes`` sizes of the small errors, by what a model leaves.
+
+        Return its evidence.
+        """
         count = problem.counts()
         model = problem.model(terms)
         left = problem.errors(model, problem.fit(model)) / np.maximum(count, 1.0)
         problem.given(self.rows * np.maximum(left, 1.0))
         for k in range(2):
-            if (k == 0 and self.links_known) or not self.free:
+            if (k == 0 and self.links_known) or not resizes:
                 continue
             found = []
             for scale in SCALES:
