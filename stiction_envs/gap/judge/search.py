@@ -98,7 +98,9 @@ class Search:
         """Return the terms after the step that raises the score most; None where none does."""
         now = self.problem.score(terms)
         best, gain = None, 0.0
-        for added in self.offers(terms):
+        for promise, added in self.offers(terms):
+            if promise + SLACK - NAMED < gain:
+                break
             more = self.problem.score([*terms, *added]) - now - NAMED
             if more > gain and self.possible(self.problem, [*terms, *added], added[-1]):
                 best, gain = [*terms, *added], more
@@ -120,22 +122,25 @@ class Search:
             if t != term and not (t.joint == term.joint and term.cause in self.needs(t.cause))
         ]
 
-    def offers(self, terms: Sequence[Term]) -> list[list[Term]]:
-        """Return what to add: candidates with what they need, those that promise most."""
+    def offers(self, terms: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """Return what to add: candidates with what they need, those that promise most first.
+
+        Before each stands by how much it raises the score, without regard to bounds.
+        """
         have = {t[:2] for t in terms}
         free = [t for t in self.candidates if t[:2] not in have]
         added = [[*self._needed(t, have), t] for t in free]
         if not added:
             return []
         gains = self.problem.gains(terms, added)
-        out, seen = list[list[Term]](), dict[tuple[str, int], int]()
+        out, seen = list[tuple[float, list[Term]]](), dict[tuple[str, int], int]()
         for k in np.argsort(-gains, kind="stable"):
             if gains[k] <= 0 or len(out) >= SHORTLIST:
                 break
             key = added[k][-1].cause, added[k][-1].joint
             seen[key] = seen.get(key, 0) + 1
             if seen[key] <= PER_CAUSE:
-                out.append(added[k])
+                out.append((float(gains[k]), added[k]))
         return out
 
     def _needed(self, term: Term, have: Collection[tuple[object, ...]]) -> list[Term]:
