@@ -23,6 +23,9 @@ class Crew:
         self._open: list[_Job[Any]] = []
         self._changed = threading.Condition()
 
+    def __reduce__(self) -> tuple[type[Crew], tuple[int]]:
+        return Crew, (self._others + 1,)
+
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return, done by all threads; their errors are raised in their order.
 

@@ -12,14 +12,14 @@ library in the same order.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.in_c import copy, get_state, set_state, step1, step2
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def parts_of(nsim: int, threads: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends) if b > a]
 
 
-class LoopBatch(Batch):
+class LoopBatch(CopiedBatch):
     """N simulations of a model, each with its `MjData`, in parts that do not know of each other.
 
     A part is stepped by one thread at a time. On one thread all simulations are one part; with more
@@ -126,13 +126,14 @@ class LoopBatch(Batch):
         super().__init__(model, nsim, threads, persistent=not self._lone)
         self._own_models: list[mujoco.MjModel] = []
         self._own_data: list[mujoco.MjData] = []
-        self._outputs: dict[str, Array] = {}
-        self._inputs: dict[str, Array] = {}
         self._loops: list[Arguments] = []
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
         self.parts = parts_of(nsim, 1) if self._lone else []
         """The simulations of each part."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return *super().__reduce__(), {"parts": self.parts, "_going": self._going}
 
     def part(self, threads: int) -> None:
         """Make parts for some threads, the largest first."""
@@ -145,17 +146,17 @@ class LoopBatch(Batch):
 
     def bind(self, name: str) -> Array:
         """As `Batch.bind`."""
+        known = len(self._outputs)
         out = super().bind(name)
-        if not out.flags.writeable and name not in self._outputs:
-            self._outputs[name], self._loops = out, []
+        if len(self._outputs) > known:
+            self._loops = []
         return out
 
     def expand(self, name: str) -> Array:
         """As `Batch.expand`."""
-        out = super().expand(name)
         if name not in self._inputs:
-            self._inputs[name], self._loops = out, []
-        return out
+            self._loops = []
+        return super().expand(name)
 
     def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
         """As `Batch.forward`."""
