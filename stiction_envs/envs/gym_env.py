@@ -29,7 +29,7 @@ from stiction_envs.plant.copies import dumps
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 Info = dict[str, Any]
-"""Of a step, as Gymnasium has it."""
+"""Info of a step, as Gymnasium has it."""
 AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
 
@@ -39,14 +39,14 @@ class UnexpectedArgument(StictionError, TypeError):
 
 
 class _Experiment:
-    """What a single environment and a batch know of their experiment."""
+    """The part that a single environment and a batch have in common."""
 
     episodes: ClassVar[type[Episodes]]
-    """Of the experiment."""
+    """Episodes of the experiment."""
     renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
     core: Episodes
-    """Episodes: of the environment, or of a batch's first tile, whose spaces are those of all."""
+    """Episodes of the environment, or of a batch's first tile: all tiles have the same spaces."""
     _cores: list[Episodes]
     """Episodes of all tiles."""
     _renderers: dict[int, Renderer]
