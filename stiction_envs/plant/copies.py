@@ -93,7 +93,7 @@ class _Pickler(pickle.Pickler):
             for k, x in enumerate(batch.memory)
             if x.size
         }
-        self._flat: dict[int, AnyArray] = {}
+        self._flat: dict[tuple[int, int], AnyArray] = {}
 
     def reducer_override(self, obj: object) -> Any:
         if type(obj) is not np.ndarray or obj.dtype.hasobject or not obj.size:
@@ -105,7 +105,7 @@ class _Pickler(pickle.Pickler):
         if start in self._batches:
             where: tuple[object, ...] = self._batches[start]
         else:
-            flat = self._flat.setdefault(start, root.ravel(order="K"))
+            flat = self._flat.setdefault((start, root.nbytes), root.ravel(order="K"))
             if flat is obj or flat.ctypes.data != start:  # a copy: the root has gaps
                 return NotImplemented
             where = (flat,)
