@@ -35,7 +35,7 @@ AnyOptions = Options | Sequence[Options | None] | None
 
 
 class UnexpectedArgument(StictionError, TypeError):
-    """An argument that an environment lacks; TorchRL tries some, and tells by Python's words."""
+    """An argument that an environment lacks; TorchRL tries some, and waits for a TypeError."""
 
 
 class _Experiment:

@@ -1,6 +1,6 @@
-"""Copies of simulations in mid-motion: a batch that can be pickled, and arrays that share memory.
+"""Pickles of simulations in mid-motion, in which arrays go on sharing their memory.
 
-Pickle alone copies two views of one array apart, and has no access to the memory of a batch.
+Pickle alone copies two views of an array apart, and has no access to the memory of a batch.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ AnyArray = NDArray[Any]
 
 
 class CopiedBatch(Batch):
-    """A batch of MuJoCo's that knows what is bound and expanded, and so can be pickled."""
+    """A batch of MuJoCo's that can be pickled, since it knows what is bound and expanded."""
 
     def __init__(
         self, model: mujoco.MjModel, nsim: int, threads: int, persistent: bool = False
     ) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
         super().__init__(model, nsim, threads, persistent)
-        self._threads = threads
+        self._arguments = model, nsim, threads
         self._outputs: dict[str, Array] = {}
         self._inputs: dict[str, Array] = {}
 
@@ -50,35 +50,26 @@ class CopiedBatch(Batch):
         return [self.state, self.warning, *self._outputs.values(), *self._inputs.values()]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        made = type(self), (self.model, self.nsim, self._threads)
-        return _batch, (*made, [*self._outputs], [*self._inputs], [x.copy() for x in self.memory])
+        names = list(self._outputs), list(self._inputs)
+        values = [array.copy() for array in self.memory]
+        return _batch, (type(self), self._arguments, *names, values)
 
 
 def _batch(
-    kind: type[CopiedBatch],
-    arguments: tuple[mujoco.MjModel, int, int],
-    outputs: list[str],
-    inputs: list[str],
-    memory: list[AnyArray],
+    kind: Any, arguments: Any, outputs: list[str], inputs: list[str], values: list[AnyArray]
 ) -> CopiedBatch:
-    """Return a batch with the memory of another."""
-    batch = kind(*arguments)
+    batch: CopiedBatch = kind(*arguments)
     for name in outputs:
         batch.bind(name)
     for name in inputs:
         batch.expand(name)
-    for mine, other in zip(batch.memory, memory, strict=True):
-        ctypes.memmove(mine.ctypes.data, other.ctypes.data, mine.nbytes)  # outputs are read-only
+    for array, value in zip(batch.memory, values, strict=True):
+        ctypes.memmove(array.ctypes.data, value.ctypes.data, array.nbytes)  # outputs: read-only
     return batch
 
 
 def dumps(obj: object, batches: Iterable[CopiedBatch]) -> bytes:
-    """Return the pickle of an object; arrays that share memory share it again when it is loaded.
-
-    Args:
-        obj: the object.
-        batches: those whose memory its arrays may show.
-    """
+    """Return the pickle of an object whose arrays may be views of each other and of batches."""
     out = io.BytesIO()
     _Pickler(out, batches).dump(obj)
     return out.getvalue()
@@ -87,12 +78,8 @@ def dumps(obj: object, batches: Iterable[CopiedBatch]) -> bytes:
 class _Pickler(pickle.Pickler):
     def __init__(self, file: io.BytesIO, batches: Iterable[CopiedBatch]) -> None:
         super().__init__(file, protocol=5)
-        self._batches = {
-            x.ctypes.data: (batch, k)
-            for batch in batches
-            for k, x in enumerate(batch.memory)
-            if x.size
-        }
+        known = [(x, b, k) for b in batches for k, x in enumerate(b.memory) if x.size]
+        self._batches = {x.ctypes.data: (b, k) for x, b, k in known}
         self._flat: dict[tuple[int, int], AnyArray] = {}
 
     def reducer_override(self, obj: object) -> Any:
@@ -102,25 +89,20 @@ class _Pickler(pickle.Pickler):
         while isinstance(root.base, np.ndarray):
             root = root.base
         start = root.ctypes.data
-        if start in self._batches:
-            where: tuple[object, ...] = self._batches[start]
-        else:
+        whole: tuple[object, ...] | None = self._batches.get(start)
+        if whole is None:
             flat = self._flat.setdefault((start, root.nbytes), root.ravel(order="K"))
             if flat is obj or flat.ctypes.data != start:  # a copy: the root has gaps
                 return NotImplemented
-            where = (flat,)
-        view = obj.ctypes.data - start, obj.shape, obj.strides, obj.dtype, obj.flags.writeable
-        return _view, (view, *where)
+            whole = (flat,)
+        view = obj.shape, obj.dtype, obj.ctypes.data - start, obj.strides, obj.flags.writeable
+        return _view, (view, *whole)
 
 
-def _view(
-    view: tuple[int, tuple[int, ...], tuple[int, ...], np.dtype[Any], bool],
-    memory: AnyArray | CopiedBatch,
-    k: int = 0,
-) -> AnyArray:
+def _view(view: tuple[Any, ...], whole: AnyArray | CopiedBatch, k: int = 0) -> AnyArray:
     """Return a view of an array, or of array ``k`` of a batch's memory."""
-    offset, shape, strides, dtype, writeable = view
-    whole = memory.memory[k] if isinstance(memory, CopiedBatch) else memory
-    out: AnyArray = np.ndarray(shape, dtype, whole, offset, strides)
+    shape, dtype, offset, strides, writeable = view
+    memory = whole.memory[k] if isinstance(whole, CopiedBatch) else whole
+    out: AnyArray = np.ndarray(shape, dtype, memory, offset, strides)
     out.flags.writeable = writeable
     return out

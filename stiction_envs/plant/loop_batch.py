@@ -127,6 +127,7 @@ class LoopBatch(CopiedBatch):
         self._own_models: list[mujoco.MjModel] = []
         self._own_data: list[mujoco.MjData] = []
         self._loops: list[Arguments] = []
+        self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
         self.parts = parts_of(nsim, 1) if self._lone else []
@@ -143,20 +144,6 @@ class LoopBatch(CopiedBatch):
         """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
         self._begun &= not (going & ~self._going).any()
         self._going[:] = going
-
-    def bind(self, name: str) -> Array:
-        """As `Batch.bind`."""
-        known = len(self._outputs)
-        out = super().bind(name)
-        if len(self._outputs) > known:
-            self._loops = []
-        return out
-
-    def expand(self, name: str) -> Array:
-        """As `Batch.expand`."""
-        if name not in self._inputs:
-            self._loops = []
-        return super().expand(name)
 
     def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
         """As `Batch.forward`."""
@@ -192,7 +179,9 @@ class LoopBatch(CopiedBatch):
     @property
     def loops(self) -> list[Arguments]:
         """What `advance` steps, of each part; kinematics are those of the present state."""
-        if not self._loops:
+        fields = len(self._outputs) + len(self._inputs)
+        if not self._loops or self._fields != fields:
+            self._fields = fields
             missing = len(self.parts) - len(self._own_models)
             self._own_models += [self.get_model(0) for _ in range(missing)]
             if not self._own_data:
