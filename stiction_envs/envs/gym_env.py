@@ -344,7 +344,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         """Return a tuple with one frame per environment, None without a render mode."""
         if self.render_mode is None:
             return None
-        places = [self.tiles.locate(i) for i in range(self.num_envs)]
+        places = [(k, i) for k, core in enumerate(self._cores) for i in range(core.num_envs)]
         frames = [self._frame(*place, self.render_mode) for place in places]
         return tuple(frame for frame in frames if frame is not None)  # no batch has the mode human
 
