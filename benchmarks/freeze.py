@@ -22,6 +22,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,7 @@ HIDDEN: tuple[tuple[str, int, tuple[str, ...], str, int | None], ...] = (
     ("elasticity_inertia", 11, ("joint_elasticity", "link_inertia"), "chirp", 2),
     ("delay_spring", 12, ("actuator_delay", "external_spring"), "fast", 5),
 )
+SHORT = "--iterations 2 --dither {dither}"
 ROLLOUTS = {"PandaSJE-v0": 60, "IiwaSJE-v0": 40, "PandaGTE-v0": 60, "IiwaGTE-v0": 40}
 """Steps per environment."""
 
@@ -113,29 +115,34 @@ def diagnoses(work: Path) -> Iterable[tuple[str, str]]:
         yield f"diagnose.{name}.model.xml", file_hash(out / "model.xml")
 
 
-def experiments(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield the tables of both experiments, and an exported arm."""
-    options = ["--joint", 7, 4, "--iterations", 2, "--dither", dither_table(work)]
-    for robot in ("panda", "iiwa7"):
-        out = stiction(work / f"sje-{robot}", "sje", robot, *options)
-        yield f"sje.{robot}", file_hash(out / "sje.csv")
-        yield (
-            f"export.{robot}",
-            file_hash(stiction(work / f"export-{robot}", "export", robot) / "model.xml"),
+COMMANDS: dict[str, dict[str, tuple[str, str]]] = {
+    "experiments": {
+        **{f"sje.{x}": (f"sje {x} {SHORT} --joint 7 4", "sje.csv") for x in ("panda", "iiwa7")},
+        **{f"export.{x}": (f"export {x}", "model.xml") for x in ("panda", "iiwa7")},
+    },
+    "gte": {
+        f"gte.{robot}.{path}": (
+            f"gte {robot} {SHORT} --trajectory {path} --stiffness {stiffness}",
+            "errors.csv",
         )
+        for robot, path, stiffness in (
+            ("panda", "triangle", "200 20 0"),
+            ("panda", "pentagon", "800 80 10"),
+            ("iiwa14", "triangle", "200 20 0"),
+        )
+    },
+    "excitation": {"excite": ("excite panda", "*.csv")},
+    "final": {"tune": (f"tune panda --table {TABLE_4_3}", "*.csv")},
+}
+"""By part and name of its results: a command, ``{dither}`` an amplitude table, and its files."""
 
 
-def gte(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield the errors of the Generated Trajectory Experiment."""
-    for robot, path, stiffness in (
-        ("panda", "triangle", (200, 20, 0)),
-        ("panda", "pentagon", (800, 80, 10)),
-        ("iiwa14", "triangle", (200, 20, 0)),
-    ):
-        words = ["--trajectory", path, "--stiffness", *stiffness, "--iterations", 2]
-        words += ["--dither", dither_table(work)]
-        out = stiction(work / f"gte-{robot}-{path}", "gte", robot, *words)
-        yield f"gte.{robot}.{path}", file_hash(out / "errors.csv")
+def commands(part: str, work: Path) -> Iterable[tuple[str, str]]:
+    """Yield the files that the commands of a part write."""
+    for name, (command, files) in COMMANDS[part].items():
+        out = stiction(work / name, *command.format(dither=dither_table(work)).split())
+        for path in sorted(out.glob(files)):
+            yield f"{name}.{path.stem}" if "*" in files else name, file_hash(path)
 
 
 def calibrate(work: Path) -> Iterable[tuple[str, str]]:
@@ -143,12 +150,6 @@ def calibrate(work: Path) -> Iterable[tuple[str, str]]:
     out = stiction(work / "friction.toml", "calibrate", "panda", TABLE_4_3)
     lines = [x for x in out.read_text("utf-8").splitlines() if "commit" not in x]
     yield "calibrate", hashlib.sha256("\n".join(lines).encode()).hexdigest()[:16]
-
-
-def excitation(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield an exciting motion."""
-    for path in sorted(stiction(work / "excite", "excite", "panda").glob("*.csv")):
-        yield f"excite.{path.stem}", file_hash(path)
 
 
 def steps_of(name: str, count: int, steps: int) -> Iterator[tuple[Any, ...]]:
@@ -179,13 +180,6 @@ def rollouts(work: Path) -> Iterable[tuple[str, str]]:
             yield f"rollout.{name}.{count}", digest.hexdigest()[:16]
 
 
-def final(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield every table of the tuner."""
-    out = stiction(work / "tune", "tune", "panda", "--table", TABLE_4_3)
-    for path in sorted(out.glob("*.csv")):
-        yield f"tune.{path.stem}", file_hash(path)
-
-
 def ladder(work: Path) -> Iterable[tuple[str, str]]:
     """Yield the nested models of the thesis's tables, and their page."""
     out = work / "ladder"
@@ -196,13 +190,10 @@ def ladder(work: Path) -> Iterable[tuple[str, str]]:
 
 
 PARTS: dict[str, Callable[[Path], Iterable[tuple[str, str]]]] = {
-    "experiments": experiments,
-    "gte": gte,
+    **{part: partial(commands, part) for part in COMMANDS},
     "rollouts": rollouts,
     "calibrate": calibrate,
-    "excitation": excitation,
     "diagnoses": diagnoses,
-    "final": final,
     "ladder": ladder,
 }
 

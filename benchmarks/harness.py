@@ -31,7 +31,6 @@ from typing import Any, TypeVar
 from tqdm import tqdm
 
 from benchmarks.reference_loop import USUAL_S
-from stiction_envs.precomputed.store import MADE_BY
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.templates import render
 
@@ -42,11 +41,6 @@ KINDS = (".py", ".toml", ".xml", ".csv", ".json")
 """Files that decide a result."""
 PACKAGES = ("mujoco", "numpy", "scipy", "numba", "pin")
 """Packages whose versions decide a result."""
-EPISODES = (
-    *(f"stiction_envs/{place}" for place in (*MADE_BY, "envs")),
-    *("!stiction_envs/envs/render", "!stiction_envs/experiments/*/plots.py"),
-)
-"""Code of the package that decides an episode, without the code that only shows it."""
 LOGS = tuple(
     f"stiction_envs/{place}"
     for place in (

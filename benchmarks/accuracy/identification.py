@@ -33,9 +33,9 @@ Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)
 REAL = MEASURED / "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 RATE, NOISE, SIZE = 200.0, 0.1, 0.2
-"""Of simulated logs [Hz]; of their torques [N·m]; how far true links are off [-]; assumed."""
+"""Rate [Hz] and torque noise [N·m] of simulated logs; error of the links [-]; assumed."""
 REACH = 0.5
-"""Of the joints that move, from pose to pose [rad]; assumed."""
+"""Largest angle of a joint that moves from pose to pose [rad]; assumed."""
 AT_REST = "pose to pose, joints 1 and 2 at rest"
 METHODS = ("nominal", "RosDyn's way", "base parameters", "consistent")
 AT_ONCE = "optimised series, friction without presliding"

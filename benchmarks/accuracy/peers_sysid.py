@@ -20,7 +20,7 @@ assumed."""
 MOST = 12
 """Windows, evenly picked: each is rolled out once per parameter and iteration; assumed."""
 STEP = 0.002
-"""Of the simulations [s]; assumed."""
+"""Time step of the simulations [s]; assumed."""
 ITERATIONS = 25
 """At most; assumed."""
 STILL = 1e-3

@@ -17,7 +17,7 @@ from stiction_envs.reporting.markdown import number, short, table_text
 from stiction_envs.reporting.png import save_small
 
 SWEEP_JOINTS = (1, 2, 3, 5, 6, 7)
-"""Of the iiwa 14, each of which has a log of its own."""
+"""Joints of the iiwa 14 that have a log of their own."""
 ENDINGS = re.compile(r"_(nm_per_rad|nm_per_s|per_rev|kgm2|nms|nm|rad|kg|m|s)$")
 """Units at the ends of parameters' names."""
 CHECKS = {

@@ -1,6 +1,6 @@
 """Where an exported arm sticks: the conformance test inside every engine that is installed.
 
-    python -m benchmarks.engines.engines [--hold 60] [--minutes M]
+    python -m benchmarks.engines.engines [--minutes M]
 
 An arm is exported as `stiction export` does for the engine, with both kinds of friction; each joint
 is held at 90 % of its stiction and driven at 110 %. Engines whose extra is not installed keep the
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -45,24 +45,15 @@ ONE_HOLD = 6.0
 TOO_LONG = ("mjx",)
 """Engines in which the ``frictionloss`` of a whole arm takes too long: a step of two Pandas takes
 MJX 10.5 s of processor time."""
-SOLVERS: dict[str, dict[str, str]] = {
-    "MuJoCo's defaults": {"noslip": "0", "timestep": "0.001"},
-    "defaults, noslip": {"noslip": str(NOSLIP), "timestep": "0.001"},
-    "hardest": {"noslip": "0", "timestep": "0.001", "hard": "yes"},
-    "hardest, noslip (what export writes)": {
-        "noslip": str(NOSLIP),
-        "timestep": "0.001",
-        "hard": "yes",
-    },
-    "hardest, 0.25 ms": {"noslip": "0", "timestep": "0.00025", "hard": "yes"},
-    "hardest, implicitfast": {
-        "noslip": "0",
-        "timestep": "0.001",
-        "hard": "yes",
-        "integrator": "implicitfast",
-    },
+SOLVERS = {
+    "MuJoCo's defaults": (0, 0.001, False, "Euler"),
+    "defaults, noslip": (NOSLIP, 0.001, False, "Euler"),
+    "hardest": (0, 0.001, True, "Euler"),
+    "hardest, noslip (what export writes)": (NOSLIP, 0.001, True, "Euler"),
+    "hardest, 0.25 ms": (0, 0.00025, True, "Euler"),
+    "hardest, implicitfast": (0, 0.001, True, "implicitfast"),
 }
-"""Settings of ``frictionloss`` that are compared."""
+"""Iterations of noslip, step [s], whether at its hardest, integrator: what is compared."""
 
 
 def short(hold: float, go: float) -> ConformanceSettings:
@@ -118,21 +109,21 @@ def one_joint(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
     return row_of(conformance(text, engine=engine, settings=settings, rates=(), threads=1))
 
 
-def with_solver(job: tuple[dict[str, str], ConformanceSettings]) -> Row:
+def with_solver(job: tuple[tuple[int, float, bool, str], ConformanceSettings]) -> Row:
     """Return the row of the Panda's ``frictionloss`` with solver settings, in stock MuJoCo."""
-    solver, settings = job
+    (noslip, step, hard, integrator), settings = job
     root = ET.fromstring(exported("panda", "frictionloss", "mujoco"))
-    option = root.find("option")
-    assert option is not None
-    option.set("noslip_iterations", solver["noslip"])
-    option.set("timestep", solver["timestep"])
-    option.set("integrator", solver.get("integrator", "Euler"))
+    (option,) = root.findall("option")
+    option.attrib |= {
+        "noslip_iterations": str(noslip),
+        "timestep": str(step),
+        "integrator": integrator,
+    }
     for joint in root.iter("joint"):
-        for key, value in HARDEST.items():
-            if key in joint.attrib:
-                joint.attrib.pop(key)
-                if "hard" in solver:
-                    joint.set(key, value.format(2 * float(solver["timestep"])))
+        for key in HARDEST.keys() & joint.keys():
+            joint.attrib.pop(key)
+            if hard:
+                joint.set(key, HARDEST[key].format(2 * step))
     text = ET.tostring(root, encoding="unicode")
     return row_of(conformance(text, settings=settings, rates=(), threads=1))
 
@@ -182,36 +173,23 @@ def page(rows: dict[str, Row], solvers: dict[str, Row]) -> dict[str, Any]:
         ),
         "settings": experiment_settings().conformance,
         "missing": [e for e in ENGINES if not any(k.startswith(f"{e} ") for k in rows)],
-        "slow": sorted(
-            {k.split()[0] for k, r in rows.items() if ONE not in k and 0 < r["hold"] < 60}
-        ),
         "one": ONE,
         "one_hold": ONE_HOLD,
         "machine": machine(),
     }
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    parser = STUDY.parser()
-    parser.add_argument("--hold", type=float, default=60.0, help="length of a hold [s]")
-    parser.add_argument("--go", type=float, default=20.0, help="longest time to move [s]")
-    parser.add_argument("--engines", nargs="+", default=list(ENGINES), choices=list(ENGINES))
-    parser.add_argument("--arms", nargs="+", default=list(ARMS), choices=list(ARMS))
-    parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
-    options = parser.parse_args(argv)
-    settings = short(options.hold, options.go)
-    kept = STUDY.rows(options)
-    jobs = {}
-    for engine in options.engines:
+def main() -> None:
+    options = STUDY.parser().parse_args()
+    settings, kept, jobs = short(60.0, 20.0), STUDY.rows(options), {}
+    for engine in ENGINES:
         try:
             ENGINES[engine].check()
         except StictionError as error:
             print(f"left out: {error}")
             continue
-        for arm in options.arms:
-            for kind in options.kinds:
-                if engine in TOO_LONG and kind == "frictionloss":
-                    continue
+        for arm, kind in product(ARMS, KINDS):
+            if engine not in TOO_LONG or kind != "frictionloss":
                 jobs[f"{engine} {arm} {kind}"] = (engine, arm, kind, settings)
     kept.fill(jobs, in_engine, minutes=options.minutes)
     ready = dict.fromkeys(key.split()[0] for key in jobs)
@@ -220,9 +198,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     kept.fill(singles, one_joint, minutes=options.minutes)
     quick = short(15.0, 4.0)
     compared = {f"solver {name}": (value, quick) for name, value in SOLVERS.items()}
-    if "mujoco" in options.engines:
-        kept.fill(compared, with_solver, minutes=options.minutes)
-    solvers = kept.known(compared)
+    solvers = kept.fill(compared, with_solver, minutes=options.minutes)
     every = [f"{e} {a} {k}" for e in ENGINES for a in (*ARMS, ONE) for k in KINDS]
     STUDY.write_page(
         options,

@@ -1,15 +1,13 @@
 """What the search finds beyond the thesis's grid, and what compensation does without shaking.
 
-    python -m benchmarks.learning.search [--kept]
+    python -m benchmarks.learning.search
 
-Measures what searches found, which is in ``search/`` beside this file, with friction that is known,
-believed too small and too large. Writes search.csv and the page of it; ``--kept`` reads the CSV.
+Writes the page and picture of ``search.csv``, whose rows were measured once: the page says how.
 """
 
 from __future__ import annotations
 
 import csv
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -17,26 +15,18 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark
-from benchmarks.learning.search_rows import (
-    CONDITIONS,
-    ITERATIONS,
-    KNOWN,
-    LEFT,
-    MEASURED_BY,
-    ROBOTS,
-    SEED,
-    SJE,
-    jobs,
-    measure,
-)
-from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from tuning.search.verify import PATHS
 from tuning.settings import tuning_settings
 
-STUDY = Benchmark(__file__, __doc__, made_by=MEASURED_BY)
-COLUMNS = ("robot", "condition", "path", "treatment", "measure", "value")
+STUDY = Benchmark(__file__, __doc__)
+ROBOTS = ("panda", "iiwa7", "iiwa14")
+SJE = "single joints"
+"""Place of the rows of the Single Joint Experiment, where others have a path."""
+LEFT = ("position", "orientation")
+KNOWN = "friction known"
+CONDITIONS = (KNOWN, "friction believed 30 % too small", "friction believed 30 % too large")
 Numbers = dict[tuple[str, str, str], dict[str, dict[str, float]]]
 """Numbers by robot, condition and path, then by treatment and measure."""
 
@@ -63,7 +53,7 @@ def page(found: Numbers) -> dict[str, Any]:
 
     def both(robot: str, condition: str, path: str, treatment: str, when: str = "") -> str:
         one = found[robot, condition, path][treatment]
-        return " / ".join(f"{one[f'{when}{part}_percent']:.0f}" for part in LEFT[:2])
+        return " / ".join(f"{one[f'{when}{part}_percent']:.0f}" for part in LEFT)
 
     header = ["treatment"]
     for path in PATHS:
@@ -79,7 +69,7 @@ def page(found: Numbers) -> dict[str, Any]:
     return {
         "settings": tuning_settings(),
         "table": table_text(header, rows),
-        "push": [f"{mean(found, KNOWN, push, f'{part}_percent'):.0f}" for part in LEFT[:2]],
+        "push": [f"{mean(found, KNOWN, push, f'{part}_percent'):.0f}" for part in LEFT],
         "wrong": {
             condition: [both("panda", condition, path, push) for path in PATHS]
             for condition in CONDITIONS
@@ -95,8 +85,6 @@ def page(found: Numbers) -> dict[str, Any]:
             robot: [both(robot, KNOWN, path, "search, constant") for path in PATHS]
             for robot in ROBOTS[1:]
         },
-        "seed": SEED,
-        "iterations": ITERATIONS,
     }
 
 
@@ -105,7 +93,7 @@ def draw(found: Numbers, path: Path) -> None:
     figure = Figure(figsize=(16, 8), layout="constrained")
     axes: Any = figure.subplots(2, len(CONDITIONS), sharey="row", sharex=True)
     for column, condition in enumerate(CONDITIONS):
-        for axis, part in zip(axes[:, column], LEFT[:2], strict=True):
+        for axis, part in zip(axes[:, column], LEFT, strict=True):
             for k, name in enumerate(found["panda", condition, PATHS[0]]):
                 x, y = (
                     mean(found, condition, name, of)
@@ -124,19 +112,8 @@ def draw(found: Numbers, path: Path) -> None:
 
 
 def main() -> None:
-    parser = STUDY.parser()
-    parser.add_argument("--kept", action="store_true", help="page of the CSV that is there")
-    options = parser.parse_args()
-    warnings.simplefilter("ignore")
-    path = STUDY.folder / "search.csv"
-    if not options.kept:
-        rows, lines = STUDY.rows(options).fill(jobs(), measure), []
-        for key, job in jobs().items():
-            for treatment, numbers in rows[key].items():
-                if treatment != "seconds":
-                    lines += [(*job, treatment, *number) for number in numbers.items()]
-        write_lines(path, COLUMNS, lines)
-    found = read(path)
+    options = STUDY.parser().parse_args()
+    found = read(STUDY.folder / "search.csv")
     draw(found, options.out / "compensation.png")
     STUDY.write_page(options, **page(found))
 

@@ -34,7 +34,7 @@ class Table:
     rows: Sequence[Mapping[str, Any]]
     """Lines of the CSV by column, those of the thesis first."""
     header: Sequence[str]
-    """Of the table on the page."""
+    """Header of the table on the page."""
     shown: Iterable[Sequence[str]]
     """Rows on the page."""
     numbers: Numbers

@@ -35,7 +35,7 @@ ROBOTS = tuple(thesis_robots())
 (TUNED,) = thesis_robots("4.9")
 """The arm whose dither the thesis tuned."""
 SCALES = (0.8, 1.0, 1.2)
-"""Of Tables 4.6 to 4.8, over the base torque."""
+"""Amplitudes of Tables 4.6 to 4.8, over the base torque."""
 
 
 # ---- jobs ----------------------------------------------------------------------------------------

@@ -38,9 +38,9 @@ class AgentSettings:
     """All of `agents.toml`."""
 
     usual_amplitude: Positive
-    """Of the table of an arm about which nothing is known, over the stiction [-]."""
+    """Amplitude of an unknown arm's table, over the stiction [-]."""
     usual_frequency: Positive
-    """Of that table [Hz]."""
+    """Frequency of the same table [Hz]."""
     gate_speed: Positive
     """v_gate, at which dither fades [rad/s]."""
     rule_factor: Positive

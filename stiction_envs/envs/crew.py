@@ -23,6 +23,9 @@ class Crew:
         self._open: list[_Job[Any]] = []
         self._changed = threading.Condition()
 
+    def __reduce__(self) -> tuple[type[Crew], tuple[int]]:
+        return Crew, (self._others + 1,)
+
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return, done by all threads; their errors are raised in their order.
 
@@ -39,7 +42,7 @@ class Crew:
         return job.results
 
     def share(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
-        """As `run`, within a task: threads that `run` has nothing left for help."""
+        """Return what tasks within a task return; threads without other work help."""
         job = _Job(tasks)
         self._offer(job)
         while job.work():
@@ -53,7 +56,7 @@ class Crew:
             self._changed.notify_all()
 
     def _help(self, job: _Job[T]) -> None:
-        """Work at ``job``, then at whatever tasks share, until it is done."""
+        """Work at ``job``, or at other jobs that are open, until ``job`` is done."""
         while not job.done:
             if any(other.work() for other in tuple(self._open)):
                 with self._changed:
@@ -88,7 +91,7 @@ class _Job(Generic[T]):
 
     @property
     def results(self) -> list[T]:
-        """What the tasks return, when all are done."""
+        """Results of the tasks, when all are done."""
         wait(self._futures)
         return [future.result() for future in self._futures]
 

@@ -27,9 +27,9 @@ from stiction_envs.measured.csv_text import write_lines
 Array = NDArray[np.float64]
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
-"""Of an agent with a memory."""
+"""Memory of an agent."""
 Row = dict[str, Any]
-"""Of an episode: numbers and words, by column."""
+"""Numbers and words of an episode, by column."""
 
 
 class Policy(Protocol):

@@ -7,6 +7,7 @@ An environment is a class whose docstring is its page and whose ``episodes`` are
 from __future__ import annotations
 
 import inspect
+import pickle
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
@@ -23,24 +24,33 @@ from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, 
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
+from stiction_envs.plant.copies import dumps
 
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 Info = dict[str, Any]
-"""Of a step, as Gymnasium has it."""
+"""Info of a step, as Gymnasium has it."""
 AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
 
 
+class UnexpectedArgument(StictionError, TypeError):
+    """An argument that an environment lacks; TorchRL tries some, and waits for a TypeError."""
+
+
 class _Experiment:
-    """What a single environment and a batch know of their experiment."""
+    """The part that a single environment and a batch have in common."""
 
     episodes: ClassVar[type[Episodes]]
-    """Of the experiment."""
+    """Episodes of the experiment."""
     renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
     core: Episodes
-    """Episodes: of the environment, or of a batch's first tile, whose spaces are those of all."""
+    """Episodes of the environment, or of a batch's first tile: all tiles have the same spaces."""
+    _cores: list[Episodes]
+    """Episodes of all tiles."""
+    _renderers: dict[int, Renderer]
+    """Renderers by the number of their tile."""
 
     def __init_subclass__(cls) -> None:
         """Show every argument with its default in the signature of a class."""
@@ -55,13 +65,14 @@ class _Experiment:
 
     @classmethod
     def _check_arguments(cls, given: Iterable[str]) -> None:
-        """Raise a `StictionError` for a name that is no argument; it says which one is nearest."""
+        """Raise an `UnexpectedArgument` for a name that is none; it says which one is nearest."""
         names = [f.name for f in fields(cls.episodes.arguments)]
         for name in given:
             if name not in names:
                 (near,) = get_close_matches(name, names, n=1, cutoff=0.0)
-                raise StictionError(
-                    f"unknown argument {name!r}: the nearest is {near!r}, of {', '.join(names)}"
+                raise UnexpectedArgument(
+                    f"unexpected keyword argument {name!r}: the nearest is {near!r}, of "
+                    f"{', '.join(names)}"
                 )
 
     @property
@@ -75,10 +86,23 @@ class _Experiment:
             "render_fps": max(1, round(1 / self.core.interval)),
         }
 
-    def _make_renderer(self, core: Episodes) -> Renderer:
+    def _frame(self, tile: int, place: int, mode: str) -> Frame | None:
+        """Return the frame of the arm at a place of a tile, None in human mode."""
         if self.renderer is None:
             raise StictionError(f"{type(self).__name__} has no pictures: expected no render_mode")
-        return self.renderer(core.arm)
+        if tile not in self._renderers:
+            self._renderers[tile] = self.renderer(self.core.arm)
+        return self._renderers[tile].frame(self._cores[tile], place, mode)
+
+    def _close_renderers(self) -> None:
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Let copies go on in mid-episode with the same bits; windows are not copied."""
+        state = vars(self) | {"_renderers": {}}
+        return _loaded, (type(self), dumps(state, [c.rig.plant.batch for c in self._cores]))
 
 
 class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
@@ -92,10 +116,10 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         check_render_mode(render_mode)
         self.render_mode = render_mode
         self.core = self.episodes(1, record=render_mode is not None, **arguments)
+        self._cores, self._renderers = [self.core], {}
         self.metadata = self._metadata()
         self.action_space = self.core.action_space
         self.observation_space = self.core.observation_space
-        self._renderer: Renderer | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Options | None = None
@@ -124,11 +148,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
     def render(self) -> Frame | None:
         """Return the frame of the present moment, None in human mode."""
-        if self.render_mode is None:
-            return None
-        if self._renderer is None:
-            self._renderer = self._make_renderer(self.core)
-        return self._renderer.frame(self.core, 0, self.render_mode)
+        return None if self.render_mode is None else self._frame(0, 0, self.render_mode)
 
     def _show(self) -> None:
         if self.render_mode == "human":
@@ -136,9 +156,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
     def close(self) -> None:
         """Close the window and free the graphics context."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self._close_renderers()
 
 
 class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
@@ -176,7 +194,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         self.render_mode = render_mode
         self.num_envs = num_envs
         self.tiles = Tiles(self.episodes, num_envs, record=render_mode is not None, **arguments)
-        self.core = self.tiles.cores[0]
+        self._cores, self._renderers = self.tiles.cores, {}
+        self.core = self._cores[0]
         self.metadata = {**self._metadata(), "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self.core.action_space
         self.single_observation_space = self.core.observation_space
@@ -184,7 +203,6 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         self.observation_space = batch_space(self.core.observation_space, num_envs)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, dtype=bool)
-        self._renderers: dict[int, Renderer] = {}
 
     def reset(
         self,
@@ -326,21 +344,20 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         """Return a tuple with one frame per environment, None without a render mode."""
         if self.render_mode is None:
             return None
-        return tuple(self._frame(i, self.render_mode) for i in range(self.num_envs))
-
-    def _frame(self, i: int, mode: str) -> Frame:
-        tile, place = self.tiles.locate(i)
-        if tile not in self._renderers:
-            self._renderers[tile] = self._make_renderer(self.tiles.cores[tile])
-        frame = self._renderers[tile].frame(self.tiles.cores[tile], place, mode)
-        assert frame is not None  # no batch has the mode human
-        return frame
+        places = [(k, i) for k, core in enumerate(self._cores) for i in range(core.num_envs)]
+        frames = [self._frame(*place, self.render_mode) for place in places]
+        return tuple(frame for frame in frames if frame is not None)  # no batch has the mode human
 
     def close_extras(self, **kwargs: object) -> None:
         """Free the graphics contexts."""
-        for renderer in self._renderers.values():
-            renderer.close()
-        self._renderers.clear()
+        self._close_renderers()
+
+
+def _loaded(kind: type[_Experiment], pickled: bytes) -> _Experiment:
+    """Return the environment of a pickle."""
+    out = kind.__new__(kind)
+    vars(out).update(pickle.loads(pickled))
+    return out
 
 
 _ONE = np.zeros(1, dtype=np.int64)

@@ -46,7 +46,7 @@ class Registered:
 
 
 EXPERIMENTS: dict[str, Registered] = {}
-"""By name."""
+"""Experiments by name."""
 
 
 def register_experiment(new: Registered) -> None:

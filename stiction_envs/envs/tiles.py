@@ -94,11 +94,6 @@ class Tiles:
         parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
-    def locate(self, i: int) -> tuple[int, int]:
-        """Return the number of the tile that has simulation ``i``, and its place there."""
-        k = int(np.searchsorted(self._end, i, side="right"))
-        return k, i - int(self._end[k] - self.cores[k].num_envs)
-
 
 def _joined(parts: Sequence[Outcome]) -> Outcome:
     if len(parts) == 1:

@@ -12,14 +12,14 @@ library in the same order.
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.in_c import copy, get_state, set_state, step1, step2
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def parts_of(nsim: int, threads: int) -> list[slice]:
     return [slice(a, b) for a, b in pairwise(ends) if b > a]
 
 
-class LoopBatch(Batch):
+class LoopBatch(CopiedBatch):
     """N simulations of a model, each with its `MjData`, in parts that do not know of each other.
 
     A part is stepped by one thread at a time. On one thread all simulations are one part; with more
@@ -126,13 +126,15 @@ class LoopBatch(Batch):
         super().__init__(model, nsim, threads, persistent=not self._lone)
         self._own_models: list[mujoco.MjModel] = []
         self._own_data: list[mujoco.MjData] = []
-        self._outputs: dict[str, Array] = {}
-        self._inputs: dict[str, Array] = {}
         self._loops: list[Arguments] = []
+        self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
         self.parts = parts_of(nsim, 1) if self._lone else []
         """The simulations of each part."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return *super().__reduce__(), {"parts": self.parts, "_going": self._going}
 
     def part(self, threads: int) -> None:
         """Make parts for some threads, the largest first."""
@@ -142,20 +144,6 @@ class LoopBatch(Batch):
         """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
         self._begun &= not (going & ~self._going).any()
         self._going[:] = going
-
-    def bind(self, name: str) -> Array:
-        """As `Batch.bind`."""
-        out = super().bind(name)
-        if not out.flags.writeable and name not in self._outputs:
-            self._outputs[name], self._loops = out, []
-        return out
-
-    def expand(self, name: str) -> Array:
-        """As `Batch.expand`."""
-        out = super().expand(name)
-        if name not in self._inputs:
-            self._inputs[name], self._loops = out, []
-        return out
 
     def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
         """As `Batch.forward`."""
@@ -191,7 +179,9 @@ class LoopBatch(Batch):
     @property
     def loops(self) -> list[Arguments]:
         """What `advance` steps, of each part; kinematics are those of the present state."""
-        if not self._loops:
+        fields = len(self._outputs) + len(self._inputs)
+        if not self._loops or self._fields != fields:
+            self._fields = fields
             missing = len(self.parts) - len(self._own_models)
             self._own_models += [self.get_model(0) for _ in range(missing)]
             if not self._own_data:

@@ -33,6 +33,7 @@ from stiction_envs.friction.model import (
     StickingModel,
 )
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
 
 Array = NDArray[np.float64]
@@ -69,7 +70,7 @@ class Plant:
         self.sticking = sticking
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
-        kind = LoopBatch if closed_loop else Batch
+        kind = LoopBatch if closed_loop else CopiedBatch
         self._batch = kind(sticking.model, nsim, threads)
         self._biasprm = self._batch.expand("actuator_biasprm")
         self._gainprm = self._batch.expand("actuator_gainprm")
@@ -153,7 +154,7 @@ class Plant:
         return self._level.mean(axis=2)
 
     @property
-    def batch(self) -> Batch:
+    def batch(self) -> CopiedBatch:
         """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
         return self._batch
 

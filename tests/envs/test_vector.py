@@ -177,6 +177,3 @@ def test_a_tile_has_its_arms_for_every_thread():
     assert sizes(8, 2) == [8], "its engine has threads of its own"
     lone, among = (Tiles(Core, n, threads=2).cores[0] for n in (32, 64))  # type: ignore[arg-type]
     assert (lone.engine_threads, among.engine_threads) == (2, 1)
-    Core.on_one_thread, Core.arms_per_tile = True, 6
-    found = Tiles(Core, 7, threads=1)  # type: ignore[arg-type]
-    assert [found.locate(i) for i in (0, 3, 4, 6)] == [(0, 0), (0, 3), (1, 0), (1, 2)]

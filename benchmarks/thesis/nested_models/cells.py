@@ -13,7 +13,7 @@ from stiction_envs.measured import DitheredRow, thesis_dithered
 FITTED = ("4.6",)
 """Table whose dithered cells a model may use, besides the base torques of Table 4.3."""
 FREQUENCIES = (80.0, 50.0, 30.0, 15.0)
-"""Of Tables 4.6 to 4.8 [Hz]."""
+"""Dither frequencies of Tables 4.6 to 4.8 [Hz]."""
 RESAMPLES = 2000
 """Bootstrap resamples of the 28 configurations; assumed."""
 JOINTS = range(1, 8)

@@ -45,11 +45,11 @@ Progress = Callable[[str, float, float], None]
 ORDER = (2, 4, 3, 1, 5, 7, 6)
 """Joints with the longest ramps first."""
 SEEDS = (0, 1, 2, 3, 4)
-"""Of the optimiser, assumed: a parameter that some do not find again is not identified."""
+"""Seeds of the optimiser, assumed: a parameter that some do not find again is not identified."""
 ONE_SEED = (0,)
 """For models on the way: a search from the model before."""
 GENERATIONS, ROUNDS = 30, 3
-"""Of a search; of correcting the lone joint by the whole arm; assumed."""
+"""Generations of a search; rounds in which the whole arm corrects the lone joint; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,7 @@ class NestedModel:
     fixed: dict[str, float] = field(default_factory=dict)
     """Numbers of the whole robot."""
     loss: float | None = None
-    """Of the fitted cells, summed over the joints."""
+    """Loss of the fitted cells, summed over the joints."""
 
 
 def preferred(one: NestedModel, two: NestedModel) -> tuple[float, float]:

@@ -35,7 +35,7 @@ class Video:
     runs: Sequence[Callable[[float], Picture]]
     """Each draws a run at a time since its start [s]; after its end, its last moment."""
     duration: float
-    """Of the longest run [s]."""
+    """Duration of the longest run [s]."""
     close: Callable[[], None]
     """Frees the graphics context."""
 

@@ -82,6 +82,14 @@ class ControllerModel:
         self.arrays = self.of_arms(slice(None))
         """Of `renew_dynamics`."""
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what has addresses in this process."""
+        return {name: x for name, x in vars(self).items() if name not in ("_data", "arrays")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        vars(self).update(state, _data=[])
+        self.arrays = self.of_arms(slice(None))
+
     def of_arms(self, arms: slice) -> ModelArrays:
         """Return what `renew_dynamics` needs for some arms, with data of its own."""
         # one MjData for them stays in the cache: every update computes everything again

@@ -139,6 +139,11 @@ class GTERig(Rig):
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what has addresses in this process; `advance` makes it."""
+        state = {name: x for name, x in vars(self).items() if name != "_arrays"}
+        return state | {"_dynamics": {}}
+
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
         self.plant.reset(np.arange(self.nsim), np.broadcast_to(self.start, (self.nsim, self.n)))

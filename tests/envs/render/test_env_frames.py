@@ -17,6 +17,7 @@ from tests.envs.helpers import (
     make,
     make_gte,
     mild,
+    tiled,
 )
 from tests.envs.render.conftest import blue, orange
 
@@ -71,14 +72,20 @@ def test_depth_is_in_metres(kind):
 
 
 @pytest.mark.usefixtures("gl")
-def test_a_batch_gives_one_frame_each(kind):
-    env = kind.make_batch(2, render_mode="rgb_array")
+def test_a_batch_gives_one_frame_each(kind, monkeypatch):
+    """In two tiles: the last frame is that of the single environment with its seed."""
     other = {"sje": {"joint": 4}, "gte": {"trajectory": "pentagon"}}[kind.name]
-    env.reset(seed=0, options=[kind.options, {**kind.options, **other}])
+    options = [kind.options, kind.options, {**kind.options, **other}]
+    env = tiled(monkeypatch, kind, 2, 3, render_mode="rgb_array")
+    env.reset(seed=0, options=options)
     frames = env.render()
-    assert len(frames) == 2
-    assert not np.array_equal(frames[0], frames[1])
+    assert len(frames) == 3
+    single = kind.make(render_mode="rgb_array")
+    single.reset(seed=2, options=options[2])
+    assert np.array_equal(frames[2], single.render())
+    assert not np.array_equal(frames[0], frames[2])
     env.close()
+    single.close()
 
 
 @pytest.mark.usefixtures("gl")

@@ -1,0 +1,113 @@
+"""A copy of an environment in mid-episode goes on with the same bits, beside the original."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from stiction_envs.plant.copies import dumps
+from tests.envs.helpers import GTE, SJE, TRIANGLE, mild, same, tiled
+
+ENDS = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
+"""Arguments of each experiment with which episodes end within a few steps."""
+
+
+def unpickled(env):
+    return pickle.loads(pickle.dumps(env))
+
+
+def on(env, count: int) -> list:
+    """Return what ``count`` steps give; a single environment starts its next episode itself."""
+    base = env.unwrapped
+    action, out = mild(base.core, 6, share=0.2), []
+    for _ in range(count):
+        out.append(
+            env.step(np.tile(action, (base.num_envs, 1)) if hasattr(base, "tiles") else action)
+        )
+        if not hasattr(base, "tiles") and (out[-1][2] or out[-1][3]):
+            out.append(env.reset())
+    return out
+
+
+@pytest.mark.parametrize(("count", "way"), [(0, copy.deepcopy), (0, unpickled), (3, unpickled)])
+def test_a_copy_goes_on_with_the_same_bits(kind, count, way):
+    """Also over the end of an episode and into the next, which is drawn from the generator."""
+    env = kind.make_vec(count, **ENDS[kind.name]) if count else kind.make(**ENDS[kind.name])
+    env.reset(seed=3)
+    on(env, 3)
+    other = way(env)
+    first = on(other, 40)  # before the original moves: they share no memory
+    assert same(on(env, 40), first)
+    assert any(np.any(step[2]) for step in first if len(step) == 5), "an episode ended"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"sensing": "robot"},
+        {"sensing": "robot", "threads": 1},
+        {"compensation": "push", "randomise": {"friction": 0.2}},
+        {"waveform": "square", "payload": (1.0, 0.0, 0.0, 0.1)},
+    ],
+    ids=str,
+)
+def test_what_an_arm_remembers_is_copied(arguments):
+    """Delayed commands, filters, the observer's state, friction of its own, phases."""
+    env = GTE.make_vec(2, **arguments)
+    env.reset(seed=1, options=TRIANGLE)
+    on(env, 2)
+    other = unpickled(env)
+    assert same(on(env, 3), on(other, 3))
+
+
+def test_threads_and_tiles_are_copied(kind, monkeypatch):
+    env = tiled(monkeypatch, kind, 8, 20, threads=2)
+    env.reset(seed=1)
+    on(env, 2)
+    other = unpickled(env)
+    assert same(on(env, 3), on(other, 3))
+
+
+def test_a_picture_is_drawn_of_a_copy():
+    env = SJE.make(render_mode="rgb_array")
+    env.reset(seed=1)
+    on(env, 1)
+    picture = env.render()
+    assert np.array_equal(copy.deepcopy(env).render(), picture)
+
+
+def test_another_process_goes_on_with_the_same_bits(tmp_path):
+    """Addresses are of one process: a copy makes its own."""
+    env = GTE.make(control_interval_s=0.1)
+    env.reset(seed=1, options=TRIANGLE)
+    on(env, 2)
+    (tmp_path / "env").write_bytes(pickle.dumps(env))
+    code = (
+        "import pickle, sys; import stiction_envs; from tests.envs.test_copies import on\n"
+        "env = pickle.load(open(sys.argv[1] + '/env', 'rb'))\n"
+        "pickle.dump(on(env, 3), open(sys.argv[1] + '/out', 'wb'))"
+    )
+    subprocess.run([sys.executable, "-c", code, tmp_path], check=True)
+    assert same(pickle.loads((tmp_path / "out").read_bytes()), on(env, 3))
+
+
+def test_arrays_go_on_sharing_their_memory():
+    whole = np.arange(24.0).reshape(2, 3, 4)
+    turned = np.empty((2, 3, 4), order="F").transpose(1, 0, 2)
+    turned[:] = np.arange(24.0).reshape(3, 2, 4)
+    fixed = whole[1, ::-1]
+    fixed.flags.writeable = False
+    views = [whole, whole[:, 1], whole[::-1, :, 2:], fixed, turned, turned[1:, :, ::2]]
+    copied = pickle.loads(dumps(views, []))
+    assert same(copied, views)
+    assert not copied[3].flags.writeable
+    for a, b in zip(views, copied, strict=True):
+        assert a.strides == b.strides
+    copied[0][1, 1, 3] = copied[4][2, 1, 2] = -1.0
+    assert copied[1][1, 3] == copied[3][1, 3] == copied[5][1, 1, 1] == -1.0
+    assert whole.min() == turned.min() == 0.0
