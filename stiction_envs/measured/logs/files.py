@@ -10,6 +10,7 @@ import stat
 from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
@@ -72,7 +73,9 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     """
     found = _kind(path).count(os.fspath(path), naming or Naming())
     if not found:
-        raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
+        raise StictionError(
+            f"{path}: no column q1: expected t,q1..qn,tau1..taun; columns OURS=NAME renames"
+        )
     return found
 
 
@@ -118,6 +121,7 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
         raise StictionError(f"{where}: {reason.lower()}: expected a log file") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
+    refuse_pointer(where)
     if where.lower().endswith(PICKLES):
         raise StictionError(f"{where}: a pickle, which can run code: {OF_PICKLES}")
     if kind is None:

@@ -189,7 +189,14 @@ DAMAGES = {
     "no json": (_text("meta/info.json", "{"), "damaged or no info.json"),
     "no state": (info(lambda v: v["features"].pop(STATE)), "damaged or no info.json"),
     "fps 0": (info(lambda v: v.update(fps=0)), "fps is 0: expected"),
-    "other shape": (info(lambda v: v["features"][STATE].update(shape=[7])), "damaged or no info"),
+    "other shape": (
+        info(lambda v: v["features"][STATE].update(shape=[7])),
+        "info.json: 'observation.state' has 6 names for 7 columns: expected one each",
+    ),
+    "a pointer": (
+        _text("data/chunk-000/file-000.parquet", "version https://git-lfs.github.com/spec/v1\n"),
+        "file-000.parquet: a pointer of Git LFS .* run `git lfs pull`",
+    ),
     "twice": (
         info(lambda v: v["features"][STATE].update(names=["a.pos"] * 6)),
         "'a.pos' is there twice",
