@@ -15,10 +15,12 @@ from dataclasses import dataclass
 
 from stiction_envs.errors import StictionError
 
+UTF8 = "utf-8-sig"
+"""UTF-8 with or without a mark."""
 POINTER = b"version https://git-lfs.github.com/spec/"
 """How a pointer of Git LFS begins. Source: the specification of git-lfs."""
 _NUMBER = re.compile(r'[\s"]*[-+]?([.,]?\d|(nan|inf)\b)', re.IGNORECASE)
-_DELIMITERS = {",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
+_BETWEEN = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,11 @@ class Dialect:
         return [x.strip() for x in line.split(self.delimiter)]
 
     @property
-    def note(self) -> str:
-        """Remark for a person; empty for commas and decimal points."""
-        if self.delimiter == ",":
-            return ""
+    def notes(self) -> list[str]:
+        """Remark for a person; none for commas between cells and decimal points."""
         commas = " and decimal commas" * self.decimal_comma
-        return f"a table with {_DELIMITERS[self.delimiter]} between its cells{commas}"
+        between = _BETWEEN.get(self.delimiter)
+        return [f"a table with {between} between its cells{commas}"] if between else []
 
 
 def dialect_of(header: str, row: str) -> Dialect:
@@ -72,7 +73,7 @@ def encoding_of(start: bytes) -> str:
         return "utf-16"
     if len(start) > 3 and [bool(x) for x in start[:4]] in ([True, False] * 2, [False, True] * 2):
         return "utf-16-le" if start[0] else "utf-16-be"
-    return "utf-8-sig"
+    return UTF8
 
 
 def refuse_pointer(path: str | os.PathLike[str]) -> None:

@@ -109,7 +109,8 @@ class Arm:
     @property
     def whole(self) -> tuple[str, ...]:
         """All joints of the robot that this arm is a chain of, in its file's order; else ()."""
-        return mjcf.whole(ET.fromstring(self.xml))
+        text = ET.fromstring(self.xml).find(f"custom/text[@name='{mjcf.WHOLE}']")
+        return () if text is None else tuple(text.get("data", "").split("\n"))
 
     def carrying_xml(self) -> str:
         """MJCF that includes limits and rest pose; `load_arm` reads them (`mjcf.CARRIED`)."""

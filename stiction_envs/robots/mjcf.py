@@ -34,20 +34,8 @@ CARRIED = {
 an arm that is written and read again keeps them (`Arm.carry_into`)."""
 
 
-_WHOLE = "stiction_whole_robot"
-
-
-def carry_whole(root: ET.Element, joints: Iterable[str]) -> None:
-    """Write the names of all joints of the robot that an arm is a chain of."""
-    custom = root.find("custom")
-    custom = ET.SubElement(root, "custom") if custom is None else custom
-    ET.SubElement(custom, "text", name=_WHOLE, data="\n".join(joints))
-
-
-def whole(root: ET.Element) -> tuple[str, ...]:
-    """Return the names that `carry_whole` wrote; () where the arm is a whole robot."""
-    text = root.find(f"custom/text[@name='{_WHOLE}']")
-    return () if text is None else tuple(text.get("data", "").split("\n"))
+WHOLE = "stiction_whole_robot"
+"""Custom text of an MJCF: the joints of the robot that the arm is a chain of, one a line."""
 
 
 def free_name(name: str, taken: Container[str | None]) -> str:

@@ -39,12 +39,8 @@ class Limits:
 
         A joint whose position is not limited, as a continuous one, turns as far as it likes.
         """
-        values = getattr(self, name)
-        return (
-            np.asarray((np.abs(values.T) == lookup(generic(), f"limits.{name}")).T)
-            .reshape(len(values), -1)
-            .all(axis=1)
-        )
+        default = lookup(generic(), f"limits.{name}")
+        return np.array([bool((np.abs(x) == default).all()) for x in getattr(self, name)])
 
     def doubtful(self, name: str) -> NDArray[np.bool_]:
         """(n,) whether limits of ``velocity`` or ``torque`` are assumed, or may fill a gap.

@@ -115,8 +115,9 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     exclude_overlapping(root, limits.position)
     if chain is not None:
-        every = _named(path)[0].joints
-        mjcf.carry_whole(root, [j.name for j in every if int(j.type) in (_HINGE, _SLIDE)])
+        every = [j.name for j in _named(path)[0].joints if int(j.type) in (_HINGE, _SLIDE)]
+        custom = ET.SubElement(root, "custom")
+        ET.SubElement(custom, "text", name=mjcf.WHOLE, data="\n".join(every))
     return {
         "name": chain_title(path.stem, chain),
         "xml": ET.tostring(root, encoding="unicode"),

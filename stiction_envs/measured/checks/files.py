@@ -151,8 +151,8 @@ def check(
             read = read_servo_logs if position else read_logs
             log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
         except StictionError as error:
-            # the message begins with the file
-            text = str(error).removeprefix(str(path)).lstrip(":, ")
+            # the message begins with the file, or one in its folder, whose path stays whole
+            text = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
             findings.append(Finding(str(path), "", "unreadable", text))
             continue
         for c in log.corrections:

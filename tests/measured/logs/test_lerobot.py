@@ -180,6 +180,14 @@ def info(change):
     return damage
 
 
+def test_check_names_the_whole_path_of_a_file_in_a_folder(tmp_path: Path) -> None:
+    file = tmp_path / "set" / "meta" / "info.json"
+    file.parent.mkdir(parents=True)
+    file.write_text("{")
+    (found,) = check(tmp_path / "set").findings
+    assert found.message.startswith(f"{file}: damaged or no info.json")
+
+
 def _text(name: str, text: str):
     return lambda path: (path / name).write_text(text)
 

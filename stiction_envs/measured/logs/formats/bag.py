@@ -11,7 +11,7 @@ for each quantity (`iiwa_stack`).
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -66,9 +66,7 @@ class RosBag(LogFormat):
                 return iiwa_stack.read_arm(where, reader, topics, wanted)
             if wanted.drive == TORQUE:
                 topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
-                return _log(
-                    where, _stream(where, reader, topic, kind, wanted, ("q", "tau")), wanted
-                )
+                return _log(where, _stream(where, reader, topic, kind, wanted, "tau"), wanted)
             return _read_servo(where, reader, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
@@ -89,7 +87,7 @@ class RosBag(LogFormat):
             return _drives(reader)
 
 
-@dataclass(kw_only=True)
+@dataclass
 class _Stream:
     """Messages of one topic with the arm's joints."""
 
@@ -97,12 +95,8 @@ class _Stream:
     kind: Kind
     joints: tuple[str, ...]
     """Names of joints 1 to n; () where the messages have none."""
-    stamps: NDArray[np.int64]
-    """(T,) [ns]; 0 where a message has none."""
-    times: NDArray[np.int64]
-    """(T,) of their recording [ns]."""
-    numbers: NDArray[np.int64]
-    """(T,) of the messages, from 1."""
+    marks: NDArray[np.int64]
+    """(T, 3) stamp, 0 where there is none, and time of recording [ns]; number from 1."""
     data: dict[str, NDArray[np.float64]]
     """(T, n) by channel."""
     others: int
@@ -167,28 +161,18 @@ def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bo
 
 def _drives(reader: AnyReader) -> tuple[str, ...]:
     """Return what may have driven the joints; torque where nothing says, whose reader refuses."""
-    known = _filled(reader)
+    known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
-    position = _commands(reader) or any(x.has_commands for x in known.values())
+    position = any(x.has_commands for x in known.values())
+    position = position or bool(_topics(reader, COMMAND_KINDS, commands=True))
     return tuple(d for d, has in ((TORQUE, torque), (POSITION, position)) if has) or (TORQUE,)
 
 
-def _filled(reader: AnyReader) -> dict[str, Kind]:
-    """Return the topics with states of joints that have messages, without commands."""
-    return {
-        c.topic: BY_TYPE[str(c.msgtype)]
-        for c in reader.connections
-        if c.msgtype in BY_TYPE and c.msgcount and not is_command(c.topic, str(c.msgtype))
-    }
-
-
-def _commands(reader: AnyReader) -> dict[str, Kind]:
-    """Return the topics with commanded positions of joints that have messages."""
-    return {
-        c.topic: COMMAND_KINDS[str(c.msgtype)]
-        for c in reader.connections
-        if c.msgcount and is_command(c.topic, str(c.msgtype))
-    }
+def _topics(reader: AnyReader, kinds: Mapping[str, Kind], *, commands: bool) -> dict[str, Kind]:
+    """Return the topics of some kinds that have messages: those of commands, or the others."""
+    types = {c.topic: str(c.msgtype) for c in reader.connections if c.msgcount}
+    found = {k: kinds[v] for k, v in types.items() if v in kinds}
+    return {k: v for k, v in found.items() if is_command(k, types[k]) == commands}
 
 
 def _topic(
@@ -231,10 +215,7 @@ def _topic(
     if len(filled) == 1:
         return next(iter(filled.items()))
     seen = {k: _peek(reader, k, v) for k, v in filled.items()}
-    needed = drive == TORQUE
-    sizes = {
-        k: (len(names) or n) if tau or not needed else 0 for k, (names, n, tau) in seen.items()
-    }
+    sizes = {k: len(names) or n for k, (names, n, tau) in seen.items() if tau or drive == POSITION}
     least = n_joints or max(1, *sizes.values())
     full = {k: v for k, v in filled.items() if sizes.get(k, 0) >= least}
     if len(full) == 1:
@@ -247,58 +228,50 @@ def _topic(
 
 def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
     """Return the log of an arm with the commands that its topic of states has, or another."""
-    commands, naming = _commands(reader), wanted.naming
-    if naming.topic in commands:
-        commands = {k: v for k, v in commands.items() if k == naming.topic}
-        naming = replace(naming, topic=None)
-    topic, kind = _topic(where, reader, wanted.n_joints, naming, POSITION)
+    n, naming, told = wanted.n_joints, wanted.naming, _topics(reader, COMMAND_KINDS, commands=True)
+    if naming.topic in told:
+        told, naming = {naming.topic: told[naming.topic]}, replace(naming, topic=None)
+    topic, kind = _topic(where, reader, n, naming, POSITION)
     if kind.has_commands:
-        return _log(where, _stream(where, reader, topic, kind, wanted, ("q", "q_cmd")), wanted)
-    if len(commands) != 1:
+        return _log(where, _stream(where, reader, topic, kind, wanted, "q_cmd"), wanted)
+    told = {k: v for k, v in told.items() if _peek(reader, k, v)[1] >= n}
+    if len(told) != 1:
         raise StictionError(
-            f"{where}: {'several' if commands else 'no'} topics with commanded positions"
-            f"{': ' * bool(commands)}{', '.join(commands)}: expected one of a JointState or "
+            f"{where}: {'several' if told else 'no'} topics with commanded positions"
+            f"{': ' * bool(told)}{', '.join(told)}: expected one of a JointState or "
             "Float64MultiArray whose name says command, or a trajectory controller's state"
         )
-    states = _stream(where, reader, topic, kind, wanted, ("q",))
-    ((name, told_kind),) = commands.items()
-    told = _stream(where, reader, name, told_kind, wanted, ("q",))
-    if not len(told.times):
-        raise StictionError(f"{where}, {name}: no commands of these joints: expected some")
-    text = f"{name}: commanded positions, each holds until the next"
-    if states.stamps.any() and told.stamps.any():
-        last, keep = held(told.stamps, states.stamps)
-    else:
-        last, keep = held(told.times, states.times)
-        text += "; by the times of their recording"
-    if not told.joints:
-        text += f", in the order of joints 1 to {wanted.n_joints} (assumed)"
-    states.data["q_cmd"] = told.data["q"][last]
+    states = _stream(where, reader, topic, kind, wanted)
+    name = next(iter(told))
+    commands = _stream(where, reader, name, told[name], wanted)
+    clock = 0 if states.marks[:, 0].any() and commands.marks[:, 0].any() else 1
+    order = np.argsort(commands.marks[:, clock], kind="stable")
+    last, keep = held(commands.marks[order, clock], states.marks[:, clock])
+    if not keep.any():
+        raise StictionError(f"{where}, {name}: no command before the last state: expected some")
+    states.data["q_cmd"] = commands.data["q"][order[last]]
     states.data = {k: np.ascontiguousarray(x[keep]) for k, x in states.data.items()}
-    for part in ("stamps", "times", "numbers"):
-        setattr(states, part, getattr(states, part)[keep])
+    states.marks = states.marks[keep]
     log = _log(where, states, wanted)
-    log.note(text)
+    log.note(
+        f"{name}: commanded positions, each holds until the next"
+        + "; by the times of their recording" * clock
+        + ("" if commands.joints else f"; in the order of joints 1 to {n} (assumed)")
+    )
     return log
 
 
 def _stream(
-    where: str,
-    reader: AnyReader,
-    topic: str,
-    kind: Kind,
-    wanted: Wanted,
-    needed: tuple[str, ...],
+    where: str, reader: AnyReader, topic: str, kind: Kind, wanted: Wanted, needed: str = "q"
 ) -> _Stream:
-    """Read the messages of a topic: channels that are needed, and speeds and torques if there."""
+    """Read the messages of a topic: angles, a channel that is needed, and others if there."""
     n, place = wanted.n_joints, f"{where}, {topic}"
     names, _, _ = _peek(reader, topic, kind)
     joints = find_joints(place, names, n, wanted.naming) if names else ()
     orders: dict[tuple[tuple[str, ...] | None, int], list[int]] = {}
     # numbers, not messages: half an hour at 1 kHz has two million of these
     values: dict[str, array[float]] = {}
-    stamps, times, numbers = array("q"), array("q"), array("q")
-    others = 0
+    marks, others = array("q"), 0
     for number, (time, sample) in enumerate(_samples(reader, topic, kind), 1):
         here, key = f"{place}, message {number}", (sample.names, len(sample.q))
         if key not in orders:
@@ -309,60 +282,48 @@ def _stream(
             continue
         channels = {"q": sample.q, "dq": sample.dq, "tau": sample.tau, "q_cmd": sample.q_cmd}
         if not values:
-            values = {k: array("d") for k, x in channels.items() if k in needed or len(x)}
+            values = {k: array("d") for k, x in channels.items() if k in ("q", needed) or len(x)}
         count = len(sample.q) if sample.names is None else len(sample.names)
         for k, into in values.items():
             _check_size(here, kind, k, len(channels[k]), count)
             into.extend(channels[k][order])
-        stamps.append(sample.stamp)
-        times.append(time)
-        numbers.append(number)
-        check_size(place, len(numbers), 1 + len(values) * n)
+        marks.extend((sample.stamp, time, number))
+        check_size(place, len(marks) // 3, 1 + len(values) * n)
     data = {k: np.array(x, np.float64).reshape(-1, n) for k, x in values.items()}
     # ros2_control publishes NaN for what a robot does not measure
-    absent = [k for k, x in data.items() if k not in needed and np.isnan(x).all()]
-    return _Stream(
-        topic=topic,
-        kind=kind,
-        joints=joints,
-        stamps=np.array(stamps, np.int64),
-        times=np.array(times, np.int64),
-        numbers=np.array(numbers, np.int64),
-        data={k: x for k, x in data.items() if k not in absent},
-        others=others,
-    )
+    data = {k: x for k, x in data.items() if k == needed or not np.isnan(x).all()}
+    return _Stream(topic, kind, joints, np.array(marks, np.int64).reshape(-1, 3), data, others)
 
 
 def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
     """Return a log with the rows of a topic."""
-    place, numbers, kind, joints = (
-        f"{where}, {stream.topic}",
-        stream.numbers,
-        stream.kind,
-        stream.joints,
-    )
+    place, (stamps, times, numbers) = f"{where}, {stream.topic}", stream.marks.T
     log = RawLog(
         source=where,
         t=np.arange(float(len(numbers))),
         data=stream.data,
         run=np.zeros(len(numbers), np.int64),
         place=lambda i: f"{place}, message {numbers[i]}",
-        side=side_of(kind, joints),
+        side=side_of(stream.kind, stream.joints),
     )
     if wanted.time and len(numbers):
-        _set_time(log, stream)
-    said = [stream.topic]
+        if not stamps.any():
+            stamps = times
+            log.warnings.append(
+                "messages have no stamp: times are those at which they were recorded"
+            )
+        # in whole nanoseconds before it becomes a float
+        log.t, log.origin = (stamps - stamps[0]).astype(np.float64) / _NS, int(stamps[0]) / _NS
+    text = stream.topic
     if "tau" in stream.data:
-        said = [
-            f"{stream.topic}: tau is {kind.tau}" + ", measured behind the gear" * bool(log.side)
-        ]
-    if joints:
-        said.append(f"joints 1 to {len(joints)} are {', '.join(joints)}")
-    elif kind.named:
-        said.append("messages do not name their joints, which are taken in their order")
+        text += f": tau is {stream.kind.tau}" + ", measured behind the gear" * bool(log.side)
+    if stream.joints:
+        text += f"; joints 1 to {wanted.n_joints} are {', '.join(stream.joints)}"
+    elif stream.kind.named:
+        text += "; messages do not name their joints, which are taken in their order"
     if stream.others:
-        said.append(f"{stream.others} messages of other joints left out")
-    log.note("; ".join(said), stream.others)
+        text += f"; {stream.others} messages of other joints left out"
+    log.note(text, stream.others)
     return log
 
 
@@ -400,14 +361,3 @@ def _check_size(place: str, kind: Kind, channel: str, size: int, n: int) -> None
         raise StictionError(
             f"{place}: {size} values of {names[channel]}: expected {n}, one a joint"
         )
-
-
-def _set_time(log: RawLog, stream: _Stream) -> None:
-    """Count time from the first row, in whole nanoseconds before it becomes a float."""
-    stamps = stream.stamps
-    if not stamps.any():
-        stamps = stream.times
-        log.warnings.append("messages have no stamp: times are those at which they were recorded")
-    first = int(stamps[0])
-    log.t = (stamps - first).astype(np.float64) / _NS
-    log.origin = first / _NS

@@ -8,7 +8,7 @@ import math
 import zlib
 from array import array
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain, islice
 from operator import itemgetter
 from typing import ClassVar
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.dialect import Dialect, dialect_of, encoding_of, is_number
+from stiction_envs.measured.dialect import UTF8, Dialect, dialect_of, encoding_of, is_number
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names, unit_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
@@ -73,7 +73,7 @@ class _Table:
     dialect: Dialect
     rows: Iterator[tuple[int, bytes]]
     """Number and bytes in UTF-8 of each line below."""
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
     """Remarks for a person."""
 
 
@@ -98,9 +98,8 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
         wanted.time,
         lambda i: f"line {numbers[i]}",
     )
-    for remark in (*text.notes, text.dialect.note):
-        if remark:
-            log.note(remark)
+    for remark in text.notes:
+        log.note(remark)
     if wanted.time:
         log.t /= kind.per_second
     if kind.sparse:
@@ -159,7 +158,7 @@ def _open(where: str, naming: Naming) -> _Table:
     units = [] if is_number(sample) else dialect.names(sample.strip())
     if len(units) != len(names) or not any(units) or None in map(unit_of, units):
         units = []
-    return _Table(names, units, dialect, chain([] if units else rows, lines))
+    return _Table(names, units, dialect, chain([] if units else rows, lines), dialect.notes)
 
 
 def _lines(where: str) -> Iterator[tuple[int, bytes]]:
@@ -180,15 +179,10 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
             if not packed and start == _GZIP:
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream = gzip.GzipFile(fileobj=file) if packed else file
-            encoding = encoding_of(stream.read(4))
+            encoding, most = encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
             stream.seek(0)
-            wide = encoding.startswith("utf-16")
-            text = io.TextIOWrapper(stream, encoding) if wide else None
-            while True:
-                most = MOST_LINE_BYTES + 1
-                line = text.readline(most).encode() if text else stream.readline(most)
-                if not line:
-                    return
+            wide = io.TextIOWrapper(stream, encoding) if encoding != UTF8 else None
+            while line := wide.readline(most).encode() if wide else stream.readline(most):
                 number, total = number + 1, total + len(line)
                 if len(line) > MOST_LINE_BYTES:
                     raise StictionError(
