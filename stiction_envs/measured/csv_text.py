@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.dialect import dialect_of, encoding_of, refuse_pointer
+from stiction_envs.measured.dialect import dialect_of, encoding_of, header_in, refuse_pointer
 from stiction_envs.reporting.atomic import write_text_atomic
 
 FIRST_BYTES = 65_536
@@ -164,8 +164,9 @@ def header_of(path: str | os.PathLike[str]) -> list[str]:
     with suppress(OSError), open(path, "rb") as file:
         start = file.read(FIRST_BYTES)
     text = start.decode(encoding_of(start), errors="replace")
-    lines = [x for x in text.splitlines() if x.strip()][:2]
-    return dialect_of(lines[0], lines[-1]).names(lines[0].strip()) if lines else []
+    lines = iter(text.splitlines())
+    header = header_in(lines)[0].strip()
+    return dialect_of(header, next(lines, "")).names(header)
 
 
 def write_lines(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Cells]) -> None:

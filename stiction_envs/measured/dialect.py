@@ -10,6 +10,7 @@ import codecs
 import csv
 import os
 import re
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -65,6 +66,23 @@ def dialect_of(header: str, row: str) -> Dialect:
 def is_number(text: str) -> bool:
     """Return whether a text begins with a number: a row does, a header does not."""
     return _NUMBER.match(text) is not None
+
+
+def header_in(lines: Iterable[str]) -> tuple[str, bool]:
+    """Return the header among the first lines of a table, and whether a row followed at once.
+
+    Lines that begin with ``#`` and Excel's ``sep=;`` do not count; where numbers follow them, the
+    last one is the header, as :func:`numpy.savetxt` writes it. Empty where there is none.
+    """
+    comment = ""
+    for line in lines:
+        if line.startswith("#"):
+            comment = line[1:]
+        elif is_number(line):
+            return comment, True
+        elif line.strip() and not line.lower().startswith("sep="):
+            return line, False
+    return comment, False
 
 
 def encoding_of(start: bytes) -> str:

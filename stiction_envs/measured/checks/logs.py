@@ -92,8 +92,8 @@ def check_time(rows: Rows, place: Place) -> None:
         likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
         hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
         raise StictionError(
-            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s, "
-            f"{1 / SLOWEST_STEP:g} rows a second or more"
+            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s (else its "
+            f"unit in the header, as t [ms]), {1 / SLOWEST_STEP:g} rows a second or more"
         )
 
 

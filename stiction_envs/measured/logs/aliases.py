@@ -20,15 +20,15 @@ from stiction_envs.measured.logs.joint_names import Naming, check_unnamed, find_
 WORDS = {
     "q": "q pos position positions angle angles theta qpos",
     "dq": "dq qd qdot vel velocity velocities speed omega dtheta qvel",
-    "tau": "tau torque torques effort efforts moment trq",
-    "current_abs": "current currents amps",
+    "tau": "tau torque torques effort efforts eff moment trq",
+    "current_abs": "current currents curr amps",
     "temperature": "temperature temperatures temp",
     "q_cmd": "qdes qref qcmd",
     "commanded": "cmd command commanded des desired target ref reference goal set setpoint d",
     "weak": "angle angles current",
     "no name": "joint joints jnt j axis a motor m robot arm state actual act measured meas msr "
     "feedback fb current",
-    "time": "t time timestamp stamp sec secs seconds elapsed relative",
+    "time": "t time timestamp stamp sec secs seconds elapsed relative zeit temps tiempo tempo",
 }
 """By channel; then those that make a command of a quantity, that beside another quantity are part
 of a joint's name, and that name no joint. ``qd`` is a speed, as in Corke's Robotics Toolbox."""
@@ -69,7 +69,7 @@ class Column(NamedTuple):
     joint: tuple[str, ...]
     """Words and numbers of its joint; () of time."""
     unit: str
-    """As `UNITS` has it; empty where none is said."""
+    """Empty where none is said."""
 
     @property
     def number(self) -> int | None:
@@ -106,8 +106,8 @@ def unit_of(text: str) -> str | None:
 def column_of(name: str) -> Column | None:
     """Return what the name of a column says; None where nothing of ours is in it."""
     bracket, unit = _BRACKET.search(name), ""
-    if bracket and set(_words(bracket[1])) - NO_NAME - COMMANDED:
-        name, unit = name[: bracket.start()], unit_of(bracket[1]) or bracket[1]
+    if bracket and (unit_of(bracket[1]) or set(_words(bracket[1])) - NO_NAME - COMMANDED):
+        name, unit = name[: bracket.start()], bracket[1].strip()
     if match := _OURS.fullmatch(name):
         return Column(match[1], (match[2],), unit)
     words = _words(name)
@@ -186,14 +186,18 @@ def our_names(
             channel, unit = ours.rstrip("0123456789"), column.unit if column else ""
             if _BRACKET.sub("", header[i]).strip() != ours:
                 other.setdefault(channel, []).append(i)
-            unit = unit or (unit_of(units[i]) or "" if units else "")
-            if not unit or (naming.units and channel in ("q", "q_cmd", "dq")):
+            unit = unit or (units[i] if units else "")
+            if not unit_of(unit) and unit_of(unit) is not None:
                 continue
-            if unit not in UNITS[channel]:
-                names_of = unknown("unit", unit, UNITS[channel])
-                raise StictionError(f"{where}: column {header[i]!r}: {names_of}")
-            out.factors |= {i: UNITS[channel][unit]} if UNITS[channel][unit] != 1 else {}
-            converted[f"{channel} in {unit.replace('nm', 'N·m')}"] = None
+            if naming.units and channel in ("q", "q_cmd", "dq"):
+                continue
+            factor = UNITS[channel].get(unit_of(unit) or "")
+            if factor is None:
+                expected = unknown("unit", unit, UNITS[channel])
+                raise StictionError(f"{where}: column {header[i]!r}: {expected}")
+            out.factors |= {i: factor} if factor != 1 else {}
+            currents = ", which is a current" * (channel == "tau" and unit_of(unit) in _CURRENT)
+            converted[f"{channel} in {unit.replace('nm', 'N·m')}{currents}"] = None
     said = [
         f"{header[x[0]]} is {out.names[x[0]]}"
         if len(x) == 1

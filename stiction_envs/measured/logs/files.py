@@ -19,6 +19,8 @@ from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
 PICKLES = (".pt", ".pth")
 """Files of PyTorch, which are not opened."""
+DATES = (1e9, 4e9)
+"""Times of logs as dates, 2001 to 2096 [s since 1970]; assumed."""
 OF_PICKLES = (
     "expected .npz; of PACE's make it with d = torch.load(FILE, weights_only=True); "
     "numpy.savez('log.npz', t=d['time'], q=d['dof_pos'], q_cmd=d['des_dof_pos'])"
@@ -54,6 +56,10 @@ def read_raw(
     raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
+    for unit, parts in (("ms", 1e3), ("µs", 1e6), ("ns", 1e9)):
+        if time and DATES[0] <= raw.t[0] / parts <= DATES[1]:
+            raw.t /= parts
+            raw.note(f"times are dates in {unit}")
     if not kind.has_units and names.units not in (None, RADIANS):
         units = [names.units] * n_joints
         for text in to_radians(where, raw.data, units, (), names.calibration):

@@ -107,6 +107,37 @@ def test_units_of_a_header_or_a_row_are_used(tmp_path: Path) -> None:
     np.testing.assert_allclose(asked.q, VALUES[:, 1:8], atol=1e-7)
 
 
+def test_a_german_excel(tmp_path: Path) -> None:
+    """Windows' letters, semicolons, decimal commas and degrees, all said by `check`."""
+    values = VALUES.copy()
+    values[:, 1:15] /= DEGREE
+    names = header("q{} [°]", "dq{} [°/s]", "tau{} [Nm]", time="Zeit [s]")
+    text = text_of(values, names).replace(",", ";").replace(".", ",")
+    path = put(tmp_path / "log.csv", text.encode("cp1252"))
+    (log,) = read_logs([path], 7, limits=LIMITS)
+    np.testing.assert_allclose(log.q, VALUES[:, 1:8], atol=1e-8)
+    said = str(check(path, robot="panda"))
+    for text in ("Zeit [s] is t", "q in °, dq in °/s", "semicolons between its cells and decimal"):
+        assert text in said
+
+
+@pytest.mark.parametrize(("unit", "parts"), [("ms", 1e3), ("µs", 1e6), ("ns", 1e9)])
+def test_dates_say_their_unit(tmp_path: Path, unit: str, parts: float) -> None:
+    rows = text_of(VALUES[:, 1:], GOOD.splitlines()[0][2:]).splitlines()
+    stamps = ["t", *(str(round((1.7e9 + t) * parts)) for t in VALUES[:, 0])]
+    lines = [f"{t},{row}" for t, row in zip(stamps, rows, strict=True)]
+    path = put(tmp_path / "log.csv", "# a robot\n# its day\n" + "\n".join(lines) + "\n")
+    (log,) = read_logs([path], 7)
+    np.testing.assert_allclose(log.t, VALUES[:, 0], atol=1e-6)
+    assert log.date == pytest.approx(1.7e9)
+    assert f"remark: times are dates in {unit}" in str(check(path))
+
+
+def test_currents_are_called_so(tmp_path: Path) -> None:
+    path = put(tmp_path / "log.csv", text_of(VALUES, header("q{}", "dq{}", "tau{} [A]")))
+    assert "tau in A, which is a current" in str(check(path))
+
+
 def test_what_was_commanded_makes_a_servo_log(tmp_path: Path) -> None:
     path = put(tmp_path / "log.csv", text_of(VALUES[:, :15], header("actual_q_{}", "target_q_{}")))
     assert drive_of(path) == "position"

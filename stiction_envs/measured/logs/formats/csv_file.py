@@ -7,6 +7,7 @@ import io
 import math
 import zlib
 from array import array
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -17,7 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.dialect import UTF8, Dialect, dialect_of, encoding_of, is_number
+from stiction_envs.measured.dialect import (
+    UTF8,
+    Dialect,
+    dialect_of,
+    encoding_of,
+    header_in,
+    is_number,
+)
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names, unit_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
@@ -127,24 +135,17 @@ def _our_names(
 
 
 def _open(where: str, naming: Naming) -> _Table:
-    """Open a CSV and read its names, units and dialect.
+    """Open a CSV and read its names, units and dialect."""
+    lines, rows = _lines(where), deque[tuple[int, bytes]](maxlen=1)
 
-    Lines that begin with ``#`` and Excel's ``sep=;`` do not count above the header; where numbers
-    follow them, the last one is the header, as :func:`numpy.savetxt` writes it.
-    """
-    lines = _lines(where)
-    header, comment, rows = "", "", []
-    for number, line in lines:
-        text = _text(where, number, line)
-        if text.startswith("#"):
-            comment = text[1:]
-        elif is_number(text):
-            rows = [(number, line)]
-            break
-        elif not text.lower().startswith("sep="):
-            header = text
-            break
-    header, rows = header or comment, rows or list(islice(lines, 1))
+    def texts() -> Iterator[str]:
+        for number, line in lines:
+            rows.append((number, line))
+            yield _text(where, number, line)
+
+    header, below = header_in(texts())
+    if not below:
+        rows = deque(islice(lines, 1))
     sample = rows[0][1].decode("utf-8", "replace") if rows else ""
     dialect = dialect_of(header or sample, sample)
     names = dialect.names(header or sample)
