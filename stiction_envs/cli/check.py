@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         drive=args.drive,
         units=args.units,
         calibration=args.calibration,
+        columns=args.columns,
     )
     if folder is not None:
         with common.working(), folder:

@@ -187,7 +187,8 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help="names of joints 1 to n in a ROS bag (default: the robot's, or by their numbers)",
+        help="names of joints 1 to n in a log that names them (default: the robot's, or by their "
+        "numbers)",
     )
     parser.add_argument(
         "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
@@ -207,6 +208,14 @@ def add_units_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="lerobot's JSON with the ranges of the motors, for percent and ticks",
+    )
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="names of a log's columns: all in their order, as t q1..q6 tau1..tau6 for .npy, or "
+        "some of them, as t=Zeit q1=Winkel (default: ours, or well-known ones)",
     )
 
 

@@ -15,7 +15,7 @@ Given = dict[str, Any]
 """Options by their names, as the parser checked them."""
 SHARED = (
     *("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed", "drive", "units"),
-    *("calibration", "servo_stiffness", "servo_damping", "same_servo"),
+    *("calibration", "columns", "servo_stiffness", "servo_damping", "same_servo"),
 )
 """Options that are arguments of a diagnosis and of a rehearsal, by the same names."""
 

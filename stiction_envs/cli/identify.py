@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             topic=args.topic,
             units=args.units,
             calibration=args.calibration,
+            columns=args.columns,
             cutoff_hz=args.cutoff,
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )

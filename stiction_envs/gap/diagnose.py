@@ -53,6 +53,7 @@ def diagnose(
     topic: str | None = None,
     units: str | None = None,
     calibration: str | Path | None = None,
+    columns: Sequence[str] = (),
     nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
     check: Sequence[Log] = (),
@@ -85,6 +86,8 @@ def diagnose(
         units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
             log shows (`measured.logs.units`).
         calibration: lerobot's file with the ranges of the motors, for percent and ticks.
+        columns: names of a log's columns: all in their order, or some as ``OURS=NAME``; () where
+            the names are ours or well known (`measured.logs.aliases`).
         nominal: the simulation to judge: "rigid" (default for logs), "shipped" (default for
             tables), a TOML (friction, or an earlier ``model.toml``), or parameters.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
@@ -119,7 +122,13 @@ def diagnose(
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
     torque_side(torque, ())  # report an invalid side first
-    naming = Naming(joints=tuple(joints), topic=topic, units=units, calibration=calibration)
+    naming = Naming(
+        joints=tuple(joints),
+        topic=topic,
+        units=units,
+        calibration=calibration,
+        columns=tuple(columns),
+    )
     kind = _kind(given, drive, naming)
     options = Options(
         given=given,
@@ -130,6 +139,7 @@ def diagnose(
         topic=topic,
         units=units,
         calibration=calibration,
+        columns=columns,
         nominal=default_nominal(given) if nominal is None else nominal,
         poses=poses,
         drive=drive,
@@ -148,7 +158,7 @@ def diagnose(
     options.refuse_unfit(kind)
     own = override(gap_settings(), settings)
     arm, judged = _robot(options, kind)
-    naming = dataclasses.replace(naming, robot=arm.joint_names)
+    naming = dataclasses.replace(naming, robot=arm.joint_names, whole=arm.whole)
     if kind == TABLES:
         return _diagnose_tables(options, arm, judged, own)
     if kind == SERVO_LOGS:

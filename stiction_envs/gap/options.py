@@ -40,6 +40,7 @@ class LogOptions(TypedDict, total=False):
     topic: str | None
     units: str | None
     calibration: str | Path | None
+    columns: Sequence[str]
     nominal: str | Path | FrictionParameters | Nominal | None
     drive: str | None
     servo_stiffness: Sequence[float] | None
@@ -66,6 +67,7 @@ class Options:
     topic: str | None
     units: str | None
     calibration: str | Path | None
+    columns: Sequence[str]
     nominal: str | Path | FrictionParameters | Nominal
     poses: Sequence[str | Path]
     drive: str | None
@@ -142,6 +144,7 @@ class Options:
             "topic": self.topic,
             "units": self.units,
             "calibration": None if self.calibration is None else str(self.calibration),
+            "columns": self.columns,
             "cutoff": self.cutoff_hz,
             "poses": self.poses,
             "nominal": self.nominal if isinstance(self.nominal, str | Path) else "parameters",

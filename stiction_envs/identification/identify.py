@@ -252,6 +252,7 @@ def identify(
     topic: str | None = None,
     units: str | None = None,
     calibration: str | Path | None = None,
+    columns: Sequence[str] = (),
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: IdentificationSettings | Changes | None = None,
@@ -268,6 +269,7 @@ def identify(
         units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
             log shows (`measured.logs.units`).
         calibration: lerobot's file with the ranges of the motors, for percent and ticks.
+        columns: names of a log's columns, all in their order, or some as ``OURS=NAME``.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
@@ -288,10 +290,12 @@ def identify(
     sources = log_sources(given)
     naming = Naming(
         robot=arm.joint_names,
+        whole=arm.whole,
         joints=tuple(joints),
         topic=topic,
         units=units,
         calibration=calibration,
+        columns=tuple(columns),
     )
     read: list[JointLog] = []
     for log in given:
@@ -310,6 +314,7 @@ def identify(
             "joints": list(joints),
             "topic": topic,
             "units": units,
+            "columns": list(columns),
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
             "settings": fingerprint(chosen),
@@ -330,8 +335,8 @@ def identify(
             f"{2 * base.size} or more; record for longer"
         )
     predictor = fit_predictor(data, signals)
-    terms, columns = terms_of(predictor), all_columns(predictor)
-    found = fit_base(predictor, columns[:, :, base.kept])
+    terms, stacked = terms_of(predictor), all_columns(predictor)
+    found = fit_base(predictor, stacked[:, :, base.kept])
     say("fitting", 0.2)
     consistent = parameters(predictor, terms)
     say("held-out", 0.5)
@@ -357,7 +362,7 @@ def identify(
         viscous=viscous,
         offset=offset,
         rotor=rotor[0] if rotor else None,
-        rms={k: held_out(predictor, columns, x) for k, x in zip(MODELS, models, strict=True)},
+        rms={k: held_out(predictor, stacked, x) for k, x in zip(MODELS, models, strict=True)},
         noise=np.array(predictor.data.noise),
         provenance=made,
         unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),

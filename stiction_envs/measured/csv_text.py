@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.dialect import dialect_of, encoding_of, header_in, refuse_pointer
 from stiction_envs.reporting.atomic import write_text_atomic
 
 FIRST_BYTES = 65_536
@@ -98,9 +99,11 @@ class Line:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The UTF-8 text of a file, with line ends as they are."""
+    """The text of a file in UTF-8 or UTF-16, with line ends as they are."""
+    refuse_pointer(path)
     try:
-        return Path(path).read_bytes().decode("utf-8-sig")
+        data = Path(path).read_bytes()
+        return data.decode(encoding_of(data))
     except UnicodeDecodeError as error:
         raise StictionError(
             f"{path}: byte {error.start} is not UTF-8: expected CSV text in UTF-8"
@@ -123,7 +126,10 @@ def parse_lines(
     """Parse text as `read_lines` does a file; messages begin with ``path``."""
     lines: list[Line] = []
     header: list[str] | None = None
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    first, _, rest = text.lstrip().partition("\n")
+    dialect = dialect_of(first, rest.partition("\n")[0])
+    between = "," if dialect.delimiter == " " else dialect.delimiter
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=between)
     try:
         for cells in reader:
             row = [cell.strip() for cell in cells]
@@ -133,6 +139,8 @@ def parse_lines(
                 header = row
                 check_columns(path, header, required, optional)
                 continue
+            if dialect.decimal_comma:
+                row = [cell.replace(",", ".") for cell in row]
             where = f"{path}, line {reader.line_num}"
             if len(row) != len(header):
                 raise StictionError(
@@ -155,9 +163,10 @@ def header_of(path: str | os.PathLike[str]) -> list[str]:
     start = b""
     with suppress(OSError), open(path, "rb") as file:
         start = file.read(FIRST_BYTES)
-    text = start.decode("utf-8-sig", errors="replace")
-    line = next((x for x in text.splitlines() if x.strip()), "")
-    return [cell.strip() for cell in next(csv.reader([line]), [])] if line else []
+    text = start.decode(encoding_of(start), errors="replace")
+    lines = iter(text.splitlines())
+    header = header_in(lines)[0].strip()
+    return dialect_of(header, next(lines, "")).names(header)
 
 
 def write_lines(path: str | os.PathLike[str], header: Sequence[str], rows: Iterable[Cells]) -> None:

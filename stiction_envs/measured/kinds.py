@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of
+from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.logs.aliases import column_of
 from stiction_envs.measured.logs.formats.csv_file import CsvFile, known_header
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS
 from stiction_envs.measured.logs.formats.registry import format_of
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, BASE_COLUMNS, SJE_COLUMNS
 
 TABLE, LOG = "torque table", "joint log"
-_LOG_COLUMN = re.compile(r"t|(q|dq|tau|q_cmd)\d+")
 
 
 def file_kind(path: str | os.PathLike[str]) -> str:
@@ -30,16 +30,17 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     packed = os.fspath(path).lower().endswith(".gz")
     if packed or not isinstance(format_of(Path(path)), CsvFile):
         return LOG
+    refuse_pointer(path)
     header = header_of(path)
     # an SJE table has the columns of an amplitude table too
     if any(set(columns) <= set(header) for columns in (AMPLITUDE_COLUMNS, BASE_COLUMNS)):
         return TABLE
-    mark = known_header(header).mark
-    if not header or mark != OUR_COLUMNS.mark or any(_LOG_COLUMN.fullmatch(c) for c in header):
-        return LOG
     known = set(SJE_COLUMNS) & set(header)
     if len(known) > len(SJE_COLUMNS) / 2:
         return TABLE  # with a column missing, which its reader reports
+    mark = known_header(header).mark
+    if not header or mark != OUR_COLUMNS.mark or any(map(column_of, header)):
+        return LOG
     raise StictionError(
         f"{path}: neither a torque table nor a joint log, its columns are {_short(header)}: "
         f"expected {','.join(SJE_COLUMNS)} or t,q1..qn with tau1..taun or q_cmd1..q_cmdn"
@@ -48,4 +49,4 @@ def file_kind(path: str | os.PathLike[str]) -> str:
 
 def _short(header: Sequence[str]) -> str:
     text = ",".join(header)
-    return text if len(text) <= 80 else f"{text[:80]}…"
+    return text if len(text) <= 80 else f"{text[:80].rpartition(',')[0]} …"

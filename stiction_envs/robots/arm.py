@@ -106,6 +106,12 @@ class Arm:
         words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
         return [f"{self.name}: {words}"] if pairs else []
 
+    @property
+    def whole(self) -> tuple[str, ...]:
+        """All joints of the robot that this arm is a chain of, in its file's order; else ()."""
+        text = ET.fromstring(self.xml).find(f"custom/text[@name='{mjcf.WHOLE}']")
+        return () if text is None else tuple(text.get("data", "").split("\n"))
+
     def carrying_xml(self) -> str:
         """MJCF that includes limits and rest pose; `load_arm` reads them (`mjcf.CARRIED`)."""
         root = ET.fromstring(self.xml)

@@ -34,6 +34,10 @@ CARRIED = {
 an arm that is written and read again keeps them (`Arm.carry_into`)."""
 
 
+WHOLE = "stiction_whole_robot"
+"""Custom text of an MJCF: the joints of the robot that the arm is a chain of, one a line."""
+
+
 def free_name(name: str, taken: Container[str | None]) -> str:
     """Return a name that is not taken, with ``_`` appended where needed."""
     while name in taken:

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.errors import StictionError, unknown
 
 MOUNTINGS = ("floor", "free")
+PLACEHOLDER = 0.2
+"""No arm has so low a limit of speed or torque [rad/s, N·m]; assumed."""
 Table = dict[str, Any]
 """Parsed TOML, whose values are checked where they are read."""
 
@@ -32,10 +34,22 @@ class Limits:
     torque_rate: NDArray[np.float64]
     """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
 
-    @property
-    def torque_assumed(self) -> NDArray[np.bool_]:
-        """(n,) whether the torque limit is the one assumed for files without any."""
-        return np.asarray(self.torque == lookup(generic(), "limits.torque"))
+    def assumed(self, name: str) -> NDArray[np.bool_]:
+        """(n,) whether limits (``position``, ``velocity``, ``torque``) are those of `generic`.
+
+        A joint whose position is not limited, as a continuous one, turns as far as it likes.
+        """
+        default = lookup(generic(), f"limits.{name}")
+        return np.array([bool((np.abs(x) == default).all()) for x in getattr(self, name)])
+
+    def doubtful(self, name: str) -> NDArray[np.bool_]:
+        """(n,) whether limits of ``velocity`` or ``torque`` are assumed, or may fill a gap.
+
+        An exporter that knows none writes one number for all joints, or a tiny one.
+        """
+        values = getattr(self, name)
+        same = len(values) > 1 and bool((values == values[0]).all())
+        return np.asarray(self.assumed(name) | same | (values <= PLACEHOLDER))
 
     def __post_init__(self) -> None:
         for field in fields(self):

@@ -114,6 +114,10 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     rest = choose("rest", "rad", _rest(model, hinges, limits.position))
     root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     exclude_overlapping(root, limits.position)
+    if chain is not None:
+        every = [j.name for j in _named(path)[0].joints if int(j.type) in (_HINGE, _SLIDE)]
+        custom = ET.SubElement(root, "custom")
+        ET.SubElement(custom, "text", name=mjcf.WHOLE, data="\n".join(every))
     return {
         "name": chain_title(path.stem, chain),
         "xml": ET.tostring(root, encoding="unicode"),

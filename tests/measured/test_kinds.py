@@ -25,7 +25,7 @@ SJE = ",".join(SJE_COLUMNS)
         ("a.CSV", "", LOG),
         ("a.npz", "no archive", LOG),
         ("a.parquet", "no table", LOG),
-        ("a.txt", "a,b\n", LOG),
+        ("a.dat", "a,b\n", LOG),
     ],
 )
 def test_kind(tmp_path, name, text, kind):

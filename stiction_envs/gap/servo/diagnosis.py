@@ -117,8 +117,11 @@ def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
     """Return what to say of logged angles beyond the limits of the arm's model."""
     q = np.concatenate([log.q for log in logs])
     out = []
+    turns = arm.limits.assumed("position")
     for j, (low, high) in enumerate(arm.limits.position):
         least, most = float(q[:, j].min()), float(q[:, j].max())
+        if turns[j]:
+            continue
         if least < low or most > high:
             out.append(
                 f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "

@@ -164,7 +164,8 @@ def _check_limits(where: str, reach: Array, diagnosed: Array, arm: Arm, span: fl
     """Raise if angles leave the arm's limits where those of the diagnosed logs do not."""
     low, high = arm.limits.position.T
     beyond, before = (np.maximum(low - x[0], x[1] - high) for x in (reach, diagnosed))
-    for j in np.flatnonzero((beyond > span) & (before <= span)):
+    limited = ~arm.limits.assumed("position")
+    for j in np.flatnonzero(limited & (beyond > span) & (before <= span)):
         raise StictionError(
             f"{where}: joint {j + 1} turns from {reach[0, j]:.3g} to {reach[1, j]:.3g} rad: "
             f"expected a log of {arm.name}, which turns from {low[j]:.3g} to {high[j]:.3g} rad"

@@ -200,6 +200,7 @@ def plan(
         topic=options.get("topic"),
         units=options.get("units"),
         calibration=options.get("calibration"),
+        columns=tuple(options.get("columns", ())),
     )
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation

@@ -27,9 +27,9 @@ from stiction_envs.robots import load_arm
 
 REMARK = "remark"
 """Kind of what is true but not wrong."""
-NOT_WRONG = ("gap", "run", "epoch", "source")
+NOT_WRONG = ("gap", "run", "epoch", "source", "wrap")
 """Kinds of correction that only say how a log was recorded: segments, recordings, dates as time,
-what its columns or messages are."""
+what its columns or messages are, angles within one turn."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +93,7 @@ def check(
     drive: str | None = None,
     units: str | None = None,
     calibration: str | Path | None = None,
+    columns: Sequence[str] = (),
 ) -> Findings:
     """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
 
@@ -105,13 +106,15 @@ def check(
         files: paths.
         robot: whose logs these are; without it fewer wrong units are seen.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
-        joints: names of joints 1 to n in ROS bags; () finds them (`logs.joint_names`).
+        joints: names of joints 1 to n in the log; () finds them (`logs.joint_names`).
         topic: of ROS bags that have several with joint states.
         drive: what drives the joints of the logs, torque or position; None for what each one has,
             torque where it has both.
         units: what angles are measured in: rad, deg, percent (of calibrated ranges) or ticks
             (encoder steps); None for rad, or what the log shows (`logs.units`).
         calibration: lerobot's file with the ranges of the motors, for percent and ticks.
+        columns: names of a log's columns: all in their order, or some as ``OURS=NAME``; () where
+            the names are ours or well known (`logs.aliases`).
 
     Raises:
         StictionError: no file, one that is not there, or that is neither table nor log.
@@ -127,7 +130,13 @@ def check(
     arm = None if robot is None else load_arm(robot, chain=chain)
     n, limits, names = (0, None, ()) if arm is None else (arm.n, arm.limits, arm.joint_names)
     naming = Naming(
-        robot=names, joints=tuple(joints), topic=topic, units=units, calibration=calibration
+        robot=names,
+        whole=() if arm is None else arm.whole,
+        joints=tuple(joints),
+        topic=topic,
+        units=units,
+        calibration=calibration,
+        columns=tuple(columns),
     )
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
@@ -142,8 +151,8 @@ def check(
             read = read_servo_logs if position else read_logs
             log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
         except StictionError as error:
-            # the message begins with the file
-            text = str(error).removeprefix(str(path)).lstrip(":, ")
+            # the message begins with the file, or one in its folder, whose path stays whole
+            text = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
             findings.append(Finding(str(path), "", "unreadable", text))
             continue
         for c in log.corrections:
@@ -160,6 +169,7 @@ def check(
         "topic": topic,
         "drive": drive,
         "units": units,
+        "columns": list(columns),
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
     if calibration is not None and Path(calibration).is_file():

@@ -24,13 +24,12 @@ LARGEST = {
 """Values with their units that no joint of an arm comes near; assumed."""
 FREE_ANGLE = 20.0
 """Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
-ANY_ARM = 10.0
-"""Torques up to so many times a limit that is only assumed pass for N·m [-]; assumed: 1000 N·m,
-more than arms of less than 100 kg can do."""
 SLOWEST_STEP = 0.1
 """Time between rows above which a log does not show friction [s]; assumed."""
 SATURATED_ROWS = 5
 """This many rows in a row at a channel's largest value are a limit; assumed."""
+COARSE_LEVELS = 10
+"""A torque of fewer levels is a coarse sensor at rest [-]; assumed."""
 NEAR_ZERO = 0.02
 """Values without a sign come down to this share of the largest [-]; assumed."""
 COMPARED_SECONDS = 60.0
@@ -39,6 +38,8 @@ COMPARED_ROWS = 64
 """Fewest rows in which speeds are compared; assumed."""
 COMPARED_HZ = 2.0
 """Below this frequency arms move, and speeds are compared [Hz]; assumed."""
+FASTEST = 20.0
+"""No joint of an arm moves faster, whatever its limits say [rad/s]; assumed: hobby servos do 10."""
 TOO_FAST = 3.0
 """No arm moves at more than this times its joint's largest speed [-]; assumed."""
 Array = NDArray[np.float64]
@@ -91,8 +92,8 @@ def check_time(rows: Rows, place: Place) -> None:
         likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
         hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
         raise StictionError(
-            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s, "
-            f"{1 / SLOWEST_STEP:g} rows a second or more"
+            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s (else its "
+            f"unit in the header, as t [ms]), {1 / SLOWEST_STEP:g} rows a second or more"
         )
 
 
@@ -106,12 +107,20 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
         StictionError: they look like degrees.
     """
     warnings = []
+    unlimited = None if limits is None else limits.assumed("position")
     why = "another robot, another zero, or another sign?"
     if channel != "q":
         why = "the servo may cut it"
     for j, q in enumerate(rows.data[channel].T):
         low, high = (-FREE_ANGLE, FREE_ANGLE) if limits is None else limits.position[j]
         i = int(np.argmax(np.abs(q)))
+        if unlimited is not None and unlimited[j]:
+            if abs(q[i]) > FREE_ANGLE:
+                warnings.append(
+                    f"{channel}{j + 1} reaches {q[i]:.4g} rad, and the joint has no limits: in "
+                    "degrees? units deg"
+                )
+            continue
         if abs(q[i]) > (1 if limits is None else 2) * max(abs(low), abs(high)):
             raise StictionError(
                 f"{place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: expected "
@@ -144,25 +153,34 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     warnings = check_angles(rows, place, limits)
     if limits is None:
         return warnings
+    doubtful = limits.doubtful("torque")
     for j, tau in enumerate(rows.data["tau"].T):
         most, size = float(limits.torque[j]), np.abs(tau)
         usual, largest = float(np.percentile(size, 90)), np.max(size)
-        # a limit that is only assumed refuses no torque that an arm could have
-        far = ANY_ARM if limits.torque_assumed[j] else 1.0
-        if usual > far * most or largest > 3 * far * most:
+        other = usual > most or largest > 3 * most
+        suspect = _limit(limits, "torque", j, "N·m")
+        if other and not doubtful[j]:
             # mN·m are a thousand times too large, per cent at most some hundreds.
             unit = "mN·m" if usual > 300 else "per cent of the rated torque"
             i = int(np.argmax(size))
             raise StictionError(
-                f"{place(i)}: tau{j + 1} is {tau[i]:g}, which looks like {unit}: "
-                f"expected N·m, and this joint can do {most:g}"
+                f"{place(i)}: tau{j + 1} is {tau[i]:g}, which looks like {unit}: expected N·m, "
+                f"and this joint can do {suspect}"
             )
         if largest > 1.2 * most:
-            known = f"{most:g} N·m"
-            if limits.torque_assumed[j]:
-                known += " are assumed, its file says none"
-            warnings.append(f"tau{j + 1} reaches {largest:.4g} N·m, the joint can do {known}")
+            unit = "; or in another unit than N·m?" * other
+            warnings.append(
+                f"tau{j + 1} reaches {largest:.4g} N·m, the joint can do {suspect}{unit}"
+            )
     return warnings
+
+
+def _limit(limits: Limits, name: str, j: int, unit: str) -> str:
+    """Return a joint's limit with its origin, and how to state the true one."""
+    assumed = limits.assumed(name)[j]
+    origin = "assumed, the robot's file states none" if assumed else "stated by the robot's file"
+    text = f"{getattr(limits, name)[j]:g} {unit} ({origin}; a TOML beside it corrects it"
+    return f"{text}: [limits.{name}])"
 
 
 def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
@@ -213,7 +231,7 @@ def is_unsigned(tau: Array) -> bool:
 
 def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
     """Return warnings about a value's largest and, if ``least``, smallest value."""
-    if np.ptp(x) == 0:
+    if len(np.unique(x)) < COARSE_LEVELS:
         return []
     ends = {"largest": x == x.max(), "smallest": x == x.min()}
     if not least:
@@ -229,7 +247,7 @@ def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
     ]
 
 
-def check_pace(rows: Rows, step: float, limits: Limits | None) -> None:
+def check_pace(rows: Rows, step: float, limits: Limits | None) -> list[str]:
     """No joint moves several times faster than it can, as small angles in degrees would.
 
     Args:
@@ -237,20 +255,30 @@ def check_pace(rows: Rows, step: float, limits: Limits | None) -> None:
         step: time between rows, s.
         limits: limits of the robot, or None.
 
+    Returns:
+        Warnings where the limit is doubtful.
+
     Raises:
         StictionError: naming the joint.
     """
     t = np.arange(rows.t[0], rows.t[-1], step)
+    warnings: list[str] = []
     if limits is None or len(t) < COMPARED_ROWS:
-        return
+        return warnings
+    doubtful = limits.doubtful("velocity")
     sos = butter(4, min(COMPARED_HZ, 0.2 / step), fs=1 / step, output="sos")
     for j, x in enumerate(rows.data["q"].T):
         speed = np.abs(np.gradient(sosfiltfilt(sos, np.interp(t, rows.t, x)), step)).max()
         if speed > TOO_FAST * limits.velocity[j]:
-            raise StictionError(
-                f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do {limits.velocity[j]:g}: "
-                "expected angles in rad, not degrees, and time in s"
-            )
+            text = f"q{j + 1} moves at {speed:.3g} rad/s, the joint can do "
+            text += _limit(limits, "velocity", j, "rad/s")
+            if not doubtful[j] or speed > FASTEST:
+                raise StictionError(
+                    f"{text}, which looks like degrees: expected rad, or units deg (percent, "
+                    "ticks), and time in s"
+                )
+            warnings.append(f"{text}; or angles in degrees, or time not in s?")
+    return warnings
 
 
 def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]:

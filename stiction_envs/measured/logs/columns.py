@@ -34,14 +34,10 @@ CHANNELS = {
 }
 """By what drives the joints."""
 
-OTHER_NAMES = {"current_torque_abs": "current_abs"}
-"""Names of channels that others use. Source: logs made from those of isaac-sim2real/sage."""
-
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
 
-_OTHER = re.compile(rf"^({'|'.join(OTHER_NAMES)})(?=\d)")
-_CHANNEL = re.compile(r"([a-z_]*[a-z])(0|[1-9]\d?)")
+_CHANNEL = re.compile(r"([a-z_]*[a-z])([1-9]\d?)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +50,6 @@ class Columns:
     run: int | None
     ignored: tuple[str, ...]
     """Names of columns that nothing reads."""
-    renamed: tuple[str, ...] = ()
-    """Channels that have one of `OTHER_NAMES`: that name."""
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -83,11 +77,18 @@ def expected(n_joints: int, *, time: bool = True, drive: str = TORQUE) -> str:
     must, may = (
         ",".join(f"{c}1..{c}{n}" for c in group) for group in (channels.required, channels.optional)
     )
-    return f"expected {'t,' if time else ''}{must} with optional {may},{RUN}"
+    names = f"expected {'t,' if time else ''}{must} with optional {may},{RUN}"
+    return f"{names}; columns OURS=NAME renames"
 
 
 def sort_columns(
-    where: str, header: Sequence[str], n_joints: int, *, time: bool = True, drive: str = TORQUE
+    where: str,
+    header: Sequence[str],
+    n_joints: int,
+    *,
+    shown: Sequence[str] = (),
+    time: bool = True,
+    drive: str = TORQUE,
 ) -> Columns:
     """Find the channels of a robot with ``n_joints`` joints in the ``header``.
 
@@ -95,14 +96,14 @@ def sort_columns(
         where: file, the beginning of every message.
         header: names of the columns, in any order; spaces around them do not count.
         n_joints: joints of the robot.
+        shown: their names in the file; () where these are those.
         time: whether there must be a column ``t``; without, ``t`` is -1.
         drive: which channels, of `CHANNELS`.
 
     Raises:
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
-    given = [name.strip() for name in header]
-    names = [_OTHER.sub(lambda m: OTHER_NAMES[m[0]], name) for name in given]
+    names = [name.strip() for name in header]
     may, kind = expected(n_joints, time=time, drive=drive), CHANNELS[drive]
     found: dict[str, dict[int, int]] = {}
     for i, name in enumerate(names):
@@ -132,8 +133,7 @@ def sort_columns(
         t=names.index("t") if time else -1,
         channels=channels,
         run=names.index(RUN) if RUN in names else None,
-        ignored=tuple(name for i, name in enumerate(given) if i not in used and name),
-        renamed=tuple(k for k, x in OTHER_NAMES.items() if names != given and x in channels),
+        ignored=tuple(x.strip() for i, x in enumerate(shown or names) if i not in used and x),
     )
 
 
@@ -144,10 +144,6 @@ def _check_joints(
     required: tuple[str, ...],
     may: str,
 ) -> None:
-    for channel in (*required, "dq"):
-        joints = found.get(channel, {})
-        if 0 in joints:
-            raise StictionError(f"{where}: column '{channel}0', but joints count from 1: {may}")
     counts = {max(found[channel]) for channel in required if channel in found}
     if len(counts) == 1 and counts != {n_joints}:
         count = counts.pop()

@@ -42,8 +42,8 @@ class Correction:
     """Something that was corrected in a log."""
 
     kind: str
-    """``missing``, ``repeat``, ``frozen``, ``stale``, ``stamp``, ``clock``, ``epoch``, ``run`` or
-    ``gap``."""
+    """``missing``, ``repeat``, ``frozen``, ``stale``, ``stamp``, ``clock``, ``epoch``, ``run``,
+    ``wrap`` or ``gap``."""
     rows: int
     """Number of rows it concerns."""
     text: str

@@ -10,6 +10,7 @@ import stat
 from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
@@ -18,6 +19,8 @@ from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
 PICKLES = (".pt", ".pth")
 """Files of PyTorch, which are not opened."""
+DATES = (1e9, 4e9)
+"""Times of logs as dates, 2001 to 2096 [s since 1970]; assumed."""
 OF_PICKLES = (
     "expected .npz; of PACE's make it with d = torch.load(FILE, weights_only=True); "
     "numpy.savez('log.npz', t=d['time'], q=d['dof_pos'], q_cmd=d['des_dof_pos'])"
@@ -53,6 +56,10 @@ def read_raw(
     raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
+    for unit, parts in (("ms", 1e3), ("µs", 1e6), ("ns", 1e9)):
+        if time and DATES[0] <= raw.t[0] / parts <= DATES[1]:
+            raw.t /= parts
+            raw.note(f"times are dates in {unit}")
     if not kind.has_units and names.units not in (None, RADIANS):
         units = [names.units] * n_joints
         for text in to_radians(where, raw.data, units, (), names.calibration):
@@ -72,7 +79,9 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     """
     found = _kind(path).count(os.fspath(path), naming or Naming())
     if not found:
-        raise StictionError(f"{path}: no column q1: expected t,q1..qn,tau1..taun")
+        raise StictionError(
+            f"{path}: no column q1: expected t,q1..qn,tau1..taun; columns OURS=NAME renames"
+        )
     return found
 
 
@@ -118,6 +127,7 @@ def _kind(path: str | os.PathLike[str]) -> LogFormat:
         raise StictionError(f"{where}: {reason.lower()}: expected a log file") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise StictionError(f"{where}: no regular file: expected a log file ({ends})")
+    refuse_pointer(where)
     if where.lower().endswith(PICKLES):
         raise StictionError(f"{where}: a pickle, which can run code: {OF_PICKLES}")
     if kind is None:

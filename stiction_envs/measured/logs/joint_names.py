@@ -22,6 +22,8 @@ class Naming:
 
     robot: tuple[str, ...] = ()
     """Of the robot's joints, base to flange."""
+    whole: tuple[str, ...] = ()
+    """Of all joints in the order of the robot's file, where `robot` is a chain of it; else ()."""
     joints: tuple[str, ...] = ()
     """Names in the log of joints 1 to n; () to find them."""
     topic: str | None = None
@@ -30,6 +32,17 @@ class Naming:
     """What its angles are measured in, of `units.UNITS`; None for rad, or what the log shows."""
     calibration: str | os.PathLike[str] | None = None
     """File of lerobot with the ranges of the motors, for percent and encoder steps."""
+    columns: tuple[str, ...] = ()
+    """Names of a table's columns: all in their order, or ``OURS=NAME`` (`aliases.our_names`)."""
+
+
+def check_unnamed(where: str, naming: Naming) -> None:
+    """Refuse names for a log whose joints have numbers."""
+    for option, given in (("joints", naming.joints), ("topic", naming.topic)):
+        if given:
+            raise StictionError(
+                f"{option}: the joints of {where} have numbers: expected a log with names"
+            )
 
 
 def find_joints(
@@ -116,4 +129,4 @@ def _series(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 def _short(names: Sequence[str]) -> str:
     text = ", ".join(names)
-    return text if len(text) <= 120 else f"{text[:120]}…"
+    return text if len(text) <= 120 else f"{text[:120].rpartition(', ')[0]} …"

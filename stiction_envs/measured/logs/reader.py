@@ -175,6 +175,6 @@ def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
     if not found:
         raise StictionError(
             f"{os.fspath(log)}: neither torques nor commanded positions: expected t,q1..qn with "
-            "tau1..taun or q_cmd1..q_cmdn"
+            "tau1..taun or q_cmd1..q_cmdn; columns OURS=NAME renames"
         )
     return TORQUE if TORQUE in found else POSITION

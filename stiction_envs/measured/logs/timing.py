@@ -20,6 +20,7 @@ from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_st
 from stiction_envs.measured.logs.corrections import CORE, Correction, Rows, fill_missing
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.logs.wrapping import unwrap
 from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def corrected(
     check_time(rows, raw.place)
     start = float(raw.origin + rows.t[0])
     date = start if abs(start) > EPOCH else None
-    corrections = [*raw.notes, *_join_runs(rows, date)]
+    corrections = [*raw.notes, *_join_runs(rows, date), *unwrap(rows)]
     more, warnings = fill_missing(rows, raw.place)
     corrections += more
     warnings += check(rows)
@@ -113,7 +114,7 @@ def corrected(
     data = {k: v[part] for k, v in rows.data.items()}
     longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=measured)
     try:
-        check_pace(longest, step, limits)
+        late += check_pace(longest, step, limits)
         late += check_speeds(longest, step, motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None

@@ -94,3 +94,36 @@ def test_amplitude_tables(tmp_path):
     path.write_text(path.read_text() + "7,15.0,1.0\n")
     (found,) = check(path).findings
     assert (found.kind, found.message.split(":")[0]) == ("unreadable", "line 3")
+
+
+CONTINUOUS = """<robot name="two">
+<link name="base"><inertial><mass value="5"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0"
+iyz="0"/></inertial></link>{}</robot>"""
+JOINT = """<link name="{0}"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0"
+ixz="0" iyz="0"/></inertial></link><joint name="j{0}" type="continuous"><parent link="{1}"/>
+<child link="{0}"/><axis xyz="0 1 0"/><limit effort="{2}" velocity="3"/></joint>"""
+
+
+def test_continuous_joints_have_no_limits(tmp_path):
+    """They turn as far as they like; angles that come within one turn are said, not refused."""
+    robot = tmp_path / "two.urdf"
+    links = JOINT.format("a", "base", 60) + JOINT.format("b", "a", 30)
+    robot.write_text(CONTINUOUS.format(links))
+    t = np.arange(0, 8, 0.01)
+    q = np.stack([1.5 * t, 0.5 * np.sin(t)], axis=1)
+    tau = np.stack([np.cos(q[:, 0]), np.sin(3 * t)], axis=1)
+    header = "t,q1,q2,tau1,tau2"
+    for angles, said in ((q, []), (np.angle(np.exp(1j * q)), ["remark"])):
+        rows = np.column_stack([t, angles, tau])
+        np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=header, comments="")
+        assert [x.kind for x in check(tmp_path / "log.csv", robot=robot).findings] == said
+
+
+def test_tables_with_semicolons_and_decimal_commas(tmp_path):
+    """As Excel saves them again in most of Europe."""
+    path = tmp_path / "final.csv"
+    write_amplitudes(path, [AmplitudeRow(7, 15.5, 13.25)])
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","), "utf-16")
+    assert not check(path).findings
+    (found,) = check(path, robot="panda").findings
+    assert found.message.startswith("line 2: amplitude_nm is 13.25: expected at most the torque")

@@ -108,7 +108,6 @@ ZIPPED = gzip.compress(GOOD.encode(), mtime=0)
 GARBAGE = bytes(np.random.default_rng(0).integers(0, 256, 5000, np.uint8))
 ALL = slice(None)
 Q, DQ, TAU = slice(1, 8), slice(8, 15), slice(15, 22)
-FROM_ZERO = "t," + ",".join(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(7))
 SIX = text_of(good_values(joints=6), header_of("q", "dq", "tau", joints=6))
 CONSTANT = changed(lambda values: values.__setitem__((ALL, slice(1, None)), values[0, 1:]))
 BACKWARDS = changed(lambda values: values.__setitem__((ALL, 0), values[::-1, 0].copy()))
@@ -118,12 +117,26 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "only blank lines": (r"log\.csv: empty file", "\n\r\n\n"),
     "header only": (r"log\.csv: no rows below", HEADER + "\n"),
     "wrong joint count": (r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7", SIX),
-    "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "time,")),
-    "missing column": (r"log\.csv: missing column 'tau4'", _header("tau4", "torque4")),
+    "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "zeit,")),
+    "missing column": (r"log\.csv: missing column 'tau4'", _header("tau4", "moment_four")),
     "duplicate column": (r"log\.csv: column 'q3' is there twice", _header("q4", "q3")),
-    "joints from zero": (r"column 'q0', but joints count from 1", _header(HEADER, FROM_ZERO)),
-    "no header": (r"log\.csv: missing column 't'", GOOD.split("\n", 1)[1]),
-    "semicolons": (r"log\.csv: missing column 't'", GOOD.replace(",", ";")),
+    "no header": (r"log\.csv, line 1: numbers without a header", GOOD.split("\n", 1)[1]),
+    "decimal commas between commas": (
+        r"line 2: 4\d values: .* 22 columns; decimal commas need semicolons",
+        HEADER + "\n" + GOOD.split("\n", 1)[1].replace(".", ","),
+    ),
+    "unknown unit": (
+        r"column 'q2 \[furlong\]': unknown unit 'furlong'",
+        _header("q2", "q2 [furlong]"),
+    ),
+    "two names for one": (
+        r"columns 'pos_1' and 'position_1' may both be q1: expected one; say which",
+        _line(1, lambda x: x.replace("q1", "pos_1", 1).replace("q2", "position_1", 1)),
+    ),
+    "a pointer of Git LFS": (
+        r"log\.csv: a pointer of Git LFS .* run `git lfs pull`",
+        "version https://git-lfs.github.com/spec/v1\noid sha256:48de\nsize 1\n",
+    ),
     "text in a cell": (r"line 50: tau2 is 'high': expected numbers", _cell(50, "tau2", "high")),
     "below blank lines": (r"line 52: q1 is 'x'", _cell(50, "q1", "x").replace("\n", "\n\n  \n", 1)),
     "underscore in a number": (r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
@@ -152,7 +165,7 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
         _scaled(slice(1, 15), 180 / np.pi),
     ),
     "small angles in degrees": (
-        r"q\d moves at .* the joint can do 2\.\d+: expected angles in rad, not degrees",
+        r"q\d moves at .* can do 2\.\d+ rad/s \(stated by .*, which looks like degrees: expected",
         changed(_small_degrees),
     ),
     "speeds in degrees": (
@@ -175,7 +188,7 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     ),
     "a row with too many values": (r"line 21: 23 values", _line(21, lambda line: line + ",1")),
     "binary garbage": (r"log\.csv, line 1: ", GARBAGE),
-    "wrong encoding": (r"line 1: byte 0 is not UTF-8", GOOD.encode("utf-16")),
+    "half a letter": (r"no UTF-16 after line \d+", GOOD.encode("utf-16")[:2001]),
     "endless line": (r"a line of over 65536 bytes", "1," * 200_000),
     "compressed but named csv": (r"gzip-compressed: expected the name \.csv\.gz", ZIPPED),
 }
@@ -208,7 +221,7 @@ BAD_FILES = {
     **{k: (*v, "log.csv.gz") for k, v in BAD_GZIP.items()},
     **{k: (*v, "log.npz") for k, v in BAD_NPZ.items()},
     "unknown kind": (
-        r"log\.xlsx: unknown kind of file: expected one of \.csv, \.csv\.gz, \.npz, \.parquet",
+        r"log\.xlsx: unknown kind of file: expected one of \.csv, \.csv\.gz, \.tsv",
         GOOD,
         "log.xlsx",
     ),

@@ -47,10 +47,18 @@ float64[] measured_joint_position
 float64[] torque
 float64[] external_torque
 """
+CONTROLLER_STATE = """std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint {}
+trajectory_msgs/JointTrajectoryPoint {}
+trajectory_msgs/JointTrajectoryPoint error
+"""
 IIWA_AXES = "".join(f"float32 a{j}\n" for j in range(1, 8))
 """Of iiwa_msgs: one number a joint."""
+_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 OWN_TYPES = {
     "ros1": {
+        _STATE: CONTROLLER_STATE.format("desired", "actual"),
         "franka_msgs/msg/FrankaState": FRANKA_STATE_1,
         "iiwa_msgs/msg/JointQuantity": IIWA_AXES,
         **{
@@ -59,6 +67,7 @@ OWN_TYPES = {
         },
     },
     "ros2": {
+        _STATE: CONTROLLER_STATE.format("reference", "feedback"),
         "franka_msgs/msg/FrankaState": FRANKA_STATE_2,
         "franka_msgs/msg/FrankaRobotState": FRANKA_ROBOT_STATE,
         "lbr_fri_idl/msg/LBRState": LBR_STATE,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 import sys
 from contextlib import closing
@@ -10,14 +11,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.files import drives
 from stiction_envs.measured.logs.formats import base
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import put, refuses
+from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains, refuses
 from tests.measured.logs.ros_bags import (
     FINGERS,
     KINDS,
@@ -196,17 +202,17 @@ def test_without_speeds_and_stamps(tmp_path: Path, plain: JointLog) -> None:
 
 
 def test_several_topics(tmp_path: Path, plain: JointLog) -> None:
-    """Commands beside measurements: nobody guesses. A gripper's own topic asks nothing."""
+    """Two arms that may be meant: nobody guesses. A gripper's own topic asks nothing."""
     wanted = VALUES.copy()
     wanted[:, 15:] = 1.0
     measured = joint_states(VALUES, topic="/franka/joint_states")
     gripper = fingers(VALUES, topic="/gripper/joint_states")
     assert_same(read(write_bag(tmp_path / "one", "mcap", merged(measured, gripper))), plain)
     path = write_bag(
-        tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/desired"), gripper)
+        tmp_path / "two", "mcap", merged(measured, joint_states(wanted, topic="/other"), gripper)
     )
     with pytest.raises(
-        StictionError, match=r"several topics .*: /franka/joint_states, /desired: .*name the topic"
+        StictionError, match=r"several topics .*: /franka/joint_states, /other: .*name the topic"
     ):
         read(path)
     assert_same(read(path, topic="/franka/joint_states"), plain)
@@ -230,6 +236,130 @@ def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         StictionError, match="/joint_states: 51 rows or more: expected at most 1100"
     ):
         read_logs([path], 7, naming=NAMING)
+
+
+# ---- commands, and messages without names ----
+
+TOLD = VALUES[:, 1:8] + 0.02
+LEAD = 2_000_000
+"""Commands come this much before the state that follows them [ns]."""
+
+
+def servo(path: Path, **naming: Any) -> ServoLog:
+    made = Naming(robot=ARM.joint_names, **naming)
+    return read_servo_logs([path], 7, limits=ARM.limits, naming=made)[0]
+
+
+def commands(topic: str, *, stamp: bool) -> list[Message]:
+    """Commands of every second row: a `JointState` with stamps, else a `Float64MultiArray`."""
+    table = np.column_stack([VALUES[::2, 0], TOLD[::2], np.zeros((100, 14))])
+    if stamp:
+        out = joint_states(table, topic=topic, speeds=False, efforts=False)
+    else:
+        out = states(table, topic, "std_msgs/msg/Float64MultiArray", array_fields)
+    for m in out:
+        m.time -= LEAD
+    return out
+
+
+def array_fields(channels: np.ndarray) -> dict[str, Any]:
+    def layout(known: Any, *_: Any) -> Any:
+        return known.types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+
+    return {"layout": layout, "data": channels[0]}
+
+
+def without_names(messages: list[Message]) -> list[Message]:
+    """Return messages in the arm's order that do not name its joints."""
+    for m in messages:
+        order = [m.fields["name"].index(x) for x in PANDA]
+        m.fields |= {k: m.fields[k][order] for k in ("position", "velocity", "effort")}
+        m.fields["name"] = []
+    return messages
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_messages_without_names_are_in_the_arms_order(
+    tmp_path: Path, kind: str, plain: JointLog
+) -> None:
+    path = write_bag(tmp_path / "log", kind, without_names(joint_states(VALUES)))
+    log = read(path)
+    assert_same(log, plain)
+    assert "messages do not name their joints" in log.corrections[0].text
+    assert check(path).findings == check(path, robot="panda").findings
+    with pytest.raises(StictionError, match="message 1: 7 joints, but the robot has 6"):
+        read_logs([path], 6)
+
+
+@pytest.mark.parametrize("stamp", [True, False], ids=["JointState", "Float64MultiArray"])
+@pytest.mark.parametrize("topic", ["/arm/joint_command", "/forward_position_controller/commands"])
+def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -> None:
+    """Under a topic of their own; velocities and efforts are no positions."""
+    other = states(
+        VALUES, "/effort_controller/commands", "std_msgs/msg/Float64MultiArray", array_fields
+    )
+    messages = merged(joint_states(VALUES), commands(topic, stamp=stamp), other)
+    path = write_bag(tmp_path / "log", "mcap", messages)
+    assert drives(path) == ("torque", "position")
+    log = servo(path)
+    held = TOLD[np.arange(len(VALUES)) // 2 * 2]
+    np.testing.assert_array_equal(log.q_cmd, held)
+    np.testing.assert_array_equal(log.q, VALUES[:, 1:8])
+    np.testing.assert_array_equal(log.tau, VALUES[:, 15:])
+    (text,) = [c.text for c in log.corrections if "commanded positions" in c.text]
+    assert text.startswith(f"{topic}: commanded positions, each holds until the next")
+    assert ("in the order of joints 1 to 7 (assumed)" in text) == (not stamp)
+
+
+@pytest.mark.parametrize("kind", ["bag", "mcap"])
+def test_the_state_of_a_trajectory_controller(tmp_path: Path, kind: str) -> None:
+    """Reference and feedback of one message, joints by name; NaN efforts beside it are none."""
+
+    def point(known: Any, positions: np.ndarray) -> Any:
+        zero, types = np.zeros(0), known.types
+        span = types["builtin_interfaces/msg/Duration"](0, 0)
+        return types["trajectory_msgs/msg/JointTrajectoryPoint"](positions, zero, zero, zero, span)
+
+    def fields(channels: np.ndarray) -> dict[str, Any]:
+        q = channels[0][::-1].copy()
+        told, measured = ("desired", "actual") if kind == "bag" else ("reference", "feedback")
+        parts = {told: q + 0.02, measured: q, "error": q * 0}
+        points = {k: lambda known, *_, x=x: point(known, x) for k, x in parts.items()}
+        return {"header": header, "joint_names": list(PANDA[::-1]), **points}
+
+    topic, of = "/controller/state", "control_msgs/msg/JointTrajectoryControllerState"
+    absent = VALUES.copy()
+    absent[:, 8:] = np.nan
+    messages = merged(states(VALUES, topic, of, fields), joint_states(absent))
+    path = write_bag(tmp_path / "log", kind, messages)
+    assert drives(path) == ("position",)
+    log = servo(path)
+    np.testing.assert_array_equal(log.q_cmd, VALUES[:, 1:8] + 0.02)
+    np.testing.assert_array_equal(log.q, VALUES[:, 1:8])
+    assert log.tau is None
+    assert not check(path, robot="panda").defects
+
+
+def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
+    """And a bag without any is one clear line."""
+    messages = merged(joint_states(VALUES), commands("/a/cmd", stamp=True))
+    path = write_bag(tmp_path / "one", "mcap", messages)
+    two = write_bag(tmp_path / "two", "mcap", merged(messages, commands("/b/cmd", stamp=False)))
+    refuses(lambda: servo(two), "several topics with commanded positions: /a/cmd, /b/cmd: expected")
+    np.testing.assert_array_equal(servo(two, topic="/b/cmd").q_cmd, servo(path).q_cmd)
+    none = write_bag(tmp_path / "none", "mcap", joint_states(VALUES))
+    refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
+
+
+@fuzz(25)
+@given(st.data())
+def test_fuzz_bytes(tmp_path: Path, data: st.DataObject) -> None:
+    """Some bytes of a bag with states and commands are changed."""
+    shutil.rmtree(tmp_path / "log", ignore_errors=True)
+    messages = merged(joint_states(VALUES), commands("/arm/joint_command", stamp=True))
+    path = write_bag(tmp_path / "log", "mcap", messages)
+    put(path, damaged(data, path.read_bytes(), least=1, most=6))
+    reads_or_complains(lambda: servo(path))
 
 
 def franka_states(tau: str) -> list[Message]:
@@ -288,7 +418,15 @@ def empty_metadata(folder: Path) -> Path:
     return folder
 
 
+def pointer(folder: Path) -> Path:
+    path = write_bag(folder / "log", "folder", joint_states(VALUES))
+    (file,) = path.glob("*.mcap")
+    file.write_text("version https://git-lfs.github.com/spec/v1\n")
+    return path
+
+
 BAD = {
+    "a pointer": (pointer, "log.mcap: a pointer of Git LFS .* run `git lfs pull`"),
     "garbage": (
         lambda f: put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
         "damaged or no ROS bag",

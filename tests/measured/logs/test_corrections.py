@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.reader import JointLog, read_logs
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
 
 RATE = 1000.0
 N = 3
@@ -301,3 +301,52 @@ def test_coarse_torques_are_not_saturated(tmp_path: Path) -> None:
     log = sway()
     log["tau"] = np.round(log["tau"] / 0.2) * 0.2
     assert read(tmp_path, log).warnings == ()
+
+
+def test_two_steps_of_a_coarse_sensor_at_rest_are_not_saturated(tmp_path: Path) -> None:
+    log = sway()
+    log["q"][:, 0], log["dq"][:, 0] = 0.5, 0.0
+    for levels in (2, 3, 6):
+        noise = np.random.default_rng(levels).integers(0, levels, len(log["t"]))
+        log["tau"][:, 0] = 0.0264 * np.repeat(noise[: len(noise) // 8], 8)
+        assert read(tmp_path, log).warnings == ()
+
+
+# ---- angles within one turn ----
+
+
+def wrapped(x: np.ndarray, low: float = -np.pi) -> np.ndarray:
+    return low + (x - low) % (2 * np.pi)
+
+
+@pytest.mark.parametrize("low", [-np.pi, 0.0])
+def test_wrapped_angles_are_unwrapped_and_said(tmp_path: Path, low: float) -> None:
+    """A joint that turns round and round, with missing values; the others stay as they are."""
+    log = sway()
+    turning = 1.7 * log["t"] + 0.2 * np.sin(log["t"])
+    log["q"][:, 1], log["dq"][:, 1] = wrapped(turning, low), 1.7 + 0.2 * np.cos(log["t"])
+    log["q"][100:103, 1] = np.nan
+    found = read(tmp_path, log)
+    np.testing.assert_allclose(found.q[:, 1] - found.q[0, 1], turning, atol=1e-5)
+    np.testing.assert_array_equal(found.q[:, 0], log["q"][:, 0])
+    (text,) = [c.text for c in found.corrections if c.kind == "wrap"]
+    assert text == "q2: angles within one turn, which jump at its ends: unwrapped"
+    assert found.warnings == ()
+
+
+def test_a_command_that_is_wrapped_elsewhere_is_a_turn_away(tmp_path: Path) -> None:
+    log = sway()
+    q = np.column_stack([log["q"][:, 0], np.pi + log["q"][:, 1]])
+    told = np.column_stack([q[:, 0] + 0.01, wrapped(q[:, 1] + 0.01, -0.5 * np.pi)])
+    np.savez(tmp_path / "log.npz", t=log["t"], q=wrapped(q), q_cmd=told)
+    (found,) = read_servo_logs([tmp_path / "log.npz"], 2)
+    np.testing.assert_allclose(found.q_cmd - found.q, 0.01, atol=1e-9)
+    assert any("q2, q_cmd2: angles within one turn" in c.text for c in found.corrections)
+
+
+def test_degrees_are_not_unwrapped(tmp_path: Path) -> None:
+    """A step of 6.28 degrees is no turn of radians."""
+    log = sway()
+    log["q"][:, 1] = np.round(log["q"][:, 1] / 0.6 * 90 / (2 * np.pi)) * 2 * np.pi
+    with pytest.raises(StictionError, match="looks like degrees"):
+        read(tmp_path, log)

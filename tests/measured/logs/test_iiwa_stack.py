@@ -139,7 +139,7 @@ def test_what_is_no_such_log(tmp_path: Path) -> None:
     with pytest.raises(StictionError, match="/iiwa/state/JointTorque: no messages"):
         read(path)
     states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
-    with pytest.raises(StictionError, match="no commanded positions"):
+    with pytest.raises(StictionError, match="no topics with commanded positions"):
         read_servo_logs([states], 7)
 
 

@@ -180,6 +180,14 @@ def info(change):
     return damage
 
 
+def test_check_names_the_whole_path_of_a_file_in_a_folder(tmp_path: Path) -> None:
+    file = tmp_path / "set" / "meta" / "info.json"
+    file.parent.mkdir(parents=True)
+    file.write_text("{")
+    (found,) = check(tmp_path / "set").findings
+    assert found.message.startswith(f"{file}: damaged or no info.json")
+
+
 def _text(name: str, text: str):
     return lambda path: (path / name).write_text(text)
 
@@ -189,7 +197,14 @@ DAMAGES = {
     "no json": (_text("meta/info.json", "{"), "damaged or no info.json"),
     "no state": (info(lambda v: v["features"].pop(STATE)), "damaged or no info.json"),
     "fps 0": (info(lambda v: v.update(fps=0)), "fps is 0: expected"),
-    "other shape": (info(lambda v: v["features"][STATE].update(shape=[7])), "damaged or no info"),
+    "other shape": (
+        info(lambda v: v["features"][STATE].update(shape=[7])),
+        "info.json: 'observation.state' has 6 names for 7 columns: expected one each",
+    ),
+    "a pointer": (
+        _text("data/chunk-000/file-000.parquet", "version https://git-lfs.github.com/spec/v1\n"),
+        "file-000.parquet: a pointer of Git LFS .* run `git lfs pull`",
+    ),
     "twice": (
         info(lambda v: v["features"][STATE].update(names=["a.pos"] * 6)),
         "'a.pos' is there twice",

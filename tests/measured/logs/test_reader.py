@@ -84,21 +84,37 @@ def test_too_many_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         read(tmp_path / "log.npz")
 
 
-def test_a_limit_that_is_only_assumed_warns(tmp_path: Path) -> None:
-    """An arm whose file says no torque limit may do 196 N·m; 0.2 N·m in mN·m it may not."""
-    assumed = dataclasses.replace(LIMITS, torque=np.full(7, 100.0))
-    known = dataclasses.replace(LIMITS, torque=np.full(7, 101.0))
+@pytest.mark.parametrize(
+    ("torque", "origin"),
+    [
+        (np.full(7, 100.0), "assumed, the robot's file states none"),
+        (np.full(7, 0.1), "stated by the robot's file"),
+        (np.r_[np.full(6, 200.0), 0.1], "stated by the robot's file"),
+    ],
+)
+def test_a_torque_limit_that_may_fill_a_gap_warns(tmp_path: Path, torque, origin: str) -> None:
+    """Assumed, the same number for all, or tiny: the limit is a suspect as the torque's unit is."""
     values = good_values()
-    values[:, 16] = 190.0 + values[:, 16]
+    values[:, 21] = 190.0 + values[:, 21]
     path = put(tmp_path / "strong.csv", text_of(values))
-    (log,) = read_logs([path], 7, limits=assumed)
-    assert any("100 N·m are assumed, its file says none" in w for w in log.warnings)
-    with pytest.raises(StictionError, match=r"tau2 is .* looks like per cent"):
+    (log,) = read_logs([path], 7, limits=dataclasses.replace(LIMITS, torque=torque))
+    (text,) = [w for w in log.warnings if w.startswith("tau7 reaches")]
+    assert f"({origin}; a TOML beside it corrects it: [limits.torque])" in text
+    known = dataclasses.replace(LIMITS, torque=100.0 + np.arange(7))
+    with pytest.raises(StictionError, match=r"tau7 is .* looks like per cent .*\[limits.torque\]"):
         read_logs([path], 7, limits=known)
-    values[:, 16] *= 10
-    path = put(tmp_path / "milli.csv", text_of(values))
-    with pytest.raises(StictionError, match=r"tau2 is .* looks like mN·m"):
-        read_logs([path], 7, limits=assumed)
+
+
+def test_a_speed_limit_that_may_fill_a_gap_warns(tmp_path: Path) -> None:
+    """But no joint moves at 20 rad/s: these are degrees, whatever the limit is."""
+    limits = dataclasses.replace(LIMITS, velocity=np.full(7, 0.1))
+    values = good_values()
+    (log,) = read_logs([put(tmp_path / "log.csv", text_of(values))], 7, limits=limits)
+    text = next(w for w in log.warnings if w.startswith("q1 moves at"))
+    assert "can do 0.1 rad/s (stated by the robot's file; a TOML beside it corrects it" in text
+    values[:, 1] += 4.8 * np.sin(6 * values[:, 0])
+    with pytest.raises(StictionError, match="which looks like degrees: expected rad, or units deg"):
+        read_logs([put(tmp_path / "fast.csv", text_of(values))], 7, limits=limits)
 
 
 def test_units_without_limits(tmp_path: Path) -> None:
@@ -150,6 +166,13 @@ def test_the_same_log_in_every_kind_of_file(tmp_path: Path) -> None:
         "no_end.csv": text.rstrip("\n"),
         "blank_lines.csv": "\n\n" + text.replace("\n", "\n\n", 30),
         "spaces.csv": text.replace(",", " , "),
+        "utf16.csv": text.encode("utf-16"),
+        "utf16.csv.gz": gzip.compress(text.encode("utf-16-le")),
+        "semicolons.csv": text.replace(",", ";"),
+        "commas.csv": "sep=;\n" + text.replace(",", ";").replace(".", ","),
+        "tabs.tsv": text.replace(",", "\t"),
+        "blanks.txt": "# a robot\n# " + text.replace(",", " "),
+        "cut.csv": text + "2.0,0.1,-",
         "quoted.csv": text.replace(HEADER, quoted),
         "numpy.csv": "# " + text,
     }

@@ -126,7 +126,7 @@ DAMAGES = {
     "a pointer": (
         "control.csv",
         "version https://git-lfs.github.com/spec/v1\noid sha256:48de\nsize 1\n",
-        "line 2: no time",
+        "control.csv: a pointer of Git LFS .* run `git lfs pull`",
     ),
 }
 

@@ -83,7 +83,10 @@ def test_channels_that_may_be_there(tmp_path: Path) -> None:
     assert log.extra["temperature"] == pytest.approx(30 + tau)
     assert log.warnings == ()
     (note,) = log.corrections
-    assert note.text == "current_torque_abs1..n are taken as current_abs1..n"
+    assert note.text == (
+        "columns by other names: current_torque_abs1 to current_torque_abs7 are current_abs1 to "
+        "current_abs7"
+    )
     header = header_of("q_cmd", "q", "current_abs")
     log = read(put(tmp_path / "signed.csv", text_of(np.column_stack([v, -tau]), header)))
     assert log.current == pytest.approx(np.abs(tau), abs=1e-8)

@@ -3,25 +3,38 @@
 Read with `rosbags`, which needs no ROS. One topic is read: the only one with states of so many
 joints and torques, or the one asked for. Messages with none of the arm's joints (a gripper that
 publishes to the same topic) are left out. A message with only some of them is an error: the
-others are then unknown. Bags of iiwa_stack have a topic for each quantity (`iiwa_stack`).
+others are then unknown. Commanded positions are those of a trajectory controller's state, else of
+a topic of commands beside the states, and hold until the next one. Bags of iiwa_stack have a topic
+for each quantity (`iiwa_stack`).
 """
 
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, missing_extra, unknown
-from stiction_envs.measured.logs.columns import TORQUE
+from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats import iiwa_stack
-from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
-from stiction_envs.measured.logs.formats.messages import BY_TYPE, Kind, Sample, side_of
+from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size, held
+from stiction_envs.measured.logs.formats.messages import (
+    BY_TYPE,
+    COMMAND_KINDS,
+    Kind,
+    Sample,
+    is_command,
+    side_of,
+)
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 
 if TYPE_CHECKING:
@@ -31,6 +44,8 @@ METADATA = "metadata.yaml"
 """In every folder that ROS 2 records into."""
 _PEEK = 1000
 """Messages that show who publishes to a topic; assumed."""
+MOST_REASON = 200
+"""Most characters of another library's message, cut between words; assumed."""
 _NS = 10**9
 
 
@@ -49,25 +64,43 @@ class RosBag(LogFormat):
             topics = _iiwa_stack(where, reader, wanted.naming)
             if topics:
                 return iiwa_stack.read_arm(where, reader, topics, wanted)
-            if wanted.drive != TORQUE:
-                raise StictionError(f"{where}: no commanded positions: expected columns q_cmd1..n")
-            topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
-            return _read(where, reader, topic, kind, wanted)
+            if wanted.drive == TORQUE:
+                topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
+                return _log(where, _stream(where, reader, topic, kind, wanted, "tau"), wanted)
+            return _read_servo(where, reader, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
         """See `LogFormat.count`."""
         with _open(where) as reader:
             if _iiwa_stack(where, reader, naming):
                 return len(iiwa_stack.JOINTS)
-            topic, kind = _topic(where, reader, None, naming)
-            names, most = _peek(reader, topic, kind)
+            drive = _drives(reader)[0]
+            topic, kind = _topic(where, reader, None, naming, drive)
+            names, most, _ = _peek(reader, topic, kind)
         return len(find_joints(where, names, None, naming)) if names else most
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
         """See `LogFormat.drives`."""
         with _open(where) as reader:
-            topics = _iiwa_stack(where, reader, naming)
-        return iiwa_stack.drives_of(topics) if topics else (TORQUE,)
+            if topics := _iiwa_stack(where, reader, naming):
+                return iiwa_stack.drives_of(topics)
+            return _drives(reader)
+
+
+@dataclass
+class _Stream:
+    """Messages of one topic with the arm's joints."""
+
+    topic: str
+    kind: Kind
+    joints: tuple[str, ...]
+    """Names of joints 1 to n; () where the messages have none."""
+    marks: NDArray[np.int64]
+    """(T, 3) stamp, 0 where there is none, and time of recording [ns]; number from 1."""
+    data: dict[str, NDArray[np.float64]]
+    """(T, n) by channel."""
+    others: int
+    """Messages of other joints."""
 
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:
@@ -89,6 +122,8 @@ def _open(where: str) -> Iterator[AnyReader]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise missing_extra(f"{where}: reading a ROS bag", "rosbags", "ros") from None
+    for file in (x for x in Path(where).glob("*") if x.suffix in RosBag.ends):
+        refuse_pointer(file)
     try:
         # for bags that do not describe their messages themselves, as older ones of ROS 2
         known = get_typestore(Stores.ROS2_JAZZY)
@@ -98,7 +133,7 @@ def _open(where: str) -> Iterator[AnyReader]:
         raise
     except Exception as error:
         # damaged bags raise almost anything, from struct.error to apsw's and zstd's own
-        reason = " ".join(str(error).split()).replace(where, "").strip()[:80]
+        reason = shorten(str(error).replace(where, ""), MOST_REASON, placeholder=" …")
         raise StictionError(
             f"{where}: damaged or no ROS bag ({type(error).__name__}: {reason}): expected a whole "
             ".bag, .mcap, .db3 or folder of ROS 2; a recorder that was killed leaves one that "
@@ -113,18 +148,37 @@ def _samples(reader: AnyReader, topic: str, kind: Kind) -> Iterator[tuple[int, S
         yield time, kind.read(reader.deserialize(data, connection.msgtype))
 
 
-def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int]:
-    """Return the joints that the first messages of a topic name, and how many torques they have."""
+def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bool]:
+    """Return joints that the first messages of a topic name, how many, whether it has torques."""
     names: dict[str, None] = {}
-    most = 0
+    most, torques = 0, False
     for _, sample in islice(_samples(reader, topic, kind), _PEEK):
         names |= dict.fromkeys(sample.names or ())
-        most = max(most, len(sample.tau))
-    return list(names), most
+        most = max(most, len(sample.q))
+        torques |= bool(np.isfinite(sample.tau).any())
+    return list(names), most, torques
 
 
-def _topic(where: str, reader: AnyReader, n_joints: int | None, naming: Naming) -> tuple[str, Kind]:
-    """Return the topic with the arm's states."""
+def _drives(reader: AnyReader) -> tuple[str, ...]:
+    """Return what may have driven the joints; torque where nothing says, whose reader refuses."""
+    known = _topics(reader, BY_TYPE, commands=False)
+    torque = any(_peek(reader, k, v)[2] for k, v in known.items())
+    position = any(x.has_commands for x in known.values())
+    position = position or bool(_topics(reader, COMMAND_KINDS, commands=True))
+    return tuple(d for d, has in ((TORQUE, torque), (POSITION, position)) if has) or (TORQUE,)
+
+
+def _topics(reader: AnyReader, kinds: Mapping[str, Kind], *, commands: bool) -> dict[str, Kind]:
+    """Return the topics of some kinds that have messages: those of commands, or the others."""
+    types = {c.topic: str(c.msgtype) for c in reader.connections if c.msgcount}
+    found = {k: kinds[v] for k, v in types.items() if v in kinds}
+    return {k: v for k, v in found.items() if is_command(k, types[k]) == commands}
+
+
+def _topic(
+    where: str, reader: AnyReader, n_joints: int | None, naming: Naming, drive: str = TORQUE
+) -> tuple[str, Kind]:
+    """Return the topic with the arm's states: where torque drives, with torques."""
     types = {c.topic: c.msgtype for c in reader.connections}
     known = {k: BY_TYPE[v] for k, v in types.items() if v in BY_TYPE}
     counts = {k: sum(c.msgcount for c in reader.connections if c.topic == k) for k in known}
@@ -153,12 +207,17 @@ def _topic(where: str, reader: AnyReader, n_joints: int | None, naming: Naming) 
     filled = {k: v for k, v in known.items() if counts[k]}
     if not filled:
         raise StictionError(f"{where}, {next(iter(known))}: no messages: expected one second")
+    for prefer in (
+        {k for k in filled if not is_command(k, str(types[k]))},
+        {k for k, v in filled.items() if v.has_commands == (drive == POSITION)},
+    ):
+        filled = {k: v for k, v in filled.items() if k in prefer} or filled
     if len(filled) == 1:
         return next(iter(filled.items()))
     seen = {k: _peek(reader, k, v) for k, v in filled.items()}
-    sizes = {k: (len(names) or most) if most else 0 for k, (names, most) in seen.items()}
+    sizes = {k: len(names) or n for k, (names, n, tau) in seen.items() if tau or drive == POSITION}
     least = n_joints or max(1, *sizes.values())
-    full = {k: v for k, v in filled.items() if sizes[k] >= least}
+    full = {k: v for k, v in filled.items() if sizes.get(k, 0) >= least}
     if len(full) == 1:
         return next(iter(full.items()))
     raise StictionError(
@@ -167,56 +226,113 @@ def _topic(where: str, reader: AnyReader, n_joints: int | None, naming: Naming) 
     )
 
 
-def _read(where: str, reader: AnyReader, topic: str, kind: Kind, wanted: Wanted) -> RawLog:
-    n, place = wanted.n_joints, f"{where}, {topic}"
-    names, _ = _peek(reader, topic, kind)
-    joints = find_joints(place, names, n, wanted.naming) if names else ()
-    orders: dict[tuple[str, ...] | None, list[int]] = {}
-    # numbers, not messages: half an hour at 1 kHz has two million of these
-    q, dq, tau = array("d"), array("d"), array("d")
-    stamps, times, numbers = array("q"), array("q"), array("q")
-    others = 0
-    for number, (time, sample) in enumerate(_samples(reader, topic, kind), 1):
-        here = f"{place}, message {number}"
-        if sample.names not in orders:
-            orders[sample.names] = _order(here, sample, joints, n)
-        order = orders[sample.names]
-        if not order:
-            others += 1
-            continue
-        has_speed = len(dq) > 0 if len(q) else len(sample.dq) > 0
-        _check_sizes(here, kind, sample, has_speed)
-        q.extend(sample.q[order])
-        tau.extend(sample.tau[order])
-        if has_speed:
-            dq.extend(sample.dq[order])
-        stamps.append(sample.stamp)
-        times.append(time)
-        numbers.append(number)
-        check_size(place, len(numbers), 1 + 3 * n)
-    channels = {"q": q, "tau": tau, **({"dq": dq} if dq else {})}
-    log = RawLog(
-        source=where,
-        t=np.arange(float(len(numbers))),
-        data={k: np.array(v, np.float64).reshape(-1, n) for k, v in channels.items()},
-        run=np.zeros(len(numbers), np.int64),
-        place=lambda i: f"{place}, message {numbers[i]}",
-        side=side_of(kind, joints),
+def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
+    """Return the log of an arm with the commands that its topic of states has, or another."""
+    n, naming, told = wanted.n_joints, wanted.naming, _topics(reader, COMMAND_KINDS, commands=True)
+    if naming.topic in told:
+        told, naming = {naming.topic: told[naming.topic]}, replace(naming, topic=None)
+    topic, kind = _topic(where, reader, n, naming, POSITION)
+    if kind.has_commands:
+        return _log(where, _stream(where, reader, topic, kind, wanted, "q_cmd"), wanted)
+    told = {k: v for k, v in told.items() if _peek(reader, k, v)[1] >= n}
+    if len(told) != 1:
+        raise StictionError(
+            f"{where}: {'several' if told else 'no'} topics with commanded positions"
+            f"{': ' * bool(told)}{', '.join(told)}: expected one of a JointState or "
+            "Float64MultiArray whose name says command, or a trajectory controller's state"
+        )
+    states = _stream(where, reader, topic, kind, wanted)
+    name = next(iter(told))
+    commands = _stream(where, reader, name, told[name], wanted)
+    clock = 0 if states.marks[:, 0].any() and commands.marks[:, 0].any() else 1
+    order = np.argsort(commands.marks[:, clock], kind="stable")
+    last, keep = held(commands.marks[order, clock], states.marks[:, clock])
+    if not keep.any():
+        raise StictionError(f"{where}, {name}: no command before the last state: expected some")
+    states.data["q_cmd"] = commands.data["q"][order[last]]
+    states.data = {k: np.ascontiguousarray(x[keep]) for k, x in states.data.items()}
+    states.marks = states.marks[keep]
+    log = _log(where, states, wanted)
+    log.note(
+        f"{name}: commanded positions, each holds until the next"
+        + "; by the times of their recording" * clock
+        + ("" if commands.joints else f"; in the order of joints 1 to {n} (assumed)")
     )
-    if wanted.time and numbers:
-        _set_time(log, stamps, times)
-    text = f"{topic}: tau is {kind.tau}" + (", measured behind the gear" if log.side else "")
-    if joints:
-        text += f"; joints 1 to {len(joints)} are {', '.join(joints)}"
-    if others:
-        text += f"; {others} messages of other joints left out"
-    log.note(text, others)
     return log
 
 
-def _order(place: str, sample: Sample, joints: tuple[str, ...], n: int) -> list[int]:
+def _stream(
+    where: str, reader: AnyReader, topic: str, kind: Kind, wanted: Wanted, needed: str = "q"
+) -> _Stream:
+    """Read the messages of a topic: angles, a channel that is needed, and others if there."""
+    n, place = wanted.n_joints, f"{where}, {topic}"
+    names, _, _ = _peek(reader, topic, kind)
+    joints = find_joints(place, names, n, wanted.naming) if names else ()
+    orders: dict[tuple[tuple[str, ...] | None, int], list[int]] = {}
+    # numbers, not messages: half an hour at 1 kHz has two million of these
+    values: dict[str, array[float]] = {}
+    marks, others = array("q"), 0
+    for number, (time, sample) in enumerate(_samples(reader, topic, kind), 1):
+        here, key = f"{place}, message {number}", (sample.names, len(sample.q))
+        if key not in orders:
+            orders[key] = _order(here, sample, joints, wanted)
+        order = orders[key]
+        if not order:
+            others += 1
+            continue
+        channels = {"q": sample.q, "dq": sample.dq, "tau": sample.tau, "q_cmd": sample.q_cmd}
+        if not values:
+            values = {k: array("d") for k, x in channels.items() if k in ("q", needed) or len(x)}
+        count = len(sample.q) if sample.names is None else len(sample.names)
+        for k, into in values.items():
+            _check_size(here, kind, k, len(channels[k]), count)
+            into.extend(channels[k][order])
+        marks.extend((sample.stamp, time, number))
+        check_size(place, len(marks) // 3, 1 + len(values) * n)
+    data = {k: np.array(x, np.float64).reshape(-1, n) for k, x in values.items()}
+    # ros2_control publishes NaN for what a robot does not measure
+    data = {k: x for k, x in data.items() if k == needed or not np.isnan(x).all()}
+    return _Stream(topic, kind, joints, np.array(marks, np.int64).reshape(-1, 3), data, others)
+
+
+def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
+    """Return a log with the rows of a topic."""
+    place, (stamps, times, numbers) = f"{where}, {stream.topic}", stream.marks.T
+    log = RawLog(
+        source=where,
+        t=np.arange(float(len(numbers))),
+        data=stream.data,
+        run=np.zeros(len(numbers), np.int64),
+        place=lambda i: f"{place}, message {numbers[i]}",
+        side=side_of(stream.kind, stream.joints),
+    )
+    if wanted.time and len(numbers):
+        if not stamps.any():
+            stamps = times
+            log.warnings.append(
+                "messages have no stamp: times are those at which they were recorded"
+            )
+        # in whole nanoseconds before it becomes a float
+        log.t, log.origin = (stamps - stamps[0]).astype(np.float64) / _NS, int(stamps[0]) / _NS
+    text = stream.topic
+    if "tau" in stream.data:
+        text += f": tau is {stream.kind.tau}" + ", measured behind the gear" * bool(log.side)
+    if stream.joints:
+        text += f"; joints 1 to {wanted.n_joints} are {', '.join(stream.joints)}"
+    elif stream.kind.named:
+        text += "; messages do not name their joints, which are taken in their order"
+    if stream.others:
+        text += f"; {stream.others} messages of other joints left out"
+    log.note(text, stream.others)
+    return log
+
+
+def _order(place: str, sample: Sample, joints: tuple[str, ...], wanted: Wanted) -> list[int]:
     """Return where joints 1 to n stand in a message; none in one that is not of this arm."""
+    n, naming = wanted.n_joints, wanted.naming
     if sample.names is None:
+        if len(sample.q) == len(naming.whole):
+            return [naming.whole.index(x) for x in naming.robot]
         if len(sample.q) != n:
             raise StictionError(
                 f"{place}: {len(sample.q)} joints, but the robot has {n}: expected a log of it"
@@ -233,27 +349,15 @@ def _order(place: str, sample: Sample, joints: tuple[str, ...], n: int) -> list[
     return [sample.names.index(x) for x in joints]
 
 
-def _check_sizes(place: str, kind: Kind, sample: Sample, has_speed: bool) -> None:
-    """Every joint has an angle, and a torque; a speed where others have."""
-    if not len(sample.tau):
+def _check_size(place: str, kind: Kind, channel: str, size: int, n: int) -> None:
+    """Every joint has an angle, and what is needed or what the first message had."""
+    names = {"q": "position", "dq": "velocity", "tau": kind.tau, "q_cmd": "commanded position"}
+    if channel == "tau" and not size:
         raise StictionError(
             f"{place}: {kind.tau} is empty: expected the torques of all joints [N·m]; does the "
             "driver publish them?"
         )
-    n = len(sample.q) if sample.names is None else len(sample.names)
-    sizes = {"position": len(sample.q), kind.tau: len(sample.tau)}
-    if has_speed:
-        sizes["velocity"] = len(sample.dq)
-    for what, size in sizes.items():
-        if size != n:
-            raise StictionError(f"{place}: {size} values of {what}: expected {n}, one a joint")
-
-
-def _set_time(log: RawLog, stamps: array[int], times: array[int]) -> None:
-    """Count time from the first row, in whole nanoseconds before it becomes a float."""
-    if not any(stamps):
-        stamps = times
-        log.warnings.append("messages have no stamp: times are those at which they were recorded")
-    first = stamps[0]
-    log.t = np.array([x - first for x in stamps], np.float64) / _NS
-    log.origin = first / _NS
+    if size != n:
+        raise StictionError(
+            f"{place}: {size} values of {names[channel]}: expected {n}, one a joint"
+        )

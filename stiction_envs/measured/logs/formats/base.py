@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
 from stiction_envs.measured.logs.columns import (
-    OTHER_NAMES,
     TORQUE,
     Columns,
     drives_in,
@@ -147,21 +147,22 @@ class ColumnFile(NamedColumns):
 
     def names(self, where: str, naming: Naming) -> list[str]:
         """See `NamedColumns.names`."""
-        return list(_flat(self.columns(where)))
+        flat, naming = _flat(where, self.columns(where), naming)
+        return our_names(where, list(flat), naming).names
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
-        check_unnamed(where, wanted.naming)
-        return _from_columns(where, self.columns(where), wanted)
+        flat, naming = _flat(where, self.columns(where), wanted.naming)
+        ours = our_names(where, list(flat), naming, wanted.n_joints)
+        return _from_columns(where, flat, ours, wanted)
 
 
-def check_unnamed(where: str, naming: Naming) -> None:
-    """Refuse names for a log whose joints have numbers."""
-    for option, given in (("joints", naming.joints), ("topic", naming.topic)):
-        if given:
-            raise StictionError(
-                f"{option}: the joints of {where} have numbers: expected a log with names"
-            )
+def held(
+    told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return which of the commands at times (K,) holds at others (T,), and where one does."""
+    last = np.searchsorted(told, at, side="right") - 1
+    return np.maximum(last, 0), last >= 0
 
 
 def check_size(where: str, rows: int, per_row: int) -> None:
@@ -173,21 +174,36 @@ def check_size(where: str, rows: int, per_row: int) -> None:
         )
 
 
-def _flat(arrays: Arrays) -> Arrays:
-    """Return columns, those of matrices by channel and joint."""
+def _flat(where: str, arrays: Arrays, naming: Naming) -> tuple[Arrays, Naming]:
+    """Return columns, those of matrices by channel and joint, and names that are not yet given.
+
+    A matrix without a name, or the only one beside names for all its columns, is a table.
+    """
+    listed = listed_names(naming.columns)
+    tables = {name: x for name, x in arrays.items() if x.ndim == 2}
+    if "" in tables or (listed and len(tables) == 1):
+        (table,) = tables.values()
+        if len(listed) != table.shape[1]:
+            raise StictionError(
+                f"{where}: {table.shape[1]} columns without names: expected columns with a name "
+                "for each, as in columns t q1..q6 tau1..tau6"
+            )
+        others = tuple(word for word in naming.columns if "=" in word)
+        return dict(zip(listed, table.T, strict=True)), replace(naming, columns=others)
     flat: Arrays = {}
     for name, array in arrays.items():
         if array.ndim == 2 and array.shape[1] < 100:
             flat.update({f"{name}{j + 1}": array[:, j] for j in range(array.shape[1])})
         elif array.ndim == 1:
             flat[name] = array
-    return flat
+    return flat, naming
 
 
-def _from_columns(where: str, arrays: Arrays, wanted: Wanted) -> RawLog:
-    flat = _flat(arrays)
+def _from_columns(where: str, flat: Arrays, ours: OurNames, wanted: Wanted) -> RawLog:
     names = list(flat)
-    columns = sort_columns(where, names, wanted.n_joints, time=wanted.time, drive=wanted.drive)
+    columns = sort_columns(
+        where, ours.names, wanted.n_joints, shown=names, time=wanted.time, drive=wanted.drive
+    )
     used = columns.numbers if columns.run is None else (*columns.numbers, columns.run)
     length = len(flat[names[used[0]]])
     for c in used:
@@ -201,16 +217,23 @@ def _from_columns(where: str, arrays: Arrays, wanted: Wanted) -> RawLog:
             raise StictionError(f"{where}: column {name!r} holds {array.dtype}: expected numbers")
     check_size(where, length, len(used))
     return log_of_columns(
-        where, columns, lambda c: flat[names[c]], length, wanted, lambda i: f"row {i + 1}"
+        where,
+        columns,
+        ours,
+        lambda c: flat[names[c]],
+        length,
+        wanted.time,
+        lambda i: f"row {i + 1}",
     )
 
 
 def log_of_columns(
     where: str,
     columns: Columns,
+    ours: OurNames,
     column: Callable[[int], NDArray[Any]],
     length: int,
-    wanted: Wanted,
+    time: bool,
     place: Callable[[int], str],
 ) -> RawLog:
     """Return the log of a table of ``length`` rows.
@@ -218,26 +241,32 @@ def log_of_columns(
     Args:
         where: the file.
         columns: where its channels stand.
+        ours: their units.
         column: a column (T,) by its place; that of the runs may hold anything.
         length: number of rows, T.
-        wanted: whether it has time.
+        time: whether it has time.
         place: what a row is called within the file.
     """
     run = np.zeros(length, np.int64)
     if columns.run is not None and length:
         label = column(columns.run)
         run[1:] = np.cumsum(label[1:] != label[:-1])
+
+    def converted(c: int) -> NDArray[np.float64]:
+        values = np.asarray(column(c), np.float64)
+        return values * ours.factors[c] if c in ours.factors else values
+
     log = RawLog(
         source=where,
-        t=np.array(column(columns.t), float) if wanted.time else np.arange(float(length)),
+        t=np.array(converted(columns.t)) if time else np.arange(float(length)),
         data={
-            channel: np.stack([np.asarray(column(c), np.float64) for c in group], axis=1)
+            channel: np.stack([converted(c) for c in group], axis=1)
             for channel, group in columns.channels.items()
         },
         run=run,
         place=lambda i: f"{where}, {place(i)}",
         ignored=columns.ignored,
     )
-    for name in columns.renamed:
-        log.note(f"{name}1..n are taken as {OTHER_NAMES[name]}1..n")
+    for text in ours.notes:
+        log.note(text)
     return log

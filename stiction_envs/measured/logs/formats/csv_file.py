@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-import csv
 import gzip
+import io
 import math
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
 from operator import itemgetter
 from typing import ClassVar
 
@@ -15,6 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.dialect import (
+    UTF8,
+    Dialect,
+    dialect_of,
+    encoding_of,
+    header_in,
+    is_number,
+)
+from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names, unit_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
@@ -23,13 +35,12 @@ from stiction_envs.measured.logs.formats.base import (
     RawLog,
     Wanted,
     check_size,
-    check_unnamed,
     log_of_columns,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
 from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import Naming, check_unnamed
 
 HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 """Columns of robots' own logs; any other CSV has ours. `registry.register` adds more."""
@@ -42,9 +53,9 @@ _GZIP = b"\x1f\x8b"
 
 
 class CsvFile(NamedColumns):
-    """Comma-separated numbers below a header."""
+    """Numbers between commas, semicolons, tabs or blanks below a header."""
 
-    ends: ClassVar = (".csv", ".csv.gz")
+    ends: ClassVar = tuple(end + gz for end in (".csv", ".tsv", ".txt") for gz in ("", ".gz"))
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
@@ -52,8 +63,7 @@ class CsvFile(NamedColumns):
 
     def names(self, where: str, naming: Naming) -> list[str]:
         """See `NamedColumns.names`."""
-        names = _header(where, _lines(where))
-        return known_header(names).ours(names, where, naming)
+        return _our_names(where, _open(where, naming), naming)[1].names
 
 
 def known_header(names: Sequence[str]) -> Header:
@@ -61,18 +71,43 @@ def known_header(names: Sequence[str]) -> Header:
     return next((h for h in HEADERS if h.mark in names), OUR_COLUMNS)
 
 
+@dataclass
+class _Table:
+    """An opened CSV."""
+
+    names: list[str]
+    units: list[str]
+    """Of a row of units below the names; none where there is no such row."""
+    dialect: Dialect
+    rows: Iterator[tuple[int, bytes]]
+    """Number and bytes in UTF-8 of each line below."""
+    notes: list[str]
+    """Remarks for a person."""
+
+
 def _read_csv(where: str, wanted: Wanted) -> RawLog:
-    lines = _lines(where)
-    header = _header(where, lines)
-    kind = known_header(header)
-    if not kind.has_names:
-        check_unnamed(where, wanted.naming)
-    names = kind.ours(header, where, wanted.naming, wanted.n_joints)
-    columns = sort_columns(where, names, wanted.n_joints, time=wanted.time, drive=wanted.drive)
-    table, numbers = _table(where, lines, header, columns)
-    log = log_of_columns(
-        where, columns, table.__getitem__, len(numbers), wanted, lambda i: f"line {numbers[i]}"
+    text = _open(where, wanted.naming)
+    kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
+    columns = sort_columns(
+        where,
+        ours.names,
+        wanted.n_joints,
+        shown=text.names,
+        time=wanted.time,
+        drive=wanted.drive,
     )
+    table, numbers = _table(where, text, columns)
+    log = log_of_columns(
+        where,
+        columns,
+        ours,
+        table.__getitem__,
+        len(numbers),
+        wanted.time,
+        lambda i: f"line {numbers[i]}",
+    )
+    for remark in text.notes:
+        log.note(remark)
     if wanted.time:
         log.t /= kind.per_second
     if kind.sparse:
@@ -85,8 +120,50 @@ def _read_csv(where: str, wanted: Wanted) -> RawLog:
     return log
 
 
+def _our_names(
+    where: str, table: _Table, naming: Naming, n_joints: int | None = None
+) -> tuple[Header, OurNames]:
+    """Return the kind of a table, and our names of its columns."""
+    kind = known_header(table.names)
+    if kind is OUR_COLUMNS:
+        if naming.topic is not None:
+            check_unnamed(where, naming)
+        return kind, our_names(where, table.names, naming, n_joints, table.units)
+    if not kind.has_names:
+        check_unnamed(where, naming)
+    return kind, OurNames(names=kind.ours(table.names, where, naming, n_joints))
+
+
+def _open(where: str, naming: Naming) -> _Table:
+    """Open a CSV and read its names, units and dialect."""
+    lines, rows = _lines(where), deque[tuple[int, bytes]](maxlen=1)
+
+    def texts() -> Iterator[str]:
+        for number, line in lines:
+            rows.append((number, line))
+            yield _text(where, number, line)
+
+    header, below = header_in(texts())
+    if not below:
+        rows = deque(islice(lines, 1))
+    sample = rows[0][1].decode("utf-8", "replace") if rows else ""
+    dialect = dialect_of(header or sample, sample)
+    names = dialect.names(header or sample)
+    if not names:
+        raise StictionError(f"{where}: empty file: expected a header and one second of rows")
+    if not header and not listed_names(naming.columns):
+        raise StictionError(
+            f"{where}, line {rows[0][0]}: numbers without a header: expected a header, or columns "
+            "with a name for each, as in columns t q1..q6 tau1..tau6"
+        )
+    units = [] if is_number(sample) else dialect.names(sample.strip())
+    if len(units) != len(names) or not any(units) or None in map(unit_of, units):
+        units = []
+    return _Table(names, units, dialect, chain([] if units else rows, lines), dialect.notes)
+
+
 def _lines(where: str) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the bytes of each line that is not blank.
+    """Yield the number and the bytes in UTF-8 of each line that is not blank.
 
     Raises:
         StictionError: the file cannot be read, is too large, damaged, or packed and not named so.
@@ -103,12 +180,15 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
             if not packed and start == _GZIP:
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream = gzip.GzipFile(fileobj=file) if packed else file
-            while line := stream.readline(MOST_LINE_BYTES + 1):
+            encoding, most = encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
+            stream.seek(0)
+            wide = io.TextIOWrapper(stream, encoding) if encoding != UTF8 else None
+            while line := wide.readline(most).encode() if wide else stream.readline(most):
                 number, total = number + 1, total + len(line)
                 if len(line) > MOST_LINE_BYTES:
                     raise StictionError(
                         f"{where}, line {number}: a line of over {MOST_LINE_BYTES} bytes: "
-                        "expected comma-separated text"
+                        "expected a table as text"
                     )
                 if total > MOST_BYTES:
                     raise StictionError(
@@ -121,37 +201,30 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
         raise StictionError(
             f"{where}: the compressed file {reason} after line {number}: expected a whole gzip file"
         ) from None
+    except UnicodeError:
+        raise StictionError(
+            f"{where}: no UTF-16 after line {number}: expected text in UTF-8 or UTF-16"
+        ) from None
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
         raise StictionError(f"{where}: {reason}: expected a readable log file") from None
 
 
-def _header(where: str, lines: Iterable[tuple[int, bytes]]) -> list[str]:
-    """Return the names in the first line.
-
-    A leading ``#`` (as :func:`numpy.savetxt` writes it) does not count.
-    """
-    for number, line in lines:
-        here = f"{where}, line {number}"
-        try:
-            text = line.decode("utf-8-sig").strip()
-        except UnicodeDecodeError as error:
-            raise StictionError(
-                f"{here}: byte {error.start} is not UTF-8: expected CSV in UTF-8"
-            ) from None
-        if "\0" in text:
-            raise StictionError(f"{here}: not text: expected comma-separated text in UTF-8")
-        try:
-            names = next(csv.reader([text.removeprefix("#")]), [])
-        except csv.Error:
-            names = text.split(",")
-        if names:
-            return [name.strip() for name in names]
-    raise StictionError(f"{where}: empty file: expected a header and one second of rows")
+def _text(where: str, number: int, line: bytes) -> str:
+    """Return a line above the numbers; Windows' letters where it is not UTF-8."""
+    try:
+        text = line.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = line.decode("cp1252", "replace")
+    if any(ord(c) < 32 and not c.isspace() for c in text):
+        raise StictionError(
+            f"{where}, line {number}: not text: expected a table as text in UTF-8 or UTF-16"
+        )
+    return text.strip("\r\n")
 
 
 def _table(
-    where: str, lines: Iterable[tuple[int, bytes]], header: Sequence[str], columns: Columns
+    where: str, text: _Table, columns: Columns
 ) -> tuple[dict[int, Array], NDArray[np.int32]]:
     """Return the used columns by their place, and the line of each row.
 
@@ -161,23 +234,27 @@ def _table(
         StictionError: a row with too few or too many values, or a value that is no number.
     """
     used = columns.numbers
-    pick, width = itemgetter(*used), len(header)
+    pick, width, split = itemgetter(*used), len(text.names), text.dialect.cells
     values, labels, numbers = array("d"), array("d"), array("i")
     codes: dict[bytes, int] = {}
-    for number, line in lines:
-        cells = line.replace(b'"', b"").split(b",")
-        if len(cells) != width:
-            raise StictionError(
-                f"{where}, line {number}: {len(cells)} values: "
-                f"expected one for each of the {width} columns"
-            )
+    for number, line in text.rows:
+        cells = split(line)
         try:
             mine = pick(cells)
             # float takes Python's own 1_000, which is no number anywhere else
-            row = [] if b"_" in b"".join(mine) else [*map(float, mine)]
-        except ValueError:
+            unfit = len(cells) != width or b"_" in b"".join(mine)
+            row = [] if unfit else [*map(float, mine)]
+        except (ValueError, IndexError):
             row = []
-        values.extend(row or [_number(where, number, header[c], cells[c]) for c in used])
+        if not row:
+            try:
+                row = _numbers(f"{where}, line {number}", text.names, cells, used)
+            except StictionError:
+                if line.endswith(b"\n"):
+                    raise
+                text.notes.append(f"line {number}, the last one, is cut off: left out")
+                break
+        values.extend(row)
         numbers.append(number)
         if columns.run is not None:
             labels.append(codes.setdefault(cells[columns.run].strip(), len(codes)))
@@ -188,7 +265,20 @@ def _table(
     return table, np.array(numbers, np.int32)
 
 
-def _number(where: str, line: int, column: str, cell: bytes) -> float:
+def _numbers(
+    place: str, names: Sequence[str], cells: Sequence[bytes], used: Sequence[int]
+) -> list[float]:
+    """Return the used numbers of a row, NaN for cells without a value."""
+    if len(cells) != len(names):
+        commas = "; decimal commas need semicolons between the cells"
+        raise StictionError(
+            f"{place}: {len(cells)} values: expected one for each of the {len(names)} columns"
+            f"{commas * (len(cells) >= 2 * len(names) - 1 > 1)}"
+        )
+    return [_number(place, names[c], cells[c]) for c in used]
+
+
+def _number(place: str, column: str, cell: bytes) -> float:
     raw = cell.strip()
     try:
         return float("?" if b"_" in raw else raw.decode("ascii"))
@@ -197,4 +287,4 @@ def _number(where: str, line: int, column: str, cell: bytes) -> float:
     if shown.lower() in MISSING:
         return math.nan
     short = shown if len(shown) < 40 else shown[:37] + "..."
-    raise StictionError(f"{where}, line {line}: {column} is {short!r}: expected numbers")
+    raise StictionError(f"{place}: {column} is {short!r}: expected numbers")

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size
+from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size, held
 from stiction_envs.measured.logs.formats.messages import Message
 
 if TYPE_CHECKING:
@@ -114,13 +114,12 @@ def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: W
     keep = np.ones(len(q.stamps), bool)
     data = {"q": q.values}
     for k, stream in streams.items():
-        last = np.searchsorted(stream.stamps, q.stamps, side="right") - 1
         if k == "q_cmd":
-            keep &= last >= 0
-            data[k] = stream.values[np.maximum(last, 0)]
+            last, there = held(stream.stamps, q.stamps)
+            data[k] = stream.values[last]
         else:
             data[k], there = _interpolated(q.stamps, stream)
-            keep &= there
+        keep &= there
     rows, first = np.flatnonzero(keep), int(q.stamps[0])
     t = (q.stamps[keep] - first) / _NS
     log = RawLog(

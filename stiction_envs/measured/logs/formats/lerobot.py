@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.parquet import opened
@@ -121,14 +122,17 @@ class _Features:
 
     def __init__(self, where: str) -> None:
         path = Path(where) / INFO
+        refuse_pointer(path)
         try:
             if path.stat().st_size > MOST_INFO_BYTES:
                 raise StictionError(f"{path}: over {MOST_INFO_BYTES >> 20} MiB: expected lerobot's")
             info = json.loads(path.read_text("utf-8"))
             fps, features = float(info["fps"]), info["features"]
             self.robot = str(info.get("robot_type") or "")
-            state = _names(features[STATE])
-            action = _names(features[ACTION]) if ACTION in features else []
+            state = _names(path, STATE, features)
+            action = _names(path, ACTION, features) if ACTION in features else []
+        except StictionError:
+            raise
         except OSError as error:
             reason = (error.strerror or "cannot be read").lower()
             raise StictionError(f"{path}: {reason}: expected lerobot's info.json") from None
@@ -149,9 +153,9 @@ class _Features:
         self.action = _by_channel(path, action).get("q", {})
 
 
-def _names(feature: JsonRecord) -> list[str]:
+def _names(path: Path, name: str, features: JsonRecord) -> list[str]:
     """Return the names of a feature's columns; their numbers where it has none."""
-    names = feature.get("names")
+    names = (feature := features[name]).get("names")
     if isinstance(names, dict):  # version 2: {"motors": [...]}
         (names,) = names.values()
     (size,) = feature["shape"]
@@ -159,7 +163,9 @@ def _names(feature: JsonRecord) -> list[str]:
         names = range(1, int(size) + 1)
     names = [str(x) for x in names]
     if len(names) != size or size > 1000:
-        raise ValueError("shape")
+        raise StictionError(
+            f"{path}: {name!r} has {len(names)} names for {size} columns: expected one each"
+        )
     return names
 
 

@@ -6,6 +6,10 @@
 | ``franka_msgs/FrankaState`` | ``q``, ``dq`` | ``tau_J`` (in ROS 2 ``tau_j``) |
 | ``franka_msgs/FrankaRobotState`` | of its ``measured_joint_state`` | ``effort`` there: tau_J |
 | ``lbr_fri_idl/LBRState`` | ``measured_joint_position``, none | ``measured_torque`` |
+| ``control_msgs/JointTrajectoryControllerState`` | of its ``feedback`` | ``effort`` there |
+
+The last has ``q_cmd`` too, of its ``reference`` (of old: ``actual`` and ``desired``). Else commands
+are a ``JointState`` or a ``std_msgs/Float64MultiArray`` under a topic of their own (`is_command`).
 
 The `LBRState` of the first ``lbr_fri_msgs`` calls that ``torque``. Time is ``header.stamp``, of an
 ``LBRState`` that of KUKA's controller.
@@ -15,14 +19,14 @@ iiwa_ros and the LBR-Stack publish the same torques as the efforts of a ``JointS
 other arms may be currents or motor torques: see their driver.
 
 Sources: common_interfaces, franka_ros, franka_ros2, lbr_fri_ros2_stack (their .msg files);
-iiwa_ros, iiwa_driver/src/iiwa.cpp.
+iiwa_ros, iiwa_driver/src/iiwa.cpp; control_msgs, JointTrajectoryControllerState.msg.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -34,6 +38,10 @@ Message = Any
 
 LINK_SIDE = re.compile(r"(panda|fr3|fp3|lbr|iiwa)\d*_?")
 """Names of joints of Franka's and KUKA's arms, whose torques are measured behind the gear."""
+COMMANDS = re.compile(r"command|cmd|target|goal|reference|desired")
+"""In the names of topics with commands."""
+_NO_POSITION = re.compile(r"effort|torque|vel|current|gain|gripper")
+_ARRAY, _STATE = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState"
 
 
 @dataclass(frozen=True)
@@ -50,6 +58,8 @@ class Sample:
     """Speeds [rad/s]; empty where it has none."""
     tau: Array
     """Torques [N·m]; empty where it has none."""
+    q_cmd: Array = field(default_factory=lambda: np.zeros(0))
+    """Commanded angles [rad]; empty where it has none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +74,10 @@ class Kind:
     """Whether that is always measured behind the gear."""
     read: Callable[[Message], Sample]
     """Convert a message."""
+    has_commands: bool = False
+    """Whether it has commanded angles."""
+    named: bool = False
+    """Whether it should name the joints."""
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
@@ -82,7 +96,7 @@ def _array(values: ArrayLike) -> Array:
 
 def _joint_state(message: Message) -> Sample:
     return Sample(
-        tuple(message.name),
+        tuple(message.name) or None,
         _stamp(message.header),
         _array(message.position),
         _array(message.velocity),
@@ -100,6 +114,26 @@ def _franka_robot_state(message: Message) -> Sample:
     return Sample(of.names, _stamp(message.header), of.q, of.dq, of.tau)
 
 
+def _controller_state(message: Message) -> Sample:
+    new = hasattr(message, "feedback")
+    state, told = (
+        (message.feedback, message.reference) if new else (message.actual, message.desired)
+    )
+    return Sample(
+        tuple(message.joint_names) or None,
+        _stamp(message.header),
+        _array(state.positions),
+        _array(state.velocities),
+        _array(state.effort),
+        _array(told.positions),
+    )
+
+
+def _command(message: Message) -> Sample:
+    none = np.zeros(0)
+    return Sample(None, 0, _array(message.data), none, none)
+
+
 def _lbr_state(message: Message) -> Sample:
     tau = message.measured_torque if hasattr(message, "measured_torque") else message.torque
     stamp = int(message.time_stamp_sec) * 10**9 + int(message.time_stamp_nano_sec)
@@ -107,7 +141,7 @@ def _lbr_state(message: Message) -> Sample:
 
 
 KINDS = (
-    Kind(types=("sensor_msgs/msg/JointState",), tau="effort", link_side=False, read=_joint_state),
+    Kind(types=(_STATE,), tau="effort", link_side=False, read=_joint_state, named=True),
     Kind(types=("franka_msgs/msg/FrankaState",), tau="tau_J", link_side=True, read=_franka_state),
     Kind(
         types=("franka_msgs/msg/FrankaRobotState",),
@@ -121,8 +155,30 @@ KINDS = (
         link_side=True,
         read=_lbr_state,
     ),
+    Kind(
+        types=("control_msgs/msg/JointTrajectoryControllerState",),
+        tau="feedback.effort",
+        link_side=False,
+        read=_controller_state,
+        has_commands=True,
+        named=True,
+    ),
 )
 """Types that are read."""
 
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
 """Each by its name."""
+COMMAND_KINDS = {
+    _STATE: BY_TYPE[_STATE],
+    _ARRAY: Kind(types=(_ARRAY,), tau="", link_side=False, read=_command),
+}
+"""Those of commands under a topic of their own."""
+
+
+def is_command(topic: str, kind: str) -> bool:
+    """Return whether a topic has commanded angles, by its name and type."""
+    return (
+        kind in COMMAND_KINDS
+        and COMMANDS.search(topic) is not None
+        and not _NO_POSITION.search(topic)
+    )

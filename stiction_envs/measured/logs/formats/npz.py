@@ -1,8 +1,9 @@
-"""NumPy archives: columns, or matrices ``q``, ``tau``, … with ``t``."""
+"""NumPy archives: columns, or matrices ``q``, ``tau``, … with ``t``; and arrays of all columns."""
 
 from __future__ import annotations
 
 import zipfile
+from pathlib import Path
 from typing import IO, ClassVar
 
 import numpy as np
@@ -31,7 +32,7 @@ class NumpyArchive(ColumnFile):
                     if not member.endswith(".npy"):
                         continue
                     with archive.open(info) as file:
-                        _check_npy(where, file, info)
+                        _check_npy(f"{where}, {member}", file, info.file_size)
                     with archive.open(info) as file:
                         arrays[member.removesuffix(".npy")] = np.lib.format.read_array(
                             file, allow_pickle=False
@@ -47,22 +48,46 @@ class NumpyArchive(ColumnFile):
         return arrays
 
 
-def _check_npy(where: str, file: IO[bytes], info: zipfile.ZipInfo) -> None:
-    """What the array says of itself must fit into its file, before any memory is taken for it."""
+class NumpyArray(ColumnFile):
+    """What `numpy.save` writes: columns with names of fields, or a matrix (T, k) without names."""
+
+    ends: ClassVar = (".npy",)
+
+    def columns(self, where: str) -> Arrays:
+        """Read the array."""
+        try:
+            with open(where, "rb") as file:
+                _check_npy(where, file, Path(where).stat().st_size)
+                file.seek(0)
+                array = np.lib.format.read_array(file, allow_pickle=False)
+        except StictionError:
+            raise
+        except Exception:
+            raise StictionError(
+                f"{where}: damaged or no NumPy array: expected what numpy.save writes"
+            ) from None
+        if array.dtype.names:
+            return {name: array[name] for name in array.dtype.names}
+        if array.ndim != 2:
+            raise StictionError(
+                f"{where}: shape {array.shape}: expected (T, k), a row for each sample"
+            )
+        return {"": array}
+
+
+def _check_npy(where: str, file: IO[bytes], size: int) -> None:
+    """What an array says of itself must fit into its ``size`` before any memory is taken for it."""
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, _, dtype = np.lib.format.read_array_header_1_0(file)
     else:
         shape, _, dtype = np.lib.format.read_array_header_2_0(file)
     if dtype.hasobject:
-        raise StictionError(
-            f"{where}, {info.filename}: holds Python objects: expected arrays of numbers"
-        )
-    size = dtype.itemsize
+        raise StictionError(f"{where}: holds Python objects: expected arrays of numbers")
+    claimed = dtype.itemsize
     for length in shape:
-        size *= length
-    if size > info.file_size:
+        claimed *= length
+    if claimed > min(size, MOST_BYTES):
         raise StictionError(
-            f"{where}, {info.filename}: shape {shape} does not fit into its "
-            f"{info.file_size} bytes: expected what numpy.savez writes"
+            f"{where}: shape {shape} does not fit into its {size} bytes: expected what NumPy writes"
         )

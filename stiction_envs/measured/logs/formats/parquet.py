@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from stiction_envs.errors import StictionError, missing_extra
+from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.formats.base import Arrays, ColumnFile, check_size
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def opened(where: str, path: str | Path, damaged: str) -> Iterator[ParquetFile]:
         from pyarrow import parquet  # here: few logs need it, and it takes a moment
     except ImportError:
         raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
+    refuse_pointer(path)
     try:
         with parquet.ParquetFile(path) as file:
             yield file

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.messages import COMMANDS
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 
 TIME = "__time"
@@ -31,7 +32,6 @@ _STATE = re.compile(r"(?P<topic>.+)/(?P<joint>[^/]+)/(?P<field>position|velocity
 _CONTROLLER = re.compile(
     r"(?P<topic>.+)/(?P<side>reference|desired|feedback|actual)/positions[\[.](?P<number>\d+)\]?"
 )
-_COMMANDS = re.compile(r"command|cmd|target|goal|reference|desired")
 _CHANNELS = {"position": "q", "velocity": "dq", "effort": "tau"}
 _Curves = dict[str, dict[str, dict[str, str]]]
 """Columns by topic, joint and channel."""
@@ -68,7 +68,7 @@ def _curves(names: Sequence[str]) -> tuple[_Curves, _Curves]:
     commands: _Curves = {}
     for name in names:
         if match := _STATE.fullmatch(name):
-            side = commands if _COMMANDS.search(match["topic"]) else states
+            side = commands if COMMANDS.search(match["topic"]) else states
             channel = _CHANNELS[match["field"]]
             side.setdefault(match["topic"], {}).setdefault(match["joint"], {})[channel] = name
         elif match := _CONTROLLER.fullmatch(name):

@@ -12,7 +12,8 @@ from stiction_envs.measured.logs.formats.base import LogFormat
 from stiction_envs.measured.logs.formats.csv_file import HEADERS, CsvFile
 from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.formats.lerobot import LeRobotDataset
-from stiction_envs.measured.logs.formats.npz import NumpyArchive
+from stiction_envs.measured.logs.formats.mat import MatFile
+from stiction_envs.measured.logs.formats.npz import NumpyArchive, NumpyArray
 from stiction_envs.measured.logs.formats.parquet import Parquet
 from stiction_envs.measured.logs.formats.sage import SageFolder
 
@@ -21,6 +22,8 @@ GROUP = "stiction_envs.log_formats"
 _formats: list[LogFormat] = [
     CsvFile(),
     NumpyArchive(),
+    NumpyArray(),
+    MatFile(),
     Parquet(),
     RosBag(),
     LeRobotDataset(),

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import is_unsigned
+from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
@@ -27,6 +28,7 @@ from stiction_envs.measured.logs.formats.base import (
     RawLog,
     Wanted,
     check_size,
+    held,
 )
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import (
@@ -84,9 +86,8 @@ class SageFolder(LogFormat):
                     f"{where}: commands of {commands['positions'].shape[1]} joints, states of {n}: "
                     "expected the same"
                 )
-            last = np.searchsorted(commands["timestamp"], t, side="right") - 1
-            keep = last >= 0
-            data["q_cmd"] = commands["positions"][np.maximum(last, 0)]
+            last, keep = held(commands["timestamp"], t)
+            data["q_cmd"] = commands["positions"][last]
         rows = np.flatnonzero(keep)
         data = {k: np.ascontiguousarray(x[keep][:, order]) for k, x in data.items()}
         log = RawLog(
@@ -171,6 +172,7 @@ def _table(path: Path) -> dict[str, Array]:
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Return rows by column, each with the number of its line."""
     wanted = "expected SAGE's CSV in UTF-8"
+    refuse_pointer(path)
     try:
         if path.stat().st_size > MOST_BYTES:
             raise StictionError(f"{path}: over {MOST_BYTES >> 20} MiB: expected a shorter log")

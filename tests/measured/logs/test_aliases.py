@@ -1,0 +1,255 @@
+"""Columns under other people's names, in other units, without names; of a whole robot."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.aliases import Column, column_of, our_names
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.robots import load_arm
+from tests.measured.logs.bad_logs import GOOD, good_values, text_of
+from tests.measured.logs.fuzzing import fuzz, put, reads_or_complains
+
+LIMITS = load_arm("panda").limits
+VALUES = good_values()
+DEGREE = np.pi / 180
+
+
+def header(*names: str, first: int = 1, time: str = "t") -> str:
+    """Return the header of q, dq and tau by three patterns with the joint's number in them."""
+    return ",".join([time, *(n.format(j) for n in names for j in range(first, first + 7))])
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("joint_a1_pos", ("q", 1, "")),
+        ("position_1", ("q", 1, "")),
+        ("J1 Pos", ("q", 1, "")),
+        ("JointPosition1", ("q", 1, "")),
+        ("actual_q_0", ("q", 0, "")),
+        ("target_q_0", ("q_cmd", 0, "")),
+        ("qd3", ("dq", 3, "")),
+        ("q_d_3", ("q_cmd", 3, "")),
+        ("q_dot_3", ("dq", 3, "")),
+        ("effort[0]", ("tau", 0, "")),
+        ("tau_J_d_1", ("tau_cmd", 1, "")),
+        ("torque_3 [mNm]", ("tau", 3, "mnm")),
+        ("vel 2 (deg/s)", ("dq", 2, "deg/s")),
+        ("position (joint 2)", ("q", 2, "")),
+        ("joint_1_pos_rad", ("q", 1, "rad")),
+        ("dq1_rad_s", ("dq", 1, "rads")),
+        ("current_torque_abs1", ("current_abs", 1, "")),
+        ("Time (s)", ("t", 1, "s")),
+        ("timestamp_ms", ("t", 1, "ms")),
+        ("shoulder_pan_joint_position", ("q", None, "")),
+        ("wrist_angle_pos", ("q", None, "")),
+        ("dtau_1", None),
+        ("qdd1", None),
+        ("target_qd_1", None),
+        ("amplitude_nm", None),
+    ],
+)
+def test_what_a_name_says(name: str, says: tuple | None) -> None:
+    found = column_of(name)
+    assert (found and (found.channel, found.number, found.unit)) == says
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        header("position_{}", "qd{}", "effort_{}", time="time"),
+        header("joint_a{}_pos", "joint_a{}_vel", "joint_a{}_torque", time="Time (s)"),
+        header("q[{}]", "dq[{}]", "tau[{}]", first=0, time="timestamp"),
+        header("q{}", "dq{}", "tau{}", first=0),
+        header("q{} [rad]", "dq{} [rad/s]", "tau{} [Nm]", time="t [s]"),
+        header("panda_joint{}/position", "panda_joint{}/velocity", "panda_joint{}/effort"),
+    ],
+)
+def test_other_names_give_the_same_numbers(tmp_path: Path, names: str) -> None:
+    path = put(tmp_path / "log.csv", text_of(VALUES, names))
+    own = read_logs([put(tmp_path / "own.csv", GOOD)], 7, limits=LIMITS)[0]
+    (log,) = read_logs([path], 7, limits=LIMITS)
+    for got, expected in zip(log.arrays, own.arrays, strict=True):
+        np.testing.assert_array_equal(got, expected)
+    for found in (check(path), check(path, robot="panda")):
+        assert not found.defects
+        assert names.split(",")[1] in str(found) or "units as the table says" in str(found)
+
+
+def test_units_of_a_header_or_a_row_are_used(tmp_path: Path) -> None:
+    """Degrees, milliseconds and mN·m; an option of angles goes before the header."""
+    values = VALUES.copy()
+    values[:, 0] *= 1e3
+    values[:, 1:15] /= DEGREE
+    values[:, 15:] *= 1e3
+    names = header("q{} [deg]", "dq{} [deg/s]", "tau{} [mNm]", time="t [ms]")
+    bare = header("q{}", "dq{}", "tau{}")
+    units = ",".join(["ms", *["°"] * 7, *["°/s"] * 7, *["mN·m"] * 7])
+    rows = text_of(values, bare).replace(bare, f"{bare}\n{units}")
+    for text in (text_of(values, names), rows):
+        (log,) = read_logs([put(tmp_path / "log.csv", text)], 7, limits=LIMITS)
+        for got, expected in ((log.t, 0), (log.q, slice(1, 8)), (log.tau, slice(15, 22))):
+            np.testing.assert_allclose(got, VALUES[:, expected], atol=1e-7)
+        assert any("units as the table says: t in ms, q in" in c.text for c in log.corrections)
+    naming = Naming(units="deg")
+    (asked,) = read_logs([put(tmp_path / "log.csv", text_of(values, names))], 7, naming=naming)
+    np.testing.assert_allclose(asked.q, VALUES[:, 1:8], atol=1e-7)
+
+
+def test_a_german_excel(tmp_path: Path) -> None:
+    """Windows' letters, semicolons, decimal commas and degrees, all said by `check`."""
+    values = VALUES.copy()
+    values[:, 1:15] /= DEGREE
+    names = header("q{} [°]", "dq{} [°/s]", "tau{} [Nm]", time="Zeit [s]")
+    text = text_of(values, names).replace(",", ";").replace(".", ",")
+    path = put(tmp_path / "log.csv", text.encode("cp1252"))
+    (log,) = read_logs([path], 7, limits=LIMITS)
+    np.testing.assert_allclose(log.q, VALUES[:, 1:8], atol=1e-8)
+    said = str(check(path, robot="panda"))
+    for text in ("Zeit [s] is t", "q in °, dq in °/s", "semicolons between its cells and decimal"):
+        assert text in said
+
+
+@pytest.mark.parametrize(("unit", "parts"), [("ms", 1e3), ("µs", 1e6), ("ns", 1e9)])
+def test_dates_say_their_unit(tmp_path: Path, unit: str, parts: float) -> None:
+    rows = text_of(VALUES[:, 1:], GOOD.splitlines()[0][2:]).splitlines()
+    stamps = ["t", *(str(round((1.7e9 + t) * parts)) for t in VALUES[:, 0])]
+    lines = [f"{t},{row}" for t, row in zip(stamps, rows, strict=True)]
+    path = put(tmp_path / "log.csv", "# a robot\n# its day\n" + "\n".join(lines) + "\n")
+    (log,) = read_logs([path], 7)
+    np.testing.assert_allclose(log.t, VALUES[:, 0], atol=1e-6)
+    assert log.date == pytest.approx(1.7e9)
+    assert f"remark: times are dates in {unit}" in str(check(path))
+
+
+def test_currents_are_called_so(tmp_path: Path) -> None:
+    path = put(tmp_path / "log.csv", text_of(VALUES, header("q{}", "dq{}", "tau{} [A]")))
+    assert "tau in A, which is a current" in str(check(path))
+
+
+def test_what_was_commanded_makes_a_servo_log(tmp_path: Path) -> None:
+    path = put(tmp_path / "log.csv", text_of(VALUES[:, :15], header("actual_q_{}", "target_q_{}")))
+    assert drive_of(path) == "position"
+    (log,) = read_servo_logs([path], 7)
+    np.testing.assert_allclose(log.q_cmd, VALUES[:, 8:15], rtol=1e-8)
+
+
+def test_joints_by_name(tmp_path: Path) -> None:
+    """By the robot's names in any order, or as the caller says; others are left out."""
+    robot = ("base", "shoulder_lift", "elbow", "wrist_angle", "a", "b", "c")
+    shown = [*robot[::-1], "gripper"]
+    names = ["t", *(f"{x}_{c}" for c in ("pos", "vel", "effort") for x in shown)]
+    block = [np.column_stack([x[:, ::-1], x[:, 0] * 0]) for x in np.split(VALUES[:, 1:], 3, axis=1)]
+    table = np.column_stack([VALUES[:, :1], *block])
+    path = put(tmp_path / "log.csv", text_of(table, ",".join(names)))
+    for naming in (Naming(robot=robot), Naming(joints=robot)):
+        (log,) = read_logs([path], 7, naming=naming)
+        np.testing.assert_allclose(log.q, VALUES[:, 1:8], rtol=1e-8)
+        assert any("joints 1 to 7 are base, shoulder_lift" in c.text for c in log.corrections)
+    with pytest.raises(StictionError, match=r"its joints are .*name the joints"):
+        read_logs([path], 7)
+
+
+def test_columns_as_a_person_names_them(tmp_path: Path) -> None:
+    path = put(tmp_path / "log.csv", text_of(VALUES, header("W{}", "V{}", "M{}", time="Zeit")))
+    (log,) = read_logs([path], 7, naming=Naming(columns=("t=Zeit", "q=W", "dq=V", "tau=M")))
+    np.testing.assert_allclose(log.tau, VALUES[:, 15:], rtol=1e-8)
+    listed = ("t", "q1..q7", "dq1..dq7", "tau1..tau7")
+    bare = put(tmp_path / "bare.csv", GOOD.split("\n", 1)[1])
+    for file in (path, bare):
+        (log,) = read_logs([file], 7, naming=Naming(columns=listed))
+        np.testing.assert_allclose(log.t, VALUES[:, 0], rtol=1e-8)
+    for columns, says in (
+        (("t=Uhr",), "unknown column 'Uhr': expected one of Zeit, W1"),
+        (("t", "q1"), "2 names for 22 columns"),
+        (("zeit=Zeit",), "columns: 'zeit': expected t, q, q1"),
+    ):
+        with pytest.raises(StictionError, match=says):
+            read_logs([path], 7, naming=Naming(columns=columns))
+
+
+def test_a_chain_takes_its_joints_out_of_a_log_of_the_robot(tmp_path: Path) -> None:
+    """By number in the order of the robot's file, where the log has all of its joints."""
+    whole = tuple("abcdefghi")
+    naming = Naming(robot=whole[2:], whole=whole)
+    noise = np.random.default_rng(0).normal(size=(len(VALUES), 2))
+    blocks = [np.column_stack([noise, x]) for x in np.split(VALUES[:, 1:], 3, axis=1)]
+    names = ",".join(["t", *(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(1, 10))])
+    table = np.column_stack([VALUES[:, :1], *blocks])
+    (log,) = read_logs([put(tmp_path / "log.csv", text_of(table, names))], 7, naming=naming)
+    np.testing.assert_allclose(log.q, VALUES[:, 1:8], rtol=1e-8)
+    assert any(
+        "joints 3, 4, 5, 6, 7, 8, 9 of the whole robot's 9" in c.text for c in log.corrections
+    )
+
+
+def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
+    """One arm of two: its own names, and all names in the file's order, in `Arm.whole`."""
+    link = (
+        '<inertial mass="1" pos="0 0 .1" diaginertia=".01 .01 .01"/><joint name="{0}" axis="{1}"/>'
+    )
+    arm = "<body name='{0}1' pos='{1} 0 0'>" + link.format("{0}a", "0 1 0") + "<body name='{0}2'"
+    arm += " pos='0 0 .2'>" + link.format("{0}b", "1 0 0") + "</body></body>"
+    text = "<mujoco><worldbody><body name='torso'>{}{}</body></worldbody></mujoco>"
+    path = tmp_path / "two.xml"
+    path.write_text(text.format(arm.format("left", -1), arm.format("right", 1)))
+    chain = load_arm(path, chain=("torso", "right2"))
+    assert chain.joint_names == ("righta", "rightb")
+    assert chain.whole == ("lefta", "leftb", "righta", "rightb")
+    assert load_arm("panda").whole == ()
+    q = VALUES[:, [0, *range(1, 5), *range(15, 19)]]
+    names = "t,q1,q2,q3,q4,tau1,tau2,tau3,tau4"
+    found = check(
+        put(tmp_path / "log.csv", text_of(q, names)), robot=path, chain=("torso", "right2")
+    )
+    assert "joints 3, 4 of the whole robot's 4 are read" in str(found)
+
+
+NAMES = ["t", "time [s]", "q1 [deg]", "q_2", "pos1", "effort 1", "tau[2]", "target_q1", "x pos", ""]
+
+
+@fuzz(200)
+@given(st.lists(st.sampled_from(NAMES) | st.text(max_size=12), max_size=9), st.integers(1, 3))
+def test_fuzz_names(names: list[str], n: int) -> None:
+    """Any names give ours or one line; ours have each channel of a joint once, or as they were."""
+    try:
+        found = our_names("log", names, Naming(), n)
+    except StictionError:
+        return
+    assert len(found.names) == len(names)
+    taken = [x for x in found.names if x]
+    assert len(set(taken)) == len(taken) or len({x.strip() for x in names}) < len(names)
+
+
+@fuzz(150)
+@given(
+    st.lists(st.sampled_from(NAMES), min_size=5, max_size=8),
+    st.sampled_from([";", "\t", " ", ","]),
+    st.lists(
+        st.lists(st.sampled_from(["0,1", "1.5", "nan", "", "deg", "-2"]), max_size=8), max_size=9
+    ),
+    st.sampled_from(["utf-8", "utf-16", "utf-16-le", "cp1252"]),
+)
+def test_fuzz_dialects(
+    tmp_path: Path, names: list[str], delimiter: str, rows: list[list[str]], encoding: str
+) -> None:
+    out = io.StringIO()
+    csv.writer(out, delimiter=delimiter).writerows([names, *rows])
+    path = put(tmp_path / "log.csv", out.getvalue().encode(encoding))
+    reads_or_complains(lambda: read_logs([path], 2)[0])
+
+
+def test_one_joint_needs_no_number() -> None:
+    assert column_of("pos") == Column("q", (), "")
+    assert our_names("log", ["time", "pos", "effort"], Naming(), 1).names == ["t", "q1", "tau1"]
