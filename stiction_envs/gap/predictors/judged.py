@@ -22,7 +22,7 @@ from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.doubt import Draws
 from stiction_envs.gap.judge.judgement import WIDTH
 from stiction_envs.gap.judge.problem import Term
-from stiction_envs.gap.judge.search import Model, Search
+from stiction_envs.gap.judge.search import NAMED, Model, Search
 from stiction_envs.gap.links import with_found_links
 from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
@@ -85,21 +85,22 @@ def judge(
     say("columns of all causes", 0.0)
     predictor = TorquePredictor(data, causes)
     say("choosing causes", 0.0)
-    best = _first(predictor)
+    best = _refined(predictor, _first(predictor))
     for k in range(1, ROUNDS):
         say("choosing causes", k / ROUNDS)
-        best = _expected(predictor, best)
-        best = sharpened(predictor, best)
         named = [t for t in best.terms if predictor.causes[t.cause].adds_to in OF_ARM or t.shape]
         if not named:
             break
-        before, (predictor, start) = best, _given(predictor, best, data, causes)
-        best = best_of(predictor, [start, plain_friction(predictor)])
-        # what a body weighs depends on a tilt, and the tilt that is found on the body
-        leans = any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms)
-        if not leans and {t[:2] for t in best.terms} == {t[:2] for t in before.terms}:
+        after, start = _given(predictor, best, data, causes)
+        found = _refined(after, best_of(after, [start, plain_friction(after)]))
+        if found.evidence < best.evidence - NAMED:  # far off, columns of a model may mislead
             break
-    best = _clear(predictor, sharpened(predictor, _expected(predictor, best)))
+        same = {t[:2] for t in found.terms} == {t[:2] for t in best.terms}
+        predictor, best = after, found
+        # what a body weighs depends on a tilt, and the tilt that is found on the body
+        if same and not any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms):
+            break
+    best = _clear(predictor, best)
     terms = predictor.problem.model(best.terms)
     return Judged(predictor, best, terms, predictor.problem.fit(terms))
 
@@ -138,6 +139,11 @@ def _first(predictor: TorquePredictor) -> Model:
     best = max(found, key=lambda m: m.evidence)
     problem.given(best.inflation, best.scales)
     return search_of(predictor).climb(best.terms)
+
+
+def _refined(predictor: TorquePredictor, model: Model) -> Model:
+    """Return the model with the likeliest errors of what no model has, and sharpened."""
+    return sharpened(predictor, _expected(predictor, model))
 
 
 def _expected(predictor: TorquePredictor, model: Model) -> Model:
