@@ -28,9 +28,9 @@ _BETWEEN = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
 class Dialect:
     """What is between the cells of a table, and before the decimals of its numbers."""
 
-    delimiter: str = ","
+    delimiter: str
     """A blank stands for any white space."""
-    decimal_comma: bool = False
+    decimal_comma: bool
 
     def cells(self, line: bytes) -> list[bytes]:
         """Return the cells of a row of numbers, with decimal points."""

@@ -200,6 +200,16 @@ def test_a_log_of_another_robot_is_refused():
     # limits that the diagnosed logs leave too are the model's fault
     again = bent(hidden(arm, seconds=3.0, seed=3), "c")
     refuse_unfit([other], [again], arm, OWN)
+    # a continuous joint has none
+    position = arm.limits.position.copy()
+    position[3] = -np.pi, np.pi
+    limits = replace(arm.limits, position=position)
+    turned = replace(other, q=other.q + 4 * np.eye(7)[3])
+    refuse_unfit([turned], [own], replace(arm, limits=limits), OWN)
+    position[3] = -3.0, 3.0
+    limits = replace(arm.limits, position=position)
+    with pytest.raises(StictionError, match=r"joint 4 .* expected a log of panda"):
+        refuse_unfit([turned], [own], replace(arm, limits=limits), OWN)
 
 
 def bent(log: JointLog, source: str) -> JointLog:

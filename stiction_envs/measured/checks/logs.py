@@ -108,11 +108,11 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
     """
     warnings = []
     unlimited = None if limits is None else limits.assumed("position")
-    why = "another robot, another zero, or another sign?"
+    why = "another robot, zero or sign, or other limits than its file's ([limits.position])?"
     if channel != "q":
         why = "the servo may cut it"
     for j, q in enumerate(rows.data[channel].T):
-        low, high = (-FREE_ANGLE, FREE_ANGLE) if limits is None else limits.position[j]
+        low, high = (0.0, 0.0) if limits is None else limits.position[j]
         i = int(np.argmax(np.abs(q)))
         if unlimited is not None and unlimited[j]:
             if abs(q[i]) > FREE_ANGLE:
@@ -121,7 +121,8 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
                     "degrees? units deg"
                 )
             continue
-        if abs(q[i]) > (1 if limits is None else 2) * max(abs(low), abs(high)):
+        # an angle within a turn may be right, and the limits wrong
+        if abs(q[i]) > max(FREE_ANGLE if limits is None else 2 * np.pi, -2 * low, 2 * high):
             raise StictionError(
                 f"{place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: expected "
                 + ("radians" if limits is None else f"{low:g} to {high:g} rad")

@@ -117,7 +117,7 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "only blank lines": (r"log\.csv: empty file", "\n\r\n\n"),
     "header only": (r"log\.csv: no rows below", HEADER + "\n"),
     "wrong joint count": (r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7", SIX),
-    "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "zeit,")),
+    "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "uhr,")),
     "missing column": (r"log\.csv: missing column 'tau4'", _header("tau4", "moment_four")),
     "duplicate column": (r"log\.csv: column 'q3' is there twice", _header("q4", "q3")),
     "no header": (r"log\.csv, line 1: numbers without a header", GOOD.split("\n", 1)[1]),

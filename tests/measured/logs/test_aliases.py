@@ -44,7 +44,7 @@ def header(*names: str, first: int = 1, time: str = "t") -> str:
         ("q_dot_3", ("dq", 3, "")),
         ("effort[0]", ("tau", 0, "")),
         ("tau_J_d_1", ("tau_cmd", 1, "")),
-        ("torque_3 [mNm]", ("tau", 3, "mnm")),
+        ("torque_3 [mNm]", ("tau", 3, "mNm")),
         ("vel 2 (deg/s)", ("dq", 2, "deg/s")),
         ("position (joint 2)", ("q", 2, "")),
         ("joint_1_pos_rad", ("q", 1, "rad")),

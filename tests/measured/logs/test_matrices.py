@@ -95,12 +95,14 @@ def test_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     refuses(lambda: read(tmp_path / "deep.npy"), r"shape \(3, 3, 3\): expected \(T, k\)")
     np.save(tmp_path / "object.npy", np.array([[None]]), allow_pickle=True)
     refuses(lambda: read(tmp_path / "object.npy"), "holds Python objects")
-    savemat(tmp_path / "log.mat", {"t": T})
-    monkeypatch.setattr(mat, "MOST_PACKED", 100)
-    refuses(lambda: read(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")
+    for packed, limit in ((False, "MOST_BYTES"), (True, "MOST_VALUES")):
+        savemat(tmp_path / "log.mat", {"t": T}, do_compression=packed)
+        with monkeypatch.context() as patch:
+            patch.setattr(mat, limit, 100)
+            refuses(lambda: read(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")
 
 
-@fuzz(60)
+@fuzz(150)
 @given(st.sampled_from(["log.mat", "packed.mat", "log.npy"]), st.data())
 def test_fuzz_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     path = tmp_path / name

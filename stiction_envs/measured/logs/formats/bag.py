@@ -319,7 +319,7 @@ def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
         text += f": tau is {stream.kind.tau}" + ", measured behind the gear" * bool(log.side)
     if stream.joints:
         text += f"; joints 1 to {wanted.n_joints} are {', '.join(stream.joints)}"
-    elif stream.kind.named:
+    else:
         text += "; messages do not name their joints, which are taken in their order"
     if stream.others:
         text += f"; {stream.others} messages of other joints left out"

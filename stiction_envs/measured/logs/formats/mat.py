@@ -1,12 +1,14 @@
 """MATLAB's files: variables ``t``, ``q`` (T, n), ``tau``, …, also as fields of structures.
 
-Versions up to 7 are read by SciPy, version 7.3, which is HDF5, by h5py (extra ``mat``). A matrix
-with a joint in each row is turned. Objects (``timeseries``, ``table``) hold no plain numbers.
+Versions 5 to 7 are read here, for SciPy's reader crashes on damaged ones; version 7.3, which is
+HDF5, by h5py (extra ``mat``). A matrix with a joint in each row is turned. Objects (``timeseries``)
+hold no plain numbers. Source: MathWorks, MAT-File Format (R2023a).
 """
 
 from __future__ import annotations
 
-import math
+import struct
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,14 +16,28 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.measured.logs.formats.base import MOST_BYTES, Arrays, ColumnFile
+from stiction_envs.measured.logs.formats.base import MOST_BYTES, MOST_VALUES, Arrays, ColumnFile
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How HDF5 begins, behind MATLAB's own 512 bytes. Source: its specification."""
-MOST_PACKED = 2**28
-"""Most bytes of a file of version 7, whose variables are compressed; assumed."""
 MOST_JOINTS = 100
 """Shorter sides of matrices are joints; assumed."""
+_COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
+_NUMBERS = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+"""Kinds of elements with numbers."""
+_CLASSES = range(6, 16)
+"""Classes of matrices of numbers."""
 Matrix = np.ndarray[Any, Any]
 
 
@@ -55,23 +71,52 @@ class MatFile(ColumnFile):
 
 
 def _version_5(where: str) -> Iterator[tuple[str, Matrix]]:
-    from scipy.io import loadmat, whosmat  # here: few logs need it, and it takes a moment
+    _check_bytes(where, Path(where).stat().st_size, MOST_BYTES)
+    data = Path(where).read_bytes()
+    order = {b"IM": "<", b"MI": ">"}[data[126:128]]
+    for kind, element in _elements(data[128:], order):
+        if kind == _COMPRESSED:
+            most = 8 * MOST_VALUES
+            element = zlib.decompressobj().decompress(element, most)
+            _check_bytes(where, len(element) + 1, most)
+            ((kind, element),) = _elements(element, order)
+        if kind == _MATRIX:
+            yield from _matrices("", element, order)
 
-    _check_bytes(where, Path(where).stat().st_size, MOST_PACKED)
-    _check_bytes(where, sum(8 * math.prod(shape) for _, shape, _ in whosmat(where)))
-    for name, value in loadmat(where).items():
-        yield from _fields(name, value)
+
+def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+    """Yield kind and content of each element, which begins at a multiple of 8 bytes."""
+    at = 0
+    while at < len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        start = at + 8
+        if kind >> 16:  # a small one, within its tag
+            kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
+        if start + size > len(data):
+            raise ValueError("an element beyond the end")
+        yield kind, data[start : start + size]
+        at = start + size
+        at += -at % 8 if kind != _COMPRESSED else 0
 
 
-def _fields(name: str, value: object) -> Iterator[tuple[str, Matrix]]:
-    """Yield the matrices of a variable, those of its fields by their path."""
-    if not isinstance(value, np.ndarray) or value.ndim != 2:
+def _matrices(name: str, data: bytes, order: str) -> Iterator[tuple[str, Matrix]]:
+    """Yield the matrices of numbers in a variable, those of its fields by their path."""
+    parts = _elements(data, order)
+    kind = next(parts)[1][0 if order == "<" else 3]
+    if kind not in (_STRUCT, *_CLASSES):
         return
-    if value.dtype.names and value.size == 1:
-        for field in value.dtype.names:
-            yield from _fields(f"{name}.{field}", value[field].flat[0])
-    elif value.dtype.kind in "fiu":
-        yield name, value
+    shape = np.frombuffer(next(parts)[1], f"{order}i4")
+    own = next(parts)[1].decode()
+    name = f"{name}.{own}" if name and own else name or own
+    if kind == _STRUCT:
+        length = int(np.frombuffer(next(parts)[1], f"{order}i4")[0])
+        names = next(parts)[1]
+        fields = [names[i : i + length].partition(b"\0")[0] for i in range(0, len(names), length)]
+        for field, (_, inner) in zip(fields, parts, strict=shape.prod() == 1):
+            yield from _matrices(f"{name}.{field.decode()}", inner, order)
+    elif len(shape) == 2:
+        number, values = next(parts)
+        yield name, np.frombuffer(values, order + _NUMBERS[number]).reshape(shape, order="F")
 
 
 def _hdf5(where: str) -> Iterator[tuple[str, Matrix]]:
@@ -89,7 +134,7 @@ def _hdf5(where: str) -> Iterator[tuple[str, Matrix]]:
 
     with h5py.File(where, "r") as file:
         file.visititems(note)
-        _check_bytes(where, sum(int(item.nbytes) for item in found.values()))
+        _check_bytes(where, sum(int(item.nbytes) for item in found.values()), MOST_BYTES)
         yield from ((name, item[()].T) for name, item in found.items())
 
 
@@ -100,6 +145,6 @@ def _upright(value: Matrix) -> Matrix:
     return value.T if value.shape[0] < min(value.shape[1], MOST_JOINTS) else value
 
 
-def _check_bytes(where: str, size: int, most: int = MOST_BYTES) -> None:
+def _check_bytes(where: str, size: int, most: int) -> None:
     if size > most:
         raise StictionError(f"{where}: over {most >> 20} MiB: expected a shorter log")

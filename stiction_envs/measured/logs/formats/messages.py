@@ -76,8 +76,6 @@ class Kind:
     """Convert a message."""
     has_commands: bool = False
     """Whether it has commanded angles."""
-    named: bool = False
-    """Whether it should name the joints."""
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
@@ -115,10 +113,8 @@ def _franka_robot_state(message: Message) -> Sample:
 
 
 def _controller_state(message: Message) -> Sample:
-    new = hasattr(message, "feedback")
-    state, told = (
-        (message.feedback, message.reference) if new else (message.actual, message.desired)
-    )
+    state = message.feedback if hasattr(message, "feedback") else message.actual
+    told = message.reference if hasattr(message, "reference") else message.desired
     return Sample(
         tuple(message.joint_names) or None,
         _stamp(message.header),
@@ -141,7 +137,7 @@ def _lbr_state(message: Message) -> Sample:
 
 
 KINDS = (
-    Kind(types=(_STATE,), tau="effort", link_side=False, read=_joint_state, named=True),
+    Kind(types=(_STATE,), tau="effort", link_side=False, read=_joint_state),
     Kind(types=("franka_msgs/msg/FrankaState",), tau="tau_J", link_side=True, read=_franka_state),
     Kind(
         types=("franka_msgs/msg/FrankaRobotState",),
@@ -161,7 +157,6 @@ KINDS = (
         link_side=False,
         read=_controller_state,
         has_commands=True,
-        named=True,
     ),
 )
 """Types that are read."""
@@ -177,8 +172,5 @@ COMMAND_KINDS = {
 
 def is_command(topic: str, kind: str) -> bool:
     """Return whether a topic has commanded angles, by its name and type."""
-    return (
-        kind in COMMAND_KINDS
-        and COMMANDS.search(topic) is not None
-        and not _NO_POSITION.search(topic)
-    )
+    named = COMMANDS.search(topic) and not _NO_POSITION.search(topic)
+    return kind in COMMAND_KINDS and bool(named)
