@@ -196,3 +196,21 @@ def test_no_two_causes_are_large_and_opposed_where_little_is_left() -> None:
     for cause in found.causes:
         size = np.sqrt(np.mean(np.square(found.cause_torque(cause.name)), axis=0))
         assert np.all(size <= 5 * found.nominal_rms), cause.name
+
+
+def test_loads_may_be_late_where_friction_is_not() -> None:
+    """A model whose columns lose what the one before explained is not taken."""
+    arm = load_arm("panda")
+    made = recorded(arm, 0.3, 0.2, middle=arm.rest)
+    rigid = inverse_torque(arm.model(), made.q, made.dq, made.ddq)
+    late = round(0.08 / float(made.t[1] - made.t[0]))
+    made.tau += np.vstack([np.repeat(rigid[:1], late, axis=0), rigid[:-late]]) - rigid
+    found = diagnose_logs([made.log(noise=0.05)], arm, torque="link")
+    causes = named(found)
+    assert set(causes) == {*FRICTION, "actuator_delay"}
+    (delay,) = causes["actuator_delay"].parameters.values()
+    assert delay["delay_s"].value == pytest.approx(-0.08, rel=0.1)
+    for name, key, true in (("coulomb", "coulomb_nm", 0.3), ("viscous", "viscous_nms", 0.2)):
+        for each in causes[f"{name}_friction"].parameters.values():
+            assert each[key].value == pytest.approx(true, rel=0.2)
+    assert found.extended_rms.mean() < 0.05
