@@ -78,32 +78,37 @@ class ControllerModel:
         """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
         self.missing = np.zeros((nsim, n))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
-        self._data: list[mujoco.MjData] = []
-        self.arrays = self.of_arms(slice(None))
-        """Of `renew_dynamics`."""
+        self._made: dict[tuple[int, int], tuple[ModelArrays, list[mujoco.MjData]]] = {}
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what has addresses in this process."""
-        return {name: x for name, x in vars(self).items() if name not in ("_data", "arrays")}
+        """Leave out what has addresses in this process; `of_arms` makes it anew."""
+        return vars(self) | {"_made": {}}
 
-    def __setstate__(self, state: dict[str, object]) -> None:
-        vars(self).update(state, _data=[])
-        self.arrays = self.of_arms(slice(None))
+    @property
+    def arrays(self) -> ModelArrays:
+        """Arguments of `renew_dynamics` for all arms."""
+        return self.of_arms(slice(0, len(self.mass)))
 
     def of_arms(self, arms: slice) -> ModelArrays:
-        """Return what `renew_dynamics` needs for some arms, with data of its own."""
-        # one MjData for them stays in the cache: every update computes everything again
-        data = [mujoco.MjData(model) for model in self._models]
-        self._data += data  # compiled code has addresses only
-        dynamics = [
-            Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
-            for model, d in zip(self._models, data, strict=True)
-        ]
-        return ModelArrays(
-            *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
-            *_entries(self._models[0]),
-            *(self._rotor, self.mass[arms], self.missing[arms]),
-        )
+        """Return what `renew_dynamics` needs for some arms, with data of its own.
+
+        The same objects are returned for the same arms.
+        """
+        where = arms.start, arms.stop
+        if where not in self._made:
+            # one MjData for them stays in the cache: every update computes everything again
+            data = [mujoco.MjData(model) for model in self._models]
+            dynamics = [
+                Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
+                for model, d in zip(self._models, data, strict=True)
+            ]
+            arrays = ModelArrays(
+                *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
+                *_entries(self._models[0]),
+                *(self._rotor, self.mass[arms], self.missing[arms]),
+            )
+            self._made[where] = arrays, data  # compiled code has addresses only
+        return self._made[where][0]
 
     def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
         """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""

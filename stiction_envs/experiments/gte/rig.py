@@ -23,7 +23,7 @@ from stiction_envs.control.sensing import CommandLine, Senses, Sensing
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.base import Experiment
-from stiction_envs.experiments.gte.controller_model import ControllerModel, ModelArrays
+from stiction_envs.experiments.gte.controller_model import ControllerModel
 from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.gte.step import (
     AheadArrays,
@@ -129,7 +129,6 @@ class GTERig(Rig):
         self._arrays: StepArrays
         self._nothing, self._added = np.zeros((2, nsim, self.n))
         self._accepted = np.zeros(nsim, dtype=bool)
-        self._dynamics: dict[tuple[int, int], ModelArrays] = {}
         self.applied = np.zeros((nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self._torque = np.zeros((nsim, self.n))
@@ -138,11 +137,6 @@ class GTERig(Rig):
         self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
-
-    def __getstate__(self) -> dict[str, object]:
-        """Leave out what has addresses in this process; `advance` makes it."""
-        state = {name: x for name, x in vars(self).items() if name != "_arrays"}
-        return state | {"_dynamics": {}}
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -251,15 +245,8 @@ class GTERig(Rig):
         if not loops:
             self.plant.follow(self._law, steps)
             return
-        parts = [(of_arms(arrays, arms, self._dynamics_of(arms)), loop) for arms, loop in loops]
+        parts = [(of_arms(arrays, arms, self._model.of_arms(arms)), loop) for arms, loop in loops]
         self.plant.follow_compiled(partial(self._follow_block, parts), steps)
-
-    def _dynamics_of(self, arms: slice) -> ModelArrays:
-        """Return the controller's model of some arms, always the same objects."""
-        where = arms.start, arms.stop
-        if where not in self._dynamics:
-            self._dynamics[where] = self._model.of_arms(arms)
-        return self._dynamics[where]
 
     def _follow_block(self, parts: Sequence[tuple[StepArrays, Arguments]], steps: int) -> None:
         """Follow for control steps between which friction does not change slowly.
