@@ -27,11 +27,6 @@ LOWPASS_PARTS = (0.5, 1.0)
 that is the low-pass's time constant; the rest is a delay [-]; assumed."""
 SMOOTHED = (0.01, 0.02, 0.04, 0.08)
 """|T'| of these that are tried [s]; assumed."""
-LONGEST = 0.125
-"""Longest |T'| that is tried [s]; assumed: a longer one leaves nothing of the motion."""
-STEPS = (0.8, 0.9, 0.999999, 1.1, 1.2)
-"""Factors of T' that are tried with another torque, one of them almost 1 [-]; assumed. No product
-of them is 1, since a candidate keeps its columns."""
 
 
 class ActuatorDelay(Cause):
@@ -88,11 +83,6 @@ class ActuatorDelay(Cause):
                 later = lfilter([1 - k], [1, -k], later, zi=[k * later[0]])[0]
             out[run] = (later - torque[run]) / ahead
         return out[recording.path_rows]
-
-    def nearby(self, shape: Shape) -> list[Shape]:
-        """Return shapes with T' near that of a shape, to try with another torque."""
-        lengths = (factor * shape[0] for factor in STEPS)
-        return [(x, *shape[1:]) for x in lengths if abs(x) < LONGEST]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return two cycles of a slow controller [s]; assumed."""
