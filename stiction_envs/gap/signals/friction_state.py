@@ -36,11 +36,6 @@ class FrictionState:
     in_nominal: bool
     """Whether the nominal model has friction, so that it may also have too much."""
 
-    def is_same(self, other: FrictionState) -> bool:
-        """Whether all of it is the same."""
-        mine, theirs = vars(self), vars(other)
-        return all(np.array_equal(mine[x], theirs[x]) for x in mine)
-
     @classmethod
     def of(cls, friction: FrictionParameters) -> FrictionState:
         """Return the state for a nominal model with friction."""

@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.gap.causes.base import Array, Parameter, Shape
-from stiction_envs.gap.causes.draft import ModelDraft, Part
-from stiction_envs.gap.causes.gear.deflection import (
-    DeflectedLink,
-    own_terms,
-    own_torque_of,
-    torque_of,
+from stiction_envs.gap.causes.base import (
+    ALL_OF_ONE,
+    Array,
+    Cause,
+    Columns,
+    Parameter,
+    Prior,
+    Shape,
 )
+from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.signals.recording import Recording, rate
+from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
 """Damping ratios of the link on its spring that are tried [-]; assumed."""
@@ -27,10 +31,18 @@ LEAST_ROTOR = 0.01
 """Least rotor inertia that can carry a joint's friction in front of a spring [kg·m²]; assumed."""
 SPRINGS = 20
 """Number of springs that are simulated at once: more take memory without saving time; assumed."""
+TRIED = np.geomspace(500.0, 32000.0, 25)
+"""Stiffnesses that are tried [N·m/rad]; assumed: soft harmonic drives to stiff gears."""
+LEAST, MOST = 0.3, 1.5
+"""Bounds of the torque over what a tried stiffness predicts [-]; assumed: room for stiffnesses
+between those tried."""
 
 
-class JointElasticity(DeflectedLink):
-    """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ."""
+class JointElasticity(Cause):
+    """A link that swings on K: M δ̈ + D δ̇ + K δ = −load, Δτ = M[:, j] δ̈ + ∂g/∂q[:, j] δ.
+
+    The coefficient is the size of the torque over what a tried stiffness predicts.
+    """
 
     name: ClassVar[str] = "joint_elasticity"
     what: ClassVar[str] = "spring between motor and link"
@@ -38,12 +50,17 @@ class JointElasticity(DeflectedLink):
         "a sweep through 1 to 20 Hz of each joint, motor and link angle logged"
     )
     parameters: ClassVar = (Parameter("stiffness_nm_per_rad", "N·m/rad", 0.0),)
-    tried: ClassVar[Array] = np.geomspace(500.0, 32000.0, 25)
-    """Stiffnesses [N·m/rad]; assumed: soft harmonic drives to stiff gears."""
-    least: ClassVar[float] = 0.3
-    """Assumed; leaves room for stiffnesses between those tried."""
-    most: ClassVar[float] = 1.5
-    """Assumed."""
+    resembles_delay: ClassVar[bool] = True
+    is_linear: ClassVar[bool] = False
+    acts_on: ClassVar[str] = ALL_OF_ONE
+
+    def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
+        """Return all of what is predicted [-], and the least and the largest coefficient."""
+        return Prior(np.ones(1), np.array([LEAST]), np.array([MOST]))
+
+    def grid(self, data: Data, joint: int) -> Array:
+        """Return the stiffnesses that are tried [N·m/rad]."""
+        return TRIED
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the torque of the link's deflection on all joints."""
@@ -53,12 +70,14 @@ class JointElasticity(DeflectedLink):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the stiffnesses [N·m/rad] and damping ratios that the residual shows best."""
         ok = data.block >= 0
-        tried = [(float(k), ratio) for ratio in DAMPINGS for k in self.tried]
+        tried = [(float(k), ratio) for ratio in DAMPINGS for k in TRIED]
         left = []
         for at in range(0, len(tried), SPRINGS):
             delta = deflections(data, joint, tried[at : at + SPRINGS])
             columns = data.smooth(own_torque_of(data, joint, delta))[ok]
-            left.append(self.left(residual[ok] @ columns, np.square(columns).sum(axis=0)))
+            along, size = residual[ok] @ columns, np.square(columns).sum(axis=0)
+            c = np.clip(along / np.maximum(size, 1e-300), LEAST, MOST)
+            left.append(c * c * size - 2 * c * along)
         return [tried[k] for k in np.argsort(np.concatenate(left), kind="stable")[:BEST]]
 
     def possible(
@@ -69,7 +88,7 @@ class JointElasticity(DeflectedLink):
         The upper bound is none: a motion without the resonance asks for a stiffer spring of more
         than its size, and K is then the size of the deflection only.
         """
-        return bool(coefficients[0] > self.least)
+        return bool(coefficients[0] > LEAST)
 
     def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
         """Return K [N·m/rad]."""
@@ -82,6 +101,46 @@ class JointElasticity(DeflectedLink):
             draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])
         else:
             draft.leave_out(part, "no rotor inertia is known that could swing on the spring")
+
+
+def along_runs(data: Data, signal: Array) -> Array:
+    """Return the time derivative of (T, ...) within each segment, per second."""
+    return rate(signal, data.runs(), data.dt)
+
+
+def masses(recording: Recording) -> Columns:
+    """Return (T, n, n) M(q) of an arm along a recording [kg·m²]."""
+    return mass_matrices(recording.pinocchio, recording.q).astype(np.float32)
+
+
+def slopes(recording: Recording) -> Columns:
+    """Return (T, n, n) ∂g/∂q of an arm along a recording [N·m/rad]."""
+    return gravity_slopes(recording.pinocchio, recording.q).astype(np.float32)
+
+
+def own_terms(data: Data, joint: int) -> tuple[Array, Array]:
+    """Return (T,) inertia [kg·m²] and slope of gravity [N·m/rad] of a joint on itself."""
+    mass, slope = (data.links.derived(x)[:, joint, joint] for x in (masses, slopes))
+    return mass.astype(np.float64), slope.astype(np.float64)
+
+
+def torque_of(data: Data, joint: int, deflection: Array) -> Array:
+    """Return (T, n) M[:, j] δ̈ + ∂g/∂q[:, j] δ of a link that is δ (T,) off its motor [N·m].
+
+    First order in δ; Coriolis terms of δ̇ are left out.
+    """
+    bend = along_runs(data, along_runs(data, deflection))
+    mass, slope = (data.links.derived(x)[:, :, joint] for x in (masses, slopes))
+    return np.asarray(mass * bend[:, None] + slope * deflection[:, None])
+
+
+def own_torque_of(data: Data, joint: int, deflections: Array) -> Array:
+    """Return (T, k) `torque_of` k deflections (T, k) on the joint itself [N·m]."""
+    bend = along_runs(data, along_runs(data, deflections))
+    mass, slope = own_terms(data, joint)
+    bend *= mass[:, None]
+    bend += slope[:, None] * deflections
+    return bend
 
 
 def deflection(data: Data, joint: int, stiffness: float, ratio: float = 0.1) -> Array:
