@@ -142,6 +142,10 @@ class Cause:
     """Whether poses at rest can show it; all others need motion."""
     tell_apart: ClassVar[Mapping[str, str]] = {}
     """Further breakaway torques that distinguish it from another cause, by that one's name."""
+    words: ClassVar[str] = ""
+    """What is wrong with torque tables, a noun with its value; parameters are in braces."""
+    not_in_friction: ClassVar[str] = "no parameter of friction holds it"
+    """Why a model of the arm does not hold what tables show of it, a clause, likewise."""
 
     # ---- torque ------------------------------------------------------------------------------
 
@@ -192,13 +196,13 @@ class Cause:
         raise NotImplementedError
 
     def in_words(self, values: Mapping[str, float]) -> str:
-        """Return what is wrong with the tables, a noun with its value, by parameters' names."""
-        return ", ".join(f"{k} {v:.3g}" for k, v in values.items())
+        """Return `words` with the values of parameters."""
+        return self.words.format(**values)
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
     ) -> Mapping[str, Array | float] | str:
-        """Return a joint's friction parameters that tables show to be other, or why none is.
+        """Return a joint's friction parameters that are other with it, or `not_in_friction`.
 
         Args:
             friction: friction without it.
@@ -206,7 +210,7 @@ class Cause:
             j: joint, from 0.
             values: its parameters by name.
         """
-        return "no parameter of friction holds it"
+        return self.not_in_friction.format(**values)
 
     # ---- what was found ----------------------------------------------------------------------
 

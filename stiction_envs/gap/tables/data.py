@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -76,16 +76,19 @@ class TableData:
                 out.setdefault(self.jobs[i].configuration, []).append(i)
         return {where: np.array(rows) for where, rows in out.items()}
 
+    def place(self, i: int) -> str:
+        """Return joint, pose, direction and dither of a reading, as ``joint 7 load +, 30 Hz``."""
+        job, where = self.jobs[i], self.jobs[i].configuration
+        dither = f"{job.frequency_hz:g} Hz, {job.amplitude_nm:.4g} N·m"
+        place = f"joint {where.joint} {where.load} {where.direction}"
+        return f"{place}, {'no dither' if self.base[i] else dither}"
+
     def nominal(self, field: str, joint: int) -> float:
         """Return a friction parameter of a joint (from 1), mean over directions."""
         return float(np.mean(getattr(self.whole.friction, field)[joint - 1]))
 
-    def neutral(self, q: Quantity) -> float:
-        """Return the nominal value of a quantity; a filter that is off has its largest."""
-        return float(np.clip(self.whole.value(NOMINAL, q), q.low, q.high))
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Effect:
     """What a cause changes in some readings, by one unknown x that is 0 in the nominal model.
 
@@ -98,14 +101,13 @@ class Effect:
     """From 1; several only for a quantity that they have in common."""
     rows: Index
     """The readings."""
+    _: KW_ONLY
     scope: str = ""
     """Which of the effects of this cause on a joint it is."""
     size: float
     """Standard deviation of the Gaussian prior of x."""
-    low: float = -np.inf
-    """Least x; that of a quantity also follows from what can be simulated."""
-    high: float = np.inf
-    """Largest x."""
+    most: float = np.inf
+    """Largest |x|; ends of a quantity follow from what can be simulated."""
     trials: tuple[float, ...] = (-0.7, 0.7)
     """Values of x over its prior size to which the effect is a straight line [-]; assumed."""
     odds: float = 0.0
@@ -116,7 +118,14 @@ class Effect:
     """(rows,) torque that is added to the readings per unit of x."""
     level: Callable[[float], Array | float] | None = None
     """Returns the logarithm of the factor on friction, one or (rows,)."""
-    values: Callable[[float], dict[str, float]]
-    """Returns the parameters of ``diagnosis.json``; a longer key names a part."""
+    parameters: Mapping[str, float]
+    """The parameters of ``diagnosis.json`` per unit of x; a longer key names a part."""
+    log: bool = False
+    """Whether they are those per unit of exp(x)."""
     bad: bool = False
     """Whether it is a bad reading, and not a property of the arm."""
+
+    def values(self, x: float) -> dict[str, float]:
+        """Return the parameters of ``diagnosis.json`` for x."""
+        each = float(np.exp(x)) if self.log else x
+        return {name: scale * each for name, scale in self.parameters.items()}

@@ -10,7 +10,6 @@ Causes are named by the evidence of the model with them (`gap.tables.judged`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -31,10 +30,11 @@ from stiction_envs.gap.judge.judgement import (
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE, WIDTH
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData
-from stiction_envs.gap.tables.judged import Fit, Judge
+from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
 from stiction_envs.gap.tables.predictor import Predictor
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
+from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints as named
 from stiction_envs.robots import Arm
 
@@ -69,11 +69,10 @@ class TableDiagnosis(Judgement):
     def to_json(self) -> dict[str, object]:
         """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
 
-        def by_joint(values: Array) -> dict[str, float | None]:
-            each = zip(self.joints, values.tolist(), strict=True)
-            return {str(j): x if math.isfinite(x) else None for j, x in each}
+        def by_joint(values: Array) -> dict[str, float]:
+            return dict(zip(map(str, self.joints), values.tolist(), strict=True))
 
-        return {
+        answer = {
             "robot": self.robot,
             "verdict": self.verdict,
             "reason": self.reason,
@@ -84,6 +83,7 @@ class TableDiagnosis(Judgement):
             "gain_percent": self.gain_percent,
             **self.judged_json(),
         }
+        return dict(plain(answer))
 
 
 def diagnose_tables(
@@ -139,22 +139,15 @@ def diagnose_tables(
     say("simulating the nominal arm")
     effects = [e for c in (causes or registered()) for e in c.in_tables(data)]
     quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
-    judge = Judge(Predictor(data, base, list(quantities)), effects)
-    best = judge.search(say)
-    say("looking for what else could have been it")
-    return _report(arm.name, judge, best)
+    judge = Judge(Predictor(data, list(quantities)), effects)
+    return _report(arm.name, judge, *judge.search(say))
 
 
-def _report(robot: str, judge: Judge, best: Fit) -> TableDiagnosis:
+def _report(robot: str, judge: Judge, best: Fit, weighed: Sequence[Weighed]) -> TableDiagnosis:
     nominal = judge.fit({})
-    # bad readings have no error of the model
-    bad = {i for e in best.values if e.bad for i in e.rows.tolist()}
-    before, after = _errors(judge, nominal, set()), _errors(judge, best, bad)
+    before, after = _errors(judge, nominal), _errors(judge, best)
     gained = percent_gained(before, after)
-    groups: dict[tuple[object, ...], list[Effect]] = {}
-    for e in best.values:
-        groups.setdefault((e.cause, e.joints, tuple(e.rows) if e.bad else ()), []).append(e)
-    found = [_named(judge, best, some, bad, before, after) for some in groups.values()]
+    found = [_named(judge, best, c, before, after) for c in weighed]
     causes = tuple(sorted(found, key=lambda c: -c.gain_percent))
     verdict, reason = _verdict(judge, best)
     if causes and gained < 0:  # a verdict is earned
@@ -175,32 +168,31 @@ def _report(robot: str, judge: Judge, best: Fit) -> TableDiagnosis:
     )
 
 
-def _named(
-    judge: Judge, best: Fit, some: Sequence[Effect], bad: set[int], before: Array, after: Array
-) -> NamedCause:
-    """Return what is said of some effects of one cause on the same joints."""
-    name, joints = some[0].cause, some[0].joints
-    rest = {e: x for e, x in best.values.items() if e not in some}
-    without = judge.fit(rest, best.states)
-    still_bad = {i for e in rest if e.bad for i in e.rows.tolist()}
-    rivals = {n: best.score - f.score for n, f in judge.rivals(best, without, some).items()}
+def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
+    """Return what is said of a cause."""
+    name, joints = c.effects[0].cause, c.effects[0].joints
+    rivals = {n: best.score - f.score for n, f in c.rivals.items()}
     nearest = sorted(rivals.items(), key=lambda x: x[1])
     confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
     return NamedCause(
         name=name,
         joints=joints,
-        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, some)},
-        gain_percent=percent_lost(_errors(judge, without, still_bad), after, before),
-        nats=best.score - without.score,
+        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, c.effects)},
+        gain_percent=percent_lost(_errors(judge, c.without), after, before),
+        nats=best.score - c.without.score,
         rivals=tuple(nearest),
-        evidence=_evidence(judge, best, without, some),
+        evidence=_evidence(judge, best, c.without, c.effects),
         confused_with=tuple(confused),
         told_apart_by={n: what_tells_apart(name, n) for n in confused},
     )
 
 
-def _errors(judge: Judge, fit: Fit, bad: set[int]) -> Array:
-    """Return the mean held-out |error| of each joint over its friction [%], no bad readings."""
+def _errors(judge: Judge, fit: Fit) -> Array:
+    """Return the mean held-out |error| of each joint over its friction [%].
+
+    Readings that the model calls bad have no error of the model.
+    """
+    bad = {i for e in fit.values if e.bad for i in e.rows.tolist()}
     error = np.abs(judge.left_out(fit))
     each = [[i for i in rows if i not in bad] for rows in judge.data.of_joint.values()]
     return np.array([100 * error[rows].mean() for rows in each])
@@ -225,25 +217,20 @@ def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Effect]) -> s
     with_it, less = (judge.predictor.predict(f.states, f.values) for f in (fit, without))
     off, off_less = (np.abs(data.torque - x) / data.unit for x in (with_it, less))
     i = int(rows[(off_less - off)[rows].argmax()])
-    values: dict[str, float] = {}
-    for e in some:
-        values |= e.values(fit.values[e])
+    values = {k: v for e in some for k, v in e.values(fit.values[e]).items()}
     before, after = (100 * np.sqrt(np.mean(x[rows] ** 2)) for x in (off_less, off))
     read, simulated, better = data.sign[i] * np.array([data.torque[i], less[i], with_it[i]])
-    job = data.jobs[i]
-    w, dither = job.configuration, f"{job.frequency_hz:g} Hz, {job.amplitude_nm:.4g} N·m"
-    place = f"joint {w.joint} {w.load} {w.direction}, {'no dither' if data.base[i] else dither}"
     return (
         f"{cause_named(some[0].cause).in_words(values)}: without it the error of {named(joints)} "
-        f"is {before:.1f} % of the friction (root mean square), with it {after:.1f} %; at {place}, "
-        f"{read:.4f} N·m is read, and simulated {simulated:.4f} N·m without it, {better:.4f} N·m "
-        "with it"
+        f"is {before:.1f} % of the friction (root mean square), with it {after:.1f} %; at "
+        f"{data.place(i)}, {read:.4f} N·m is read, and simulated {simulated:.4f} N·m without it, "
+        f"{better:.4f} N·m with it"
     )
 
 
 def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
     """Return the causes of whole joints whose posterior is about as wide as their prior."""
-    lines = judge.problem(fit.states, fit.values, tangents=False)
+    lines = judge.problem(fit.states, fit.values, tangents=False, sizes=fit.sizes)
     out: dict[tuple[str, int], NotShown] = {}
     for term, e in judge.effects.items():
         whole = len(e.joints) == 1 and len(e.rows) == len(judge.data.of_joint[e.joints[0]])

@@ -65,10 +65,26 @@ class Fit:
         own = each[len(each) - len(self.terms) :].tolist()
         return {e: e.size * x for e, x in zip(self.values, own, strict=True)}
 
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of the likeliest sizes of each joint's errors, as of `TableProblem`."""
+        model = self.problem.model(self.terms)
+        return tuple(self.problem.likeliest(k, model) for k in range(len(self.problem.channels)))
+
     def error(self, k: int) -> Array:
         """Return scatter of a joint's readings and their common error, over friction [-]."""
-        model = self.problem.model(self.terms)
-        return np.asarray(SCATTER * SIZES[self.problem.likeliest(k, model)])
+        return np.asarray(SCATTER * SIZES[self.sizes[k]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Weighed:
+    """A cause in the best model, and the models that lack it."""
+
+    effects: list[Effect]
+    """Of one cause on the same joints; a bad reading is one of its own."""
+    without: Fit
+    rivals: dict[str, Fit]
+    """Models with another cause in its place, by that one's name."""
 
 
 class Judge:
@@ -102,9 +118,11 @@ class Judge:
 
     # ---- columns ---------------------------------------------------------------------------------
 
-    def problem(self, states: States, values: Values, *, tangents: bool) -> TableProblem:
+    def problem(
+        self, states: States, values: Values, *, tangents: bool, sizes: tuple[int, ...] = ()
+    ) -> TableProblem:
         """Return the model near some values: on tangents, or on straight lines for all effects."""
-        return self._all.on(self._channels(states, values, tangents))
+        return self._all.on(self._channels(states, values, tangents), sizes)
 
     def _channels(self, states: States, values: Values, tangents: bool) -> list[Cells]:
         out = []
@@ -185,9 +203,8 @@ class Judge:
 
         Each block is predicted with values fitted to the others.
         """
-        model, data, out = fit.problem.model(fit.terms), self.data, np.empty(len(self.data.jobs))
-        fixed = fit.problem.on(fit.problem.channels)
-        fixed.sizes = tuple(fit.problem.likeliest(k, model) for k in range(len(data.joints)))
+        data, out = self.data, np.empty(len(self.data.jobs))
+        fixed = fit.problem.on(fit.problem.channels, fit.sizes)
         for block in range(data.blocks):
             values = self.found(fixed.without(block), fit.terms)
             left = (data.torque - self.predictor.predict(fit.states, values)) / data.unit
@@ -196,18 +213,39 @@ class Judge:
 
     # ---- search ----------------------------------------------------------------------------------
 
-    def search(self, say: Callable[[str], None]) -> Fit:
-        """Return the best model, from nothing and from each effect on all joints."""
+    def search(self, say: Callable[[str], None]) -> tuple[Fit, list[Weighed]]:
+        """Return the best model, from nothing and from each effect on all joints, and its causes.
+
+        Straight lines may promise too little: a rival that turns out better takes a cause's place.
+        """
         best = self._climb(self.fit({}), say)
         lines = self.problem(best.states, {}, tangents=False)
         for e in [e for e in self.bounds if len(e.joints) > 1 and e not in best.values]:
             alone = [[t] for t, own in self.effects.items() if own is e]
-            start = max(alone, key=lines.score)
+            start = max([[], *alone], key=lines.score)
             if lines.score(start) - NAMED > lines.score([]):
                 values = self.found(lines, start)
                 other = self._climb(self.fit(values, best.states, simulate=False), say)
-                best = max(best, other, key=lambda f: f.merit)
-        return best
+                best = max(best, other, key=_merit)
+        while True:
+            say("looking for what else could have been it")
+            causes = self._weigh(best)
+            better = max([best, *(f for c in causes for f in c.rivals.values())], key=_merit)
+            if better is best:
+                return best, causes
+            best = self._climb(better, say)
+
+    def _weigh(self, fit: Fit) -> list[Weighed]:
+        groups: dict[tuple[object, ...], list[Effect]] = {}
+        for e in fit.values:
+            groups.setdefault((e.cause, e.joints, tuple(e.rows) if e.bad else ()), []).append(e)
+        out = []
+        for some in groups.values():
+            rest = {e: x for e, x in fit.values.items() if e not in some}
+            without = self.fit(rest, fit.states)
+            rivals = self._rivals(fit, without, some)
+            out.append(Weighed(effects=some, without=without, rivals=rivals))
+        return out
 
     def _climb(self, start: Fit, say: Callable[[str], None]) -> Fit:
         """Return the best model that steps from a model reach, each verified by a fit."""
@@ -231,7 +269,7 @@ class Judge:
             return now.score
 
         search = Search(
-            self._all.on(self._channels(start.states, start.values, tangents=False)),
+            self.problem(start.states, start.values, tangents=False),
             list(self.effects),
             lambda _: (),
             refresh,  # type: ignore[arg-type]
@@ -240,7 +278,7 @@ class Judge:
         search.climb(start.terms)
         return best
 
-    def rivals(self, fit: Fit, without: Fit, instead: Sequence[Effect]) -> dict[str, Fit]:
+    def _rivals(self, fit: Fit, without: Fit, instead: Sequence[Effect]) -> dict[str, Fit]:
         """Return models with another cause in place of some effects, by its name.
 
         Args:
@@ -272,6 +310,10 @@ class Judge:
             close = new.score > fit.score - CLOSE
             out[name] = self.fit(new.values, new.states) if close else new
         return out
+
+
+def _merit(fit: Fit) -> float:
+    return fit.merit
 
 
 def _kind(e: Effect) -> tuple[str, bool, bool]:

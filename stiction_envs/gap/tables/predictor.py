@@ -1,7 +1,7 @@
 """Predicts all readings of torque tables, given what is wrong with the arm.
 
 The whole arm is simulated in a state near the values; a lone joint predicts the change from there
-to the values (`lone_joint`). States are whole steps of the logarithms.
+to the values (`lone_joint`).
 """
 
 from __future__ import annotations
@@ -12,17 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.tables.data import Effect, TableData
-from stiction_envs.gap.tables.lone_joint import Bench, LoneJoint
-from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, NOMINAL, Quantity, State
-from stiction_envs.measured import BaseTable
+from stiction_envs.gap.tables.lone_joint import LoneJoint
+from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, NOMINAL, STEP, Quantity, State
 
 Array = NDArray[np.float64]
 Values = Mapping[Effect, float]
 """What is wrong with the arm, and how much: x of each effect."""
 States = Mapping[int, State]
 """The state from which each joint (from 1) is predicted."""
-STEP = 0.1
-"""Step of a quantity's logarithm between states of the whole arm [-]; assumed."""
 LEVEL_STEP = 0.1
 """Step of the logarithm of friction for its slope [-]; assumed."""
 
@@ -30,27 +27,24 @@ LEVEL_STEP = 0.1
 class Predictor:
     """The arm, its lone joints, and the readings that they predict."""
 
-    def __init__(self, data: TableData, base: BaseTable, quantities: Sequence[Quantity]) -> None:
+    def __init__(self, data: TableData, quantities: Sequence[Quantity]) -> None:
         """Take the tables, and what simulations vary."""
         self.data, self.whole, self.quantities = data, data.whole, tuple(quantities)
-        whole = data.whole
-        self._bench = Bench.of(whole.arm, base, whole.friction, whole.protocol)
         self._lone: dict[tuple[int, State], LoneJoint] = {}
         self._jobs = {j: [data.jobs[i] for i in rows] for j, rows in data.of_joint.items()}
-        self._log = {q: float(np.log(data.neutral(q))) for q in self.quantities}
+        self._log = {q: float(np.log(self.whole.neutral(q))) for q in self.quantities}
 
     def bounds(self, e: Effect) -> tuple[float, float]:
         """Return the least and the largest x of an effect."""
-        if e.quantity is None:
-            return e.low, e.high
-        knots = [self._of(j, NOMINAL).knots[e.quantity] - self._log[e.quantity] for j in e.joints]
-        return max(float(k[0]) for k in knots), min(float(k[-1]) for k in knots)
+        if (q := e.quantity) is None:
+            return -e.most, e.most
+        low, high = zip(*(self._of(j, NOMINAL).ends(q) for j in e.joints), strict=True)
+        return max(low) - self._log[q], min(high) - self._log[q]
 
     def _of(self, joint: int, state: State) -> LoneJoint:
         if (joint, state) not in self._lone:
-            self._lone[joint, state] = LoneJoint(
-                self._jobs[joint], self._bench, self.whole, state, self.quantities
-            )
+            lone = LoneJoint(self._jobs[joint], self.whole, state, self.quantities)
+            self._lone[joint, state] = lone
         return self._lone[joint, state]
 
     def states(self, values: Values, now: States | None = None) -> States:
@@ -60,16 +54,14 @@ class Predictor:
         return states
 
     def _state(self, joint: int, values: Values, now: State | None) -> State:
-        state, near = NOMINAL, now is not None
-        for q in self.quantities:
-            x = sum(v for e, v in values.items() if e.quantity is q and joint in e.joints)
-            neutral = self.data.neutral(q)
-            if steps := round(x / STEP):
-                state = self.whole.changed(state, q, neutral * float(np.exp(STEP * steps)))
-            if now is not None:
-                here = np.clip(self.whole.value(now, q), q.low, q.high) / neutral
-                near = near and abs(x - float(np.log(here))) <= STEP
-        return now if now is not None and near else state
+        log = dict.fromkeys(self.quantities, 0.0)
+        for e, x in values.items():
+            if e.quantity is not None and joint in e.joints:
+                log[e.quantity] += x
+        here = dict(now or ())
+        if now is not None and all(abs(x - STEP * here.get(q, 0)) <= STEP for q, x in log.items()):
+            return now
+        return frozenset((q, steps) for q, x in log.items() if (steps := round(x / STEP)))
 
     def of_joint(self, joint: int, state: State, values: Values) -> Array:
         """Return (rows,) predicted readings of a joint from a simulated state [N·m]."""

@@ -74,9 +74,9 @@ class TableProblem(Problem):
     """Numbers of each joint's sizes of the errors; () where each model has the likeliest."""
     _known: dict[tuple[int, tuple[int, ...]], Array] = field(default_factory=dict)
 
-    def on(self, channels: Sequence[Cells]) -> TableProblem:
+    def on(self, channels: Sequence[Cells], sizes: tuple[int, ...] = ()) -> TableProblem:
         """Return the same terms on other channels."""
-        return replace(self, channels=list(channels), _scores={}, _fits={}, _known={})
+        return replace(self, channels=list(channels), sizes=sizes, _scores={}, _fits={}, _known={})
 
     def take(self, channels: Sequence[Cells]) -> None:
         """Take other columns of the same terms."""

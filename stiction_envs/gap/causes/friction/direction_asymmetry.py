@@ -64,16 +64,15 @@ class DirectionAsymmetry(Cause):
             unit = float(data.unit[rows].min())
             for instead in (False, True):
                 yield Effect(
-                    cause=self.name,
-                    joints=(j,),
-                    rows=rows,
+                    self.name,
+                    (j,),
+                    rows,
                     scope="in place of an offset" * instead,
                     size=IN_TABLES * unit,
-                    low=-MOST * unit,
-                    high=MOST * unit,
+                    most=MOST * unit,
                     torque=-data.sign[rows] if instead else None,
                     level=partial(_level, data.sign[rows] / data.unit[rows]),
-                    values=partial(_values, instead),
+                    parameters={"asymmetry_nm": 1.0} | ({"offset_nm": -1.0} if instead else {}),
                 )
 
     def in_words(self, values: Mapping[str, float]) -> str:
@@ -94,7 +93,3 @@ class DirectionAsymmetry(Cause):
 
 def _level(part: Array, x: float) -> Array:
     return np.log1p(x * part)
-
-
-def _values(instead: bool, x: float) -> dict[str, float]:
-    return {"asymmetry_nm": x} | ({"offset_nm": -x} if instead else {})

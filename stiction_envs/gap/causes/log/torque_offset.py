@@ -46,6 +46,7 @@ class TorqueOffset(Cause):
         "gravity_error": THIRD_POSE,
         "direction_asymmetry": STRONG,
     }
+    words: ClassVar[str] = "an added torque of {offset_nm:+.3g} N·m"
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
     view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
 
@@ -67,20 +68,15 @@ class TorqueOffset(Cause):
         for j, rows in data.of_joint.items():
             unit = float(data.unit[rows].min())
             yield Effect(
-                cause=self.name,
-                joints=(j,),
-                rows=rows,
+                self.name,
+                (j,),
+                rows,
                 size=IN_TABLES * unit,
-                low=-MOST * unit,
-                high=MOST * unit,
+                most=MOST * unit,
                 trials=(1.0,),
                 torque=data.sign[rows],
-                values=lambda x: {"offset_nm": x},
+                parameters={"offset_nm": 1.0},
             )
-
-    def in_words(self, values: Mapping[str, float]) -> str:
-        """Return the torque in words."""
-        return f"an added torque of {values['offset_nm']:+.3g} N·m"
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from stiction_envs.experiments.sje.poses import Poses
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.tables.causes.friction_level import BASE_AGAIN, FrictionLevel
 from stiction_envs.gap.tables.data import Index, TableData
 
@@ -16,6 +15,7 @@ class BaseDrift(FrictionLevel):
 
     name = "base_drift"
     log_size = 0.1
+    in_friction, not_in_friction = Cause.in_friction, "friction of another day"
     tell_apart: ClassVar[Mapping[str, str]] = {"corrupted_cell": BASE_AGAIN}
 
     def scopes(self, data: TableData, joint: int) -> Iterator[tuple[str, Index]]:
@@ -24,9 +24,3 @@ class BaseDrift(FrictionLevel):
             yield scope, rows[~data.base[rows]]
         for where, rows in data.dithered(joint).items():
             yield f"{where.load} {where.direction}", rows
-
-    def in_friction(
-        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
-    ) -> str:
-        """Return that the model is of the day of the base torques."""
-        return "friction of another day"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -38,15 +37,15 @@ class FrictionLevel(Cause):
         for j in data.joints:
             for scope, rows in self.scopes(data, j):
                 yield Effect(
-                    cause=self.name,
-                    joints=(j,),
-                    rows=rows,
+                    self.name,
+                    (j,),
+                    rows,
                     scope=scope,
                     size=self.log_size,
-                    low=float(np.log(FRICTION_LEVEL.low)),
-                    high=float(np.log(FRICTION_LEVEL.high)),
+                    most=float(np.log(FRICTION_LEVEL.high)),
                     level=float,
-                    values=partial(_factor, f"factor {scope}".strip()),
+                    parameters={f"factor {scope}".strip(): 1.0},
+                    log=True,
                 )
 
     def in_words(self, values: Mapping[str, float]) -> str:
@@ -71,7 +70,3 @@ class FrictionLevel(Cause):
         line = with_levels(friction, poses, level, offset)
         names_of_line = ("stiction", "load_coefficient", "load_low", "load_high")
         return {k: getattr(line, k)[j] for k in names_of_line}
-
-
-def _factor(key: str, x: float) -> dict[str, float]:
-    return {key: float(np.exp(x))}

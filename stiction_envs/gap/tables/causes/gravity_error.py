@@ -27,15 +27,14 @@ class GravityError(Cause):
         """Yield a share of each joint's load."""
         for j, rows in data.of_joint.items():
             yield Effect(
-                cause=self.name,
-                joints=(j,),
-                rows=rows,
+                self.name,
+                (j,),
+                rows,
                 size=SHARE,
-                low=-MOST,
-                high=MOST,
+                most=MOST,
                 trials=(1.0,),
                 torque=data.load[rows],
-                values=lambda x: {"share_of_gravity": x},
+                parameters={"share_of_gravity": 1.0},
             )
 
     def in_words(self, values: Mapping[str, float]) -> str:

@@ -7,8 +7,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.experiments.sje.poses import Poses
-from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.tables.causes.simulated import SAME_DAY
 from stiction_envs.gap.tables.data import Effect, TableData
@@ -29,6 +27,8 @@ class LowPass(Cause):
     """One cut-off for the dither of all joints."""
 
     name = "low_pass"
+    words = "a cut-off of {cutoff_hz:.3g} Hz"
+    not_in_friction = "a low-pass of {cutoff_hz:.4g} Hz on the commanded torque is the interface's"
     tell_apart: ClassVar[Mapping[str, str]] = {
         "rotor_inertia": OTHER_JOINTS,
         "presliding": OTHER_JOINTS,
@@ -37,25 +37,15 @@ class LowPass(Cause):
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:
         """Yield one effect on all joints."""
-        neutral = data.neutral(LOW_PASS)
+        neutral = data.whole.neutral(LOW_PASS)
         ends = np.log(np.array([LOW_PASS.low, LOW_PASS.high]) / neutral) / LOG_SIZE
         yield Effect(
-            cause=self.name,
-            joints=data.joints,
-            rows=np.arange(len(data.jobs)),
+            self.name,
+            data.joints,
+            np.arange(len(data.jobs)),
             size=LOG_SIZE,
             trials=tuple(x for x in np.linspace(ends[0], ends[1], GRID).tolist() if x),
             quantity=LOW_PASS,
-            values=lambda x: {"cutoff_hz": float(np.exp(x)) * neutral},
+            parameters={"cutoff_hz": neutral},
+            log=True,
         )
-
-    def in_words(self, values: Mapping[str, float]) -> str:
-        """Return the cut-off in words."""
-        return f"a cut-off of {values['cutoff_hz']:.3g} Hz"
-
-    def in_friction(
-        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
-    ) -> str:
-        """Return that the filter belongs to the interface."""
-        cutoff = values["cutoff_hz"]
-        return f"a low-pass of {cutoff:.4g} Hz on the commanded torque is the interface's"

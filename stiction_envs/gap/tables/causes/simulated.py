@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import ClassVar
-
-import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
@@ -33,18 +30,15 @@ class SimulatedCause(Cause):
         for j, rows in data.of_joint.items():
             unit = data.nominal(self.quantity.fields[0], j)
             yield Effect(
-                cause=self.name,
-                joints=(j,),
-                rows=rows,
+                self.name,
+                (j,),
+                rows,
                 size=self.log_size,
                 trials=TRIALS,
                 quantity=self.quantity,
-                values=partial(self._values, unit),
+                parameters={"factor": 1.0} | ({self.absolute: unit} if self.absolute else {}),
+                log=True,
             )
-
-    def _values(self, unit: float, x: float) -> dict[str, float]:
-        factor = float(np.exp(x))
-        return {"factor": factor} | ({self.absolute: unit * factor} if self.absolute else {})
 
     def in_words(self, values: Mapping[str, float]) -> str:
         """Return the factor in words."""
