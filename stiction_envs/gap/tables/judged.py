@@ -214,19 +214,11 @@ class Judge:
     # ---- search ----------------------------------------------------------------------------------
 
     def search(self, say: Callable[[str], None]) -> tuple[Fit, list[Weighed]]:
-        """Return the best model, from nothing and from each effect on all joints, and its causes.
+        """Return the best model and its causes.
 
         Straight lines may promise too little: a rival that turns out better takes a cause's place.
         """
         best = self._climb(self.fit({}), say)
-        lines = self.problem(best.states, {}, tangents=False)
-        for e in [e for e in self.bounds if len(e.joints) > 1 and e not in best.values]:
-            alone = [[t] for t, own in self.effects.items() if own is e]
-            start = max([[], *alone], key=lines.score)
-            if lines.score(start) - NAMED > lines.score([]):
-                values = self.found(lines, start)
-                other = self._climb(self.fit(values, best.states, simulate=False), say)
-                best = max(best, other, key=_merit)
         while True:
             say("looking for what else could have been it")
             causes = self._weigh(best)
