@@ -21,8 +21,12 @@ def register(cause: Cause) -> Cause:
     """Add a cause; from then on diagnoses, model files and reports know it by its name.
 
     Raises:
-        StictionError: a taken or improper name, or a missing field.
+        StictionError: a taken or improper name, a missing field, or nothing that shows it.
     """
+    if not any(_shown(cause, method) for method in (IN_LOGS, IN_TABLES)):
+        raise StictionError(
+            f"cause {type(cause).__name__}: expected {IN_LOGS} or {IN_TABLES}, which show it"
+        )
     more = (x for method, fields in _NEEDED.items() if _shown(cause, method) for x in fields)
     for field in ("name", *more):
         if not getattr(cause, field, None):

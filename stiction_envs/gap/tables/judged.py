@@ -55,8 +55,8 @@ class Fit:
     """Log evidence and prior odds [nats]."""
 
     @property
-    def merit(self) -> float:
-        """The score less what a name needs [nats]."""
+    def worth(self) -> float:
+        """The score less what every name must bring [nats]."""
         return self.score - NAMED * len(self.terms)
 
     def sd(self) -> dict[Effect, float]:
@@ -222,7 +222,7 @@ class Judge:
         while True:
             say("looking for what else could have been it")
             causes = self._weigh(best)
-            better = max([best, *(f for c in causes for f in c.rivals.values())], key=_merit)
+            better = max([best, *(f for c in causes for f in c.rivals.values())], key=_worth)
             if better is best:
                 return best, causes
             best = self._climb(better, say)
@@ -250,9 +250,9 @@ class Judge:
             if set(effects) != set(now.values):
                 say(", ".join(sorted({e.cause for e in effects})) or "nothing")
                 new = self.fit(self.found(problem, terms), now.states, simulate=False)
-                if new.merit > best.merit:
+                if new.worth > best.worth:
                     new = self.fit(new.values, new.states)
-                if new.merit > best.merit:
+                if new.worth > best.worth:
                     best = new
                 elif len(new.values) >= len(now.values):
                     self._refused.add(frozenset(effects))
@@ -304,8 +304,8 @@ class Judge:
         return out
 
 
-def _merit(fit: Fit) -> float:
-    return fit.merit
+def _worth(fit: Fit) -> float:
+    return fit.worth
 
 
 def _kind(e: Effect) -> tuple[str, bool, bool]:
