@@ -192,7 +192,10 @@ class Cause:
     # ---- torque tables -----------------------------------------------------------------------
 
     def in_tables(self, data: TableData) -> Iterable[Effect]:
-        """Return its possible effects on breakaway torques; tables do not show others' causes."""
+        """Return its possible effects on breakaway torques.
+
+        Tables do not show a cause that lacks this method.
+        """
         raise NotImplementedError
 
     def in_words(self, values: Mapping[str, float]) -> str:

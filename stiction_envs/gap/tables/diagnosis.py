@@ -137,7 +137,8 @@ def diagnose_tables(
             f"least {LEAST_BLOCKS} are needed to hold one out",
         )
     say("simulating the nominal arm")
-    effects = [e for c in (causes or registered()) for e in c.in_tables(data)]
+    tried = registered() if causes is None else causes
+    effects = [e for c in tried for e in c.in_tables(data)]
     quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
     judge = Judge(Predictor(data, list(quantities)), effects)
     return _report(arm.name, judge, *judge.search(say))
@@ -244,7 +245,7 @@ def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
             (key, a), (_, b) = (next(iter(e.values(float(v)).items())) for v in ends)
             found = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
             out[e.cause, term.joint] = found
-    return tuple(out.values())
+    return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 
 def _verdict(judge: Judge, fit: Fit) -> tuple[str, str]:
