@@ -20,6 +20,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.judge.judgement import (
+    WIDTH,
     Estimate,
     Judgement,
     NamedCause,
@@ -27,7 +28,7 @@ from stiction_envs.gap.judge.judgement import (
     percent_gained,
     percent_lost,
 )
-from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE, WIDTH
+from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
