@@ -35,7 +35,7 @@ ROUNDS, STEPS, ENOUGH = 4, 12, 0.02
 that ends it; assumed."""
 SMALL = 4
 """Number of small errors of a joint: level and offset in both poses."""
-RIVALS = 4
+RIVALS = 5
 """Number of likely rivals that are fitted; assumed."""
 CLOSE = 8.0
 """Log evidence against a model below which it is simulated with the whole arm [nats]; assumed."""
