@@ -198,7 +198,6 @@ def _diagnose_tables(
         friction,
         threads=options.threads,
         progress=None if say is None else lambda text: say(text, 0.0),
-        settings=settings.tables,
     )
     return TableResult(diagnosis=found, arm=arm, friction=friction, **identity)
 

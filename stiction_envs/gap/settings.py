@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import get_type_hints
 
 from stiction_envs.gap.servo.settings import ServoSettings
-from stiction_envs.gap.tables.settings import TableSettings
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import Count, load_settings
 
@@ -31,8 +30,6 @@ class GapSettings:
     """When a joint moves."""
     recording: RecordingSettings
     """Held-out blocks of time."""
-    tables: TableSettings
-    """Torque tables."""
     servo: ServoSettings
     """Servo logs."""
 

@@ -19,7 +19,8 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.tables.lone_joint import Bench, LoneJointTorques
+from stiction_envs.gap.tables.lone_joint import LoneJointTorques
+from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 
@@ -96,7 +97,7 @@ class JointFit(LoneJointTorques):
         self,
         joint: int,
         cells: Sequence[Cell],
-        bench: Bench,
+        whole: WholeArm,
         effects: frozenset[str] = ALL,
         *,
         fixed: Mapping[str, float] | None = None,
@@ -107,18 +108,19 @@ class JointFit(LoneJointTorques):
         Args:
             joint: from 1.
             cells: of that joint; to be fitted, those that may be.
-            bench: the arm's.
+            whole: the arm.
             effects: which physical statements are made, keys of `PHYSICAL`, or `ELASTO_PLASTIC`.
             fixed: parameters that are neither free nor nominal, such as the ramp rate.
             correction: (cells,) what the whole arm predicts more than the lone joint [-].
         """
-        super().__init__(joint, bench)
+        super().__init__(joint, whole)
+        self._base = thesis_base(ROBOT)
         self.cells, self.effects, self.fixed = list(cells), effects, dict(fixed or {})
         self.correction = np.zeros(len(self.cells)) if correction is None else correction
         self.names = ["rotor_inertia"]
         if "presliding" in effects:
             self.names += ["bristle_stiffness", "coulomb_ratio", "stribeck_velocity"]
-        if "elasticity" in effects and bench.friction.elastic[joint - 1]:
+        if "elasticity" in effects and whole.friction.elastic[joint - 1]:
             self.names.append("joint_stiffness")
         self._bounds = np.log([bounds(n, joint) for n in self.names])
         levels = [self._of(c.configuration) for c in self.cells]
@@ -135,13 +137,13 @@ class JointFit(LoneJointTorques):
         base torque is its friction, with it their half-sum is kept apart.
         """
         j, k, d = where.index
-        b = self.bench
+        base = self._base
         poses = slice(k, k + 1) if "load" in self.effects else slice(None)
-        level = float(b.level[j, poses].mean())
+        level = float(self.whole.level[j, poses].mean())
         if "offset" not in self.effects:
-            table = np.abs(b.base.tau[j, poses, d]).mean()
-            level *= float(table / b.base.friction[j, poses].mean())
-        return level, float(b.link[j, k])
+            table = np.abs(base.tau[j, poses, d]).mean()
+            level *= float(table / base.friction[j, poses].mean())
+        return level, float(self.whole.link[j, k])
 
     def _without(self) -> dict[str, float]:
         """Return the parameters that effects set, whatever is fitted: most stand for their lack."""
@@ -170,7 +172,7 @@ class JointFit(LoneJointTorques):
         )
         if "offset" not in self.effects:
             return dithered / undithered - 1.0
-        base = [abs(self.bench.base.tau[c.configuration.index]) for c in self.cells]
+        base = [abs(self._base.tau[c.configuration.index]) for c in self.cells]
         return (dithered - undithered) / np.array(base)
 
     def parameters(self, x: Array) -> dict[str, float]:

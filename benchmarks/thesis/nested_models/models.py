@@ -35,7 +35,7 @@ from benchmarks.thesis.nested_models.fit import (
     with_parameters,
 )
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.gap.tables.lone_joint import Bench
+from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import thesis_base
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import load_arm
@@ -112,7 +112,7 @@ WITHOUT_PHYSICS = (
 
 def _search(
     joint: int,
-    bench: Bench,
+    whole: WholeArm,
     effects: frozenset[str],
     seeds: tuple[int, ...],
     around: dict[str, float] | None,
@@ -122,11 +122,11 @@ def _search(
     """Return where a joint's searches ended, and what the best predicts of all its cells."""
     every = [c for c in cells() if c.row.joint == joint]
     fitted = [c for c in every if not c.held_out]
-    fit = JointFit(joint, fitted, bench, effects, fixed=fixed, correction=correction)
+    fit = JointFit(joint, fitted, whole, effects, fixed=fixed, correction=correction)
     if around is not None:
         around = {n: around.get(n, fit.nominal(n)) for n in fit.names}
     found = search(fit, seeds, generations=GENERATIONS, around=around)
-    full = JointFit(joint, every, bench, effects, fixed=fixed)
+    full = JointFit(joint, every, whole, effects, fixed=fixed)
     return found, full.predict([found[0].parameters])[0]
 
 
@@ -187,10 +187,10 @@ class NestedModels:
             self._fit_arm(tell)
 
     @cached_property
-    def _start(self) -> Bench:
+    def _start(self) -> WholeArm:
         """The arm from which every fit starts, calibrated."""
         friction, _ = whole_arm(start_friction(), [])
-        return Bench.of(load_arm(ROBOT), thesis_base(ROBOT), friction)
+        return WholeArm(load_arm(ROBOT), friction)
 
     def _fit(
         self,
@@ -198,7 +198,7 @@ class NestedModels:
         tell: Progress,
         *,
         effects: frozenset[str] = ALL,
-        bench: Bench | None = None,
+        whole: WholeArm | None = None,
         around: NestedModel | None = None,
         fixed: Mapping[str, float] | None = None,
         correction: Array | None = None,
@@ -210,7 +210,7 @@ class NestedModels:
             about: key, name and statement of the model.
             tell: of progress.
             effects: of the joints.
-            bench: the arm's; None for that of `start_friction`.
+            whole: the arm; None for that of `start_friction`.
             around: the model from which the first seed starts.
             fixed: numbers of the whole robot.
             correction: (all cells,) whole arm minus lone joint [-], NaN where not simulated.
@@ -222,7 +222,7 @@ class NestedModels:
         tasks = [
             (
                 joint,
-                bench or self._start,
+                whole or self._start,
                 effects,
                 seeds,
                 None if around is None else around.found[str(joint)][0]["parameters"],
@@ -279,12 +279,12 @@ class NestedModels:
             tell("whole arm", k, ROUNDS + 2)
             best = {int(j): f[0]["parameters"] for j, f in now.found.items()}
             arm, change = whole_arm(with_parameters(start_friction(), best), fitted, rate)
-            bench = Bench.of(load_arm(ROBOT), thesis_base(ROBOT), arm)
+            whole = WholeArm(load_arm(ROBOT), arm)
             lone = np.zeros(len(fitted))
             for j, found in now.found.items():
                 mine = np.array([c.row.joint == int(j) for c in fitted])
                 cells = [c for c, one in zip(fitted, mine, strict=True) if one]
-                fit = JointFit(int(j), cells, bench, fixed=fixed)
+                fit = JointFit(int(j), cells, whole, fixed=fixed)
                 parameters = found[0]["parameters"]
                 loss = fit.loss(change[mine], parameters)
                 if j not in kept or loss < kept[j]["loss"]:
@@ -297,7 +297,7 @@ class NestedModels:
             now = self._fit(
                 (f"round {k}", f"corrected by the whole arm, {k + 1} of {ROUNDS}", ""),
                 tell,
-                bench=bench,
+                whole=whole,
                 around=now,
                 fixed=fixed,
                 correction=correction,

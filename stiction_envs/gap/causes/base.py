@@ -1,7 +1,8 @@
 """The interface of a cause: all that the project knows of it, in one class.
 
-A cause is something that simulations leave out or get wrong. It adds columns (T, k) times
-coefficients (k,) to the residual torque of a joint, measured less nominal. To add one, derive from
+A cause is something that simulations leave out or get wrong. Along a motion it adds columns (T, k)
+times coefficients (k,) to the residual torque of a joint, measured less nominal; in torque tables
+it changes breakaway torques. A cause may do one or both. To add one, derive from
 `Cause`, and call `stiction_envs.gap.causes.register` with an instance. Nothing else names it:
 
 1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
@@ -9,13 +10,14 @@ coefficients (k,) to the residual torque of a joint, measured less nominal. To a
 3. its numbers: `values` as in ``diagnosis.json``;
 4. its picture: `view`;
 5. its model: `contribute` to a `ModelDraft`; by default the model says that MuJoCo lacks it;
-6. its traits: flags that tell the search how to treat it.
+6. in torque tables: its effects `in_tables`, `in_words` and `in_friction`, and what would
+   `tell_apart` it from others;
+7. its traits: flags that tell the search how to treat it.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -23,8 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -107,7 +112,7 @@ def variable(field: str) -> Callable[[Data, int, Shape], Array]:
     return lambda data, joint, shape: np.asarray(getattr(data, field)[:, joint])
 
 
-class Cause(ABC):
+class Cause:
     """Something that simulations leave out or get wrong; see the module's text."""
 
     name: ClassVar[str]
@@ -135,12 +140,18 @@ class Cause(ABC):
     """Whether a large delay that is not known yet may look like it."""
     shown_at_rest: ClassVar[bool] = False
     """Whether poses at rest can show it; all others need motion."""
+    tell_apart: ClassVar[Mapping[str, str]] = {}
+    """Further breakaway torques that distinguish it from another cause, by that one's name."""
+    words: ClassVar[str] = ""
+    """What is wrong with torque tables, a noun with its value; parameters are in braces."""
+    not_in_friction: ClassVar[str] = "no parameter of friction holds it"
+    """Why a model of the arm does not hold what tables show of it, a clause, likewise."""
 
     # ---- torque ------------------------------------------------------------------------------
 
-    @abstractmethod
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return what is known of its coefficients on a joint (from 0; -1 for the arm)."""
+        raise NotImplementedError
 
     def joints(self, data: Data) -> list[int]:
         """Return the joints (from 0) on which it is a hypothesis; -1 is the whole arm."""
@@ -149,13 +160,13 @@ class Cause(ABC):
         whole = [-1] if self.acts_on in (THE_ARM, EITHER) else []
         return whole if self.acts_on == THE_ARM else [*range(data.n), *whole]
 
-    @abstractmethod
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per unit of each coefficient of a cause on a joint (from 0).
 
         (T, k) on this joint alone; (T, n, k) on all joints if they show it, and for the whole arm,
-        where ``joint`` is -1.
+        where ``joint`` is -1. Motions do not show a cause that lacks this method.
         """
+        raise NotImplementedError
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the nonlinear parameters to try; by default those of `grid`, if any.
@@ -177,6 +188,32 @@ class Cause(ABC):
     def resized(self, shape: Shape, coefficients: Array, level: float) -> Shape:
         """Return the nonlinear parameters of a cause of this size on that dry friction [N·m]."""
         return shape
+
+    # ---- torque tables -----------------------------------------------------------------------
+
+    def in_tables(self, data: TableData) -> Iterable[Effect]:
+        """Return its possible effects on breakaway torques.
+
+        Tables do not show a cause that lacks this method.
+        """
+        raise NotImplementedError
+
+    def in_words(self, values: Mapping[str, float]) -> str:
+        """Return `words` with the values of parameters."""
+        return self.words.format(**values)
+
+    def in_friction(
+        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
+    ) -> Mapping[str, Array | float] | str:
+        """Return a joint's friction parameters that are other with it, or `not_in_friction`.
+
+        Args:
+            friction: friction without it.
+            poses: poses of the experiment.
+            j: joint, from 0.
+            values: its parameters by name.
+        """
+        return self.not_in_friction.format(**values)
 
     # ---- what was found ----------------------------------------------------------------------
 

@@ -3,76 +3,73 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from typing import Generic, Protocol, TypeVar
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import ALL_LINKS, Cause
 
-
-class _Named(Protocol):
-    @property
-    def name(self) -> str: ...
-
-
-C = TypeVar("C", bound=_Named)
+IN_LOGS, IN_TABLES = "columns", "in_tables"
+"""The method by which a cause says what joint logs, and what torque tables show of it."""
+_NEEDED = {IN_LOGS: ("what", "what_to_record", "parameters")}
+_CAUSES: dict[str, Cause] = {}
 
 
-class Registry(Generic[C]):
-    """Causes of one kind by name, in the order in which they were registered."""
-
-    def __init__(self, needed: Sequence[str]) -> None:
-        """Start without causes; ``needed`` are the fields that each must have."""
-        self._needed = needed
-        self._causes: dict[str, C] = {}
-
-    def register(self, cause: C) -> C:
-        """Add a cause; from then on diagnoses, model files and reports know it by its name.
-
-        Raises:
-            StictionError: a taken or improper name, or a missing field.
-        """
-        for field in self._needed:
-            if not getattr(cause, field, None):
-                raise StictionError(f"cause {type(cause).__name__}: no {field}: expected one")
-        if not re.fullmatch(r"[a-z][a-z0-9_]*", cause.name):
-            raise StictionError(
-                f"cause {cause.name!r}: expected a name of small letters, digits and underscores"
-            )
-        if cause.name in self._causes:
-            raise StictionError(f"cause {cause.name}: expected a name that is not taken")
-        self._causes[cause.name] = cause
-        return cause
-
-    def unregister(self, name: str) -> None:
-        """Remove a cause.
-
-        Raises:
-            StictionError: there is none of that name.
-        """
-        self.named(name)
-        del self._causes[name]
-
-    def registered(self) -> tuple[C, ...]:
-        """Return all that can be named, those of the package first, in the contract's order."""
-        return tuple(c for c in self._causes.values() if getattr(c, "adds_to", "") != ALL_LINKS)
-
-    def named(self, name: str) -> C:
-        """Return the cause of a name.
-
-        Raises:
-            StictionError: there is none.
-        """
-        if name not in self._causes:
-            raise StictionError(
-                f"unknown cause {name!r}: expected one of {', '.join(self._causes)}"
-            )
-        return self._causes[name]
+def _shown(cause: Cause, method: str) -> bool:
+    return getattr(type(cause), method) is not getattr(Cause, method)
 
 
-_LOGS = Registry[Cause](("name", "what", "what_to_record", "parameters"))
-register, unregister = _LOGS.register, _LOGS.unregister
-registered, cause_named = _LOGS.registered, _LOGS.named
+def register(cause: Cause) -> Cause:
+    """Add a cause; from then on diagnoses, model files and reports know it by its name.
+
+    Raises:
+        StictionError: a taken or improper name, a missing field, or nothing that shows it.
+    """
+    if not any(_shown(cause, method) for method in (IN_LOGS, IN_TABLES)):
+        raise StictionError(
+            f"cause {type(cause).__name__}: expected {IN_LOGS} or {IN_TABLES}, which show it"
+        )
+    more = (x for method, fields in _NEEDED.items() if _shown(cause, method) for x in fields)
+    for field in ("name", *more):
+        if not getattr(cause, field, None):
+            raise StictionError(f"cause {type(cause).__name__}: no {field}: expected one")
+    if not re.fullmatch(r"[a-z][a-z0-9_]*", cause.name):
+        raise StictionError(
+            f"cause {cause.name!r}: expected a name of small letters, digits and underscores"
+        )
+    if cause.name in _CAUSES:
+        raise StictionError(f"cause {cause.name}: expected a name that is not taken")
+    _CAUSES[cause.name] = cause
+    return cause
+
+
+def unregister(name: str) -> None:
+    """Remove a cause.
+
+    Raises:
+        StictionError: there is none of that name.
+    """
+    if name not in _CAUSES:
+        raise StictionError(f"unknown cause {name!r}: expected one of {', '.join(_CAUSES)}")
+    del _CAUSES[name]
+
+
+def registered(method: str = IN_LOGS) -> tuple[Cause, ...]:
+    """Return all causes that can be named, those of the package first, in the contract's order.
+
+    ``method`` is `IN_LOGS` or `IN_TABLES`.
+    """
+    return tuple(c for c in _CAUSES.values() if _shown(c, method) and c.adds_to != ALL_LINKS)
+
+
+def cause_named(name: str, method: str = IN_LOGS) -> Cause:
+    """Return the cause of a name that logs, or tables, show.
+
+    Raises:
+        StictionError: there is none.
+    """
+    known = {c.name: c for c in _CAUSES.values() if _shown(c, method)}
+    if name not in known:
+        raise StictionError(f"unknown cause {name!r}: expected one of {', '.join(known)}")
+    return known[name]
 
 
 def parameter_units() -> dict[str, str]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -245,11 +245,11 @@ class Problem:
         self._scores.clear()
         self._fits.clear()
 
-    def without(self, fold: int) -> Problem:
+    def without(self, fold: int) -> Self:
         """Return the problem without the rows of a fold; terms are shared."""
         return replace(self, held_out=fold, _scores={}, _fits={}, _sums=None)
 
-    def only(self, terms: Sequence[Term]) -> Problem:
+    def only(self, terms: Sequence[Term]) -> Self:
         """Return a problem with the columns of some terms alone, to which others can be added."""
         out = replace(
             self,
@@ -301,6 +301,15 @@ class Problem:
             self._sums = xx, xr, rr
         return self._sums
 
+    def sums_of(self, terms: Sequence[Term]) -> tuple[Array, Array]:
+        """Return XᵀWX (P, P) and XᵀWr (P,) of a model's coefficients."""
+        at, (xx, xr, _) = self.at(terms), self.sums()
+        return xx[np.ix_(at, at)], xr[at]
+
+    def misfit(self, terms: Sequence[Term]) -> float:
+        """Return rᵀWr with the noise of a model."""
+        return self.sums()[2]
+
     def at(self, terms: Sequence[Term]) -> Index:
         """Return (P,) numbers of a model's coefficients."""
         return np.concatenate([self.numbers[t] for t in terms] or [np.empty(0, dtype=np.int64)])
@@ -314,10 +323,10 @@ class Problem:
 
         Both are in units of the prior, with the gradient at zero and the coefficients' units.
         """
-        at, sd = self.at(terms), self._spread(terms)
-        xx, xr, _ = self.sums()
-        a = xx[np.ix_(at, at)] * np.outer(sd, sd) + np.eye(len(at))
-        b = xr[at] * sd
+        sd = self._spread(terms)
+        xx, xr = self.sums_of(terms)
+        a = xx * np.outer(sd, sd) + np.eye(len(sd))
+        b = xr * sd
         root = np.asarray(np.linalg.cholesky(a), dtype=np.float64)
         c = solve_triangular(root, solve_triangular(root, b, lower=True), lower=True, trans=1)
         each = [self._bounds[t] for t in terms]
@@ -365,12 +374,13 @@ class Problem:
         """Return log evidence and log prior odds of a model, given the noise [nats]."""
         key = tuple(named)
         if key not in self._scores:
-            root, b, c, _ = self._solved(self.model(named))
+            model = self.model(named)
+            root, b, c, _ = self._solved(model)
             moved = root.T @ c
             gained = 2 * b @ c - moved @ moved
             volume = 2 * float(np.log(np.diag(root)).sum())
             cost = sum(self.odds[t] for t in named)
-            self._scores[key] = 0.5 * float(gained - volume - self.sums()[2]) - cost
+            self._scores[key] = 0.5 * float(gained - volume - self.misfit(model)) - cost
         return self._scores[key]
 
     def losses(self, named: Sequence[Term]) -> Array:

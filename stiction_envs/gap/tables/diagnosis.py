@@ -5,12 +5,11 @@
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
 
-Causes (`gap.tables.causes`) are named by the evidence of the model with them (`gap.tables.judge`).
+Causes are named by the evidence of the model with them (`gap.tables.judged`).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -19,23 +18,24 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.judge.judgement import (
+    WIDTH,
     Estimate,
     Judgement,
     NamedCause,
+    NotShown,
     percent_gained,
     percent_lost,
 )
-from stiction_envs.gap.predictors.named import ALIKE, MOST_ALIKE, WIDTH
-from stiction_envs.gap.tables.causes import TableCause, registered, what_tells_apart
-from stiction_envs.gap.tables.causes.base import Hypothesis
-from stiction_envs.gap.tables.judge import Fit, Judge
+from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
+from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
+from stiction_envs.gap.tables.data import Effect, TableData
+from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
 from stiction_envs.gap.tables.predictor import Predictor
-from stiction_envs.gap.tables.readings import Readings
-from stiction_envs.gap.tables.settings import TableSettings, table_settings
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
-from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints as named
 from stiction_envs.robots import Arm
 
@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 UNEXPLAINED = 3.0
 """Log evidence for an error that is common to a frequency and scale above which a joint is not
 explained [nats]; assumed."""
+LEAST_BLOCKS = 3
+"""Least number of frequencies and scales for a diagnosis: one is held out; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,11 +70,10 @@ class TableDiagnosis(Judgement):
     def to_json(self) -> dict[str, object]:
         """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
 
-        def by_joint(values: Array) -> dict[str, float | None]:
-            each = zip(self.joints, values.tolist(), strict=True)
-            return {str(j): x if math.isfinite(x) else None for j, x in each}
+        def by_joint(values: Array) -> dict[str, float]:
+            return dict(zip(map(str, self.joints), values.tolist(), strict=True))
 
-        return {
+        answer = {
             "robot": self.robot,
             "verdict": self.verdict,
             "reason": self.reason,
@@ -83,6 +84,7 @@ class TableDiagnosis(Judgement):
             "gain_percent": self.gain_percent,
             **self.judged_json(),
         }
+        return dict(plain(answer))
 
 
 def diagnose_tables(
@@ -94,8 +96,7 @@ def diagnose_tables(
     whole: WholeArm | None = None,
     threads: int = 0,
     progress: Callable[[str], None] | None = None,
-    settings: TableSettings | Changes | None = None,
-    causes: Sequence[TableCause] | None = None,
+    causes: Sequence[Cause] | None = None,
 ) -> TableDiagnosis:
     """Say what a simulation gets wrong about measured breakaway torques.
 
@@ -108,11 +109,10 @@ def diagnose_tables(
             simulations are not repeated. The result is the same.
         threads: threads of the simulation, 0 for all processors.
         progress: called with a line about the present step.
-        settings: constants of the method that differ from ``[tables]`` of ``settings.toml``.
         causes: causes to try; None for all registered ones.
 
     Raises:
-        StictionError: tables of another arm, or unknown settings.
+        StictionError: tables of another arm.
     """
     if base.n_joints != arm.n:
         raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
@@ -123,134 +123,140 @@ def diagnose_tables(
         if friction is None:
             friction = load_friction(arm.registered_name, arm.n)
         whole = WholeArm(arm, friction, threads=threads)
-    chosen = override(table_settings(), settings)
     say = progress or (lambda _: None)
-    readings = Readings(base, dithered)
-    joints = tuple(readings.joints)
-    blocks = len(readings.blocks) - 1
-    if blocks < chosen.least_blocks:
-        nothing = np.full(len(joints), np.nan)
+    data = TableData(base, dithered, whole)
+    if data.blocks - 1 < LEAST_BLOCKS:
+        nothing = np.full(len(data.joints), np.nan)
         return TableDiagnosis(
             robot=arm.name,
             verdict="cannot tell",
-            joints=joints,
+            joints=data.joints,
             nominal=nothing,
             extended=nothing,
             noise_floor=nothing,
-            reason=f"{max(0, blocks)} frequencies and scales of dithered torques: at least "
-            f"{chosen.least_blocks} are needed to hold one out",
+            reason=f"{max(0, data.blocks - 1)} frequencies and scales of dithered torques: at "
+            f"least {LEAST_BLOCKS} are needed to hold one out",
         )
     say("simulating the nominal arm")
     tried = registered() if causes is None else causes
-    quantities = [c.quantity for c in tried if c.quantity is not None]
-    predictor = Predictor(readings, whole, base, quantities)
-    hypotheses = [h for c in tried for h in c.hypotheses(readings)]
-    judge = Judge(predictor, hypotheses, chosen.scatter)
+    effects = [e for c in tried for e in c.in_tables(data)]
+    quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
+    judge = Judge(Predictor(data, list(quantities)), effects)
+    return _report(arm.name, judge, *judge.search(say))
+
+
+def _report(robot: str, judge: Judge, best: Fit, weighed: Sequence[Weighed]) -> TableDiagnosis:
     nominal = judge.fit({})
-    best = judge.search(say)
-    say("looking for what else could have been it")
-    return _report(arm.name, judge, nominal, best)
-
-
-def _report(robot: str, judge: Judge, nominal: Fit, best: Fit) -> TableDiagnosis:
-    r = judge.readings
-    # bad readings have no error of the model
-    bad = {i for h in best.values if h.cause.separate for i in h.rows}
-    before, after = _errors(judge, nominal, set()), _errors(judge, best, bad)
-    groups: dict[tuple[object, ...], list[Hypothesis]] = {}
-    for h in best.values:
-        groups.setdefault((h.name, h.joints, h.rows if h.cause.separate else ()), []).append(h)
-    causes = []
-    for some in groups.values():
-        name, joints, cause = some[0].name, some[0].joints, some[0].cause
-        without = judge.fit({h: x for h, x in best.values.items() if h not in some}, best.around)
-        still_bad = bad - {i for h in some for i in h.rows} if cause.separate else bad
-        rivals = {n: best.score - f.score for n, f in judge.rivals(best, without, some).items()}
-        nearest = sorted(rivals.items(), key=lambda x: x[1])
-        confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
-        causes.append(
-            NamedCause(
-                name=name,
-                joints=joints,
-                parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, some)},
-                gain_percent=percent_lost(_errors(judge, without, still_bad), after, before),
-                nats=best.score - without.score,
-                rivals=tuple(nearest),
-                evidence=_evidence(judge, best, without, some),
-                confused_with=tuple(confused),
-                told_apart_by={n: what_tells_apart(name, n) for n in confused},
-            )
-        )
-    verdict, reason = _verdict(judge, best)
+    before, after = _errors(judge, nominal), _errors(judge, best)
     gained = percent_gained(before, after)
+    found = [_named(judge, best, c, before, after) for c in weighed]
+    causes = tuple(sorted(found, key=lambda c: -c.gain_percent))
+    verdict, reason = _verdict(judge, best)
     if causes and gained < 0:  # a verdict is earned
-        verdict, causes, after = "cannot tell", [], before
+        verdict, causes, after = "cannot tell", (), before
         reason = "the likeliest causes predict held-out readings worse than the nominal model"
+    shares = {"named": gained, "links": 0.0, "set_up": 0.0, "left": 100 - gained}
     return TableDiagnosis(
         robot=robot,
         verdict=verdict,
-        causes=tuple(sorted(causes, key=lambda c: -c.gain_percent)),
-        shares_percent=dict(named=gained, links=0.0, set_up=0.0, left=100 - gained)
-        if causes
-        else {},
-        not_shown=judge.not_shown(best),
-        joints=tuple(r.joints),
+        causes=causes,
+        shares_percent=shares if causes else {},
+        not_shown=_not_shown(judge, best),
+        joints=judge.data.joints,
         nominal=before,
         extended=after,
-        noise_floor=np.array([100 * best.size[j][0] for j in r.joints]),
+        noise_floor=np.array([100 * best.error(k)[0] for k in range(len(judge.data.joints))]),
         reason=reason,
     )
 
 
-def _errors(judge: Judge, fit: Fit, bad: set[int]) -> Array:
-    """Return the mean held-out |error| of each joint over its friction [%], no bad readings."""
-    error, joint = np.abs(judge.left_out(fit)), judge.readings.joint
-    good = ~np.isin(np.arange(len(error)), list(bad))
-    return np.array([100 * error[(joint == j) & good].mean() for j in judge.readings.joints])
+def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
+    """Return what is said of a cause."""
+    name, joints = c.effects[0].cause, c.effects[0].joints
+    rivals = {n: best.score - f.score for n, f in c.rivals.items()}
+    nearest = sorted(rivals.items(), key=lambda x: x[1])
+    confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
+    return NamedCause(
+        name=name,
+        joints=joints,
+        parameters={0 if len(joints) > 1 else joints[0]: _parameters(judge, best, c.effects)},
+        gain_percent=percent_lost(_errors(judge, c.without), after, before),
+        nats=best.score - c.without.score,
+        rivals=tuple(nearest),
+        evidence=_evidence(judge, best, c.without, c.effects),
+        confused_with=tuple(confused),
+        told_apart_by={n: what_tells_apart(name, n) for n in confused},
+    )
 
 
-def _parameters(judge: Judge, fit: Fit, some: Sequence[Hypothesis]) -> dict[str, Estimate]:
+def _errors(judge: Judge, fit: Fit) -> Array:
+    """Return the mean held-out |error| of each joint over its friction [%].
+
+    Readings that the model calls bad have no error of the model.
+    """
+    bad = {i for e in fit.values if e.bad for i in e.rows.tolist()}
+    error = np.abs(judge.left_out(fit))
+    each = [[i for i in rows if i not in bad] for rows in judge.data.of_joint.values()]
+    return np.array([100 * error[rows].mean() for rows in each])
+
+
+def _parameters(judge: Judge, fit: Fit, some: Sequence[Effect]) -> dict[str, Estimate]:
     """Return the parameters of one cause with their 95 % intervals."""
-    out = {}
-    for h in some:
-        x, reach = fit.values[h], WIDTH * fit.sd[h]
-        low, high = judge.bounds[h]
-        ends = [h.cause.values(judge.data, h, float(np.clip(v, low, high)))
-                for v in (x - reach, x + reach)]  # fmt: skip
-        for key, value in h.cause.values(judge.data, h, x).items():
-            interval = min(e[key] for e in ends), max(e[key] for e in ends)
-            bound = x in (low, high)
-            out[key] = Estimate(value=value, ci95=interval, on_bound=bound)
+    out, sd = {}, fit.sd()
+    for e in some:
+        x, (low, high) = fit.values[e], judge.bounds[e]
+        ends = [e.values(float(np.clip(x + w * sd[e], low, high))) for w in (-WIDTH, WIDTH)]
+        for key, value in e.values(x).items():
+            interval = min(v[key] for v in ends), max(v[key] for v in ends)
+            out[key] = Estimate(value=value, ci95=interval, on_bound=x in (low, high))
     return out
 
 
-def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Hypothesis]) -> str:
+def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Effect]) -> str:
     """Return one sentence that can be checked in the tables."""
-    r, joints, unit = judge.readings, some[0].joints, judge.data.unit
-    rows = r.of_joints(joints)
-    with_it, less = (f.around.predict(f.values) for f in (fit, without))
-    off, off_less = (np.abs(r.torque - x) / unit for x in (with_it, less))
+    data, joints = judge.data, some[0].joints
+    rows = np.flatnonzero(np.isin(data.joint, joints))
+    with_it, less = (judge.predictor.predict(f.states, f.values) for f in (fit, without))
+    off, off_less = (np.abs(data.torque - x) / data.unit for x in (with_it, less))
     i = int(rows[(off_less - off)[rows].argmax()])
-    values: dict[str, float] = {}
-    for h in some:
-        values |= h.cause.values(judge.data, h, fit.values[h])
+    values = {k: v for e in some for k, v in e.values(fit.values[e]).items()}
     before, after = (100 * np.sqrt(np.mean(x[rows] ** 2)) for x in (off_less, off))
-    read, simulated, better = r.all[i].where.sign * np.array([r.torque[i], less[i], with_it[i]])
+    read, simulated, better = data.sign[i] * np.array([data.torque[i], less[i], with_it[i]])
     return (
-        f"{some[0].cause.what(values)}: without it the error of {named(joints)} is {before:.1f} % "
-        f"of the friction (root mean square), with it {after:.1f} %; at {r.all[i]}, {read:.4f} N·m "
-        f"is read, and simulated {simulated:.4f} N·m without it, {better:.4f} N·m with it"
+        f"{cause_named(some[0].cause).in_words(values)}: without it the error of {named(joints)} "
+        f"is {before:.1f} % of the friction (root mean square), with it {after:.1f} %; at "
+        f"{data.place(i)}, {read:.4f} N·m is read, and simulated {simulated:.4f} N·m without it, "
+        f"{better:.4f} N·m with it"
     )
+
+
+def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
+    """Return the causes of whole joints whose posterior is about as wide as their prior."""
+    lines = judge.problem(fit.states, fit.values, tangents=False, sizes=fit.sizes)
+    out: dict[tuple[str, int], NotShown] = {}
+    for term, e in judge.effects.items():
+        whole = len(e.joints) == 1 and len(e.rows) == len(judge.data.of_joint[e.joints[0]])
+        if not whole or e in fit.values or (e.cause, term.joint) in out:
+            continue
+        model = lines.model([*fit.terms, term])
+        sd = float(np.sqrt(lines.covariance(model)[-1, -1]))
+        if sd >= HIDDEN:
+            low, high, x = *judge.bounds[e], float(lines.fit(model)[-1])
+            ends = [np.clip(e.size * (x + w * sd), low, high) for w in (-WIDTH, WIDTH)]
+            (key, a), (_, b) = (next(iter(e.values(float(v)).items())) for v in ends)
+            found = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
+            out[e.cause, term.joint] = found
+    return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 
 def _verdict(judge: Judge, fit: Fit) -> tuple[str, str]:
     """Return the verdict, and what remains unexplained."""
-    poor = [j for j, nats in fit.common_nats.items() if nats > UNEXPLAINED]
+    poor = [
+        f"joint {j}: readings of one frequency and scale are off together, by "
+        f"{100 * fit.error(k)[1]:.1f} % of the friction, and no known cause predicts it"
+        for k, j in enumerate(judge.data.joints)
+        if fit.problem.common_nats(k, fit.terms) > UNEXPLAINED
+    ]
     if not poor:
         return ("explained" if fit.values else "no discrepancy"), ""
-    reason = "; ".join(
-        f"joint {j}: readings of one frequency and scale are off together, by "
-        f"{100 * fit.size[j][1]:.1f} % of the friction, and no known cause predicts it"
-        for j in poor
-    )
-    return ("partly explained" if fit.values else "cannot tell"), reason
+    return ("partly explained" if fit.values else "cannot tell"), "; ".join(poor)

@@ -59,11 +59,12 @@ def extended_friction(
         (own,) = found.parameters.values()
         values = {k: float(np.mean(p.value)) for k, p in own.items()}
         cause = cause_named(found.name)
-        if why := cause.outside_model(values):
-            missing.append(f"{cause.name} of {joints(found.joints)}: {why}")
-            continue
         for joint in found.joints:
-            for name, value in cause.in_friction(friction, poses, joint - 1, values).items():
+            more = cause.in_friction(friction, poses, joint - 1, values)
+            if isinstance(more, str):
+                missing.append(f"{cause.name} of {joints(found.joints)}: {more}")
+                break
+            for name, value in more.items():
                 by = [*filter(None, changed.get(name, "").split(", ")), cause.name]
                 changed[name] = ", ".join(dict.fromkeys(by))
                 array = np.array(getattr(friction, name))

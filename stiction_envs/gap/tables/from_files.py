@@ -80,18 +80,13 @@ def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> Dithe
             f"{path}: joint {row.joint}, {row.load} {row.direction} has dithered torques: "
             "expected its base torque too (a row with frequency and amplitude 0)"
         )
-    tau = base[where]
+    same = ("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm")
     return DitheredRow(
-        robot=row.robot,
-        joint=row.joint,
-        load=row.load,
-        direction=row.direction,
-        frequency_hz=row.frequency_hz,
-        scale=row.amplitude_nm / abs(tau),
-        amplitude_nm=row.amplitude_nm,
-        tau_base_nm=tau,
+        **{name: getattr(row, name) for name in same},
+        scale=row.amplitude_nm / abs(base[where]),
+        tau_base_nm=base[where],
         tau_sje_nm=row.tau_nm,
-        change_pct=100 * (row.tau_nm / tau - 1),
+        change_pct=100 * (row.tau_nm / base[where] - 1),
         table=Path(path).name,
         amplitude_set="scale",
         outlier=False,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,13 @@ from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import Job, Protocol, load_protocol
+from stiction_envs.friction.model import link_inertia
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+STEP = 0.1
+"""Step of a quantity's logarithm between states [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,20 +39,12 @@ class Quantity:
 
 
 FRICTION_LEVEL = Quantity(
-    name="friction_level",
-    fields=("stiction", "load_coefficient"),
-    low=0.5,
-    high=2.0,
+    name="friction_level", fields=("stiction", "load_coefficient"), low=0.5, high=2.0
 )
 """Its range is assumed."""
-State = frozenset[tuple[Quantity, float]]
-"""The values of a joint that are not nominal."""
+State = frozenset[tuple[Quantity, int]]
+"""The quantities of a joint that are not nominal, and by how many steps of the logarithm."""
 NOMINAL: State = frozenset()
-
-
-def without(state: State, quantity: Quantity) -> State:
-    """Return the state with the nominal value of a quantity."""
-    return frozenset(x for x in state if x[0] != quantity)
 
 
 class WholeArm:
@@ -76,15 +72,27 @@ class WholeArm:
         self.poses = find_poses(arm)
         self._known: dict[tuple[State, Job], float] = {}
 
-    def value(self, state: State, quantity: Quantity) -> float:
-        """Return a factor, or a value of the torque interface; inf for a filter that is off."""
-        nominal = getattr(self.interface, quantity.fields[0]) if quantity.of_interface else 1.0
-        return dict(state).get(quantity, nominal or np.inf)
+    @cached_property
+    def level(self) -> Array:
+        """(n, 2) stiction in the load and the no-load pose, mean over directions [N·m]."""
+        each = [self.friction.stiction_at(self.poses.load[:, k]).mean(axis=1) for k in range(2)]
+        return np.stack(each, axis=1)
 
-    def changed(self, state: State, quantity: Quantity, value: float) -> State:
-        """Return the state with another value of a quantity."""
-        rest = without(state, quantity)
-        return rest if value == self.value(rest, quantity) else rest | {(quantity, value)}
+    @cached_property
+    def link(self) -> Array:
+        """(n, 2) link inertia in both poses [kg·m²]."""
+        each = [link_inertia(self.arm, self.poses.q[:, k]) for k in range(2)]
+        return np.stack([np.einsum("jj->j", x) for x in each], axis=1)
+
+    def value(self, state: State, q: Quantity) -> float:
+        """Return a factor, or a value of the torque interface; inf for a filter that is off."""
+        if steps := dict(state).get(q):
+            return self.neutral(q) * float(np.exp(STEP * steps))
+        return (getattr(self.interface, q.fields[0]) or np.inf) if q.of_interface else 1.0
+
+    def neutral(self, q: Quantity) -> float:
+        """Return the nominal value of a quantity; a filter that is off has its largest."""
+        return float(np.clip(self.value(NOMINAL, q), q.low, q.high))
 
     def torques(self, state: State, jobs: Sequence[Job]) -> Array:
         """Return (jobs,) simulated readings [N·m]."""
@@ -96,37 +104,34 @@ class WholeArm:
         Args:
             wanted: state and jobs of each joint.
         """
-        groups: dict[frozenset[tuple[str, float]], list[tuple[State, list[Job]]]] = {}
+        groups: dict[State, dict[Job, State]] = {}
         for state, jobs in wanted:
-            new = [x for x in dict.fromkeys(jobs) if (state, x) not in self._known]
-            shared = frozenset((q.fields[0], v) for q, v in state if q.of_interface)
-            if new:
-                groups.setdefault(shared, []).append((state, new))
-        for shared, some in groups.items():
-            self._simulate(dict(shared), some)
+            new = {x: state for x in jobs if (state, x) not in self._known}
+            groups.setdefault(frozenset(x for x in state if x[0].of_interface), {}).update(new)
+        for shared, states in groups.items():
+            if states:
+                self._simulate(shared, states)
 
-    def _simulate(
-        self, shared: dict[str, float], wanted: Sequence[tuple[State, Sequence[Job]]]
-    ) -> None:
+    def _simulate(self, shared: State, states: dict[Job, State]) -> None:
         fields: dict[str, Array] = {}
-        for state, jobs in wanted:
-            for quantity, value in state:
-                for field in () if quantity.of_interface else quantity.fields:
+        of_joint = {job.configuration.joint: state for job, state in states.items()}
+        for joint, state in of_joint.items():
+            for q, _ in state - shared:
+                for field in q.fields:
                     array = fields.setdefault(field, np.array(getattr(self.friction, field)))
-                    array[jobs[0].configuration.joint - 1] *= value
-        off = {k: v if np.isfinite(v) else 0.0 for k, v in shared.items()}
+                    array[joint - 1] *= self.value(state, q)
+        path = {q.fields[0]: self.value(shared, q) for q, _ in shared}
         experiment = SingleJointExperiment(
             self.arm,
             friction=self.friction.replace(**fields),
             protocol=self.protocol,
-            interface=dataclasses.replace(self.interface, **off),  # type: ignore[arg-type]
+            interface=dataclasses.replace(self.interface, **path),  # type: ignore[arg-type]
             scatter=False,
             threads=self.threads,
         )
         # the first ramp starts with the arm as it was placed, the others after the move back
         repeats = min(2, int(self.protocol.iterations))
         share = 1.0 / self.protocol.iterations if repeats == 2 else 1.0
-        states = {job: state for state, jobs in wanted for job in jobs}
         for m in experiment.run(list(states), iterations=repeats):
             tau = m.job.configuration.sign * (share * m.tau[0] + (1 - share) * m.tau[-1])
             stuck = self.protocol.give_up_factor * experiment.expected(m.job)

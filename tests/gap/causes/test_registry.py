@@ -6,7 +6,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap import causes
-from stiction_envs.gap.causes import CAUSES, cause_named, register, registered, unregister
+from stiction_envs.gap.causes import CAUSES, Cause, cause_named, register, registered, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.tables import causes as table_causes
@@ -46,6 +46,22 @@ def test_an_incomplete_cause_is_not_registered(field: str, value: object, says: 
     with pytest.raises(StictionError, match=says):
         register(broken())
     assert registered() == CAUSES
+
+
+def test_a_cause_that_no_data_show_is_not_registered() -> None:
+    unseen = type("Unseen", (Cause,), {"name": "unseen"})
+    with pytest.raises(StictionError, match="cause Unseen: expected columns or in_tables"):
+        register(unseen())
+
+
+def test_a_cause_of_logs_and_of_tables_is_one() -> None:
+    both = {c.name for c in CAUSES} & {c.name for c in table_causes.registered()}
+    assert both == {"torque_offset", "direction_asymmetry"}
+    for name in both:
+        assert table_causes.cause_named(name) is cause_named(name)
+    for kind, name in ((causes, "low_pass"), (table_causes, "payload")):
+        with pytest.raises(StictionError, match=f"unknown cause '{name}'"):
+            kind.cause_named(name)
 
 
 @pytest.mark.parametrize("kind", [causes, table_causes])

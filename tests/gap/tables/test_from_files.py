@@ -86,13 +86,6 @@ def test_unusable_tables_are_refused(put, rows, says):
     assert "\n" not in str(caught.value)
 
 
-def test_a_users_constants_reach_the_tables(put):
-    path = put("sje.csv", base(5) + dithered(5))
-    d = diagnose(path, "panda", settings={"tables.least_blocks": 100}).diagnosis
-    assert d.verdict == "cannot tell"
-    assert "at least 100 are needed" in d.reason
-
-
 @pytest.mark.slow
 def test_a_hidden_rotor_is_found_and_put_into_the_model(tmp_path):
     """From an arm whose joint 7 has twice the rotor, through `sje.csv`, to a model that has it."""

@@ -1,11 +1,14 @@
-"""A constant torque bias."""
+"""A constant torque bias, in logs and in torque tables."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
 import numpy as np
 
+from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.base import (
     OFFSET,
     Array,
@@ -18,9 +21,15 @@ from stiction_envs.gap.causes.base import (
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.gap.tables.data import Effect, TableData
 
 USUAL = 0.01
 """Offset of a sensor without a fault over the joint's largest torque [-]; assumed."""
+
+IN_TABLES, MOST = 0.15, 0.8
+"""Prior size, and largest torque in tables, over friction [-]; assumed."""
+THIRD_POSE = "base torques in a third pose with another load"
+STRONG = "a dither that takes away a third of the torque or more: an added torque stays as it was"
 
 
 class TorqueOffset(Cause):
@@ -33,6 +42,11 @@ class TorqueOffset(Cause):
     )
     shown_at_rest: ClassVar[bool] = True
     adds_to: ClassVar[str] = OFFSET
+    tell_apart: ClassVar[Mapping[str, str]] = {
+        "gravity_error": THIRD_POSE,
+        "direction_asymmetry": STRONG,
+    }
+    words: ClassVar[str] = "an added torque of {offset_nm:+.3g} N·m"
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
     view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
 
@@ -48,3 +62,24 @@ class TorqueOffset(Cause):
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Add a torque that the motor must overcome."""
         draft.offset[part.joint - 1] += part.coefficients[0]
+
+    def in_tables(self, data: TableData) -> Iterator[Effect]:
+        """Yield a torque that shifts + and − alike, and that dither does not shrink."""
+        for j, rows in data.of_joint.items():
+            unit = float(data.unit[rows].min())
+            yield Effect(
+                self.name,
+                (j,),
+                rows,
+                size=IN_TABLES * unit,
+                most=MOST * unit,
+                trials=(1.0,),
+                torque=data.sign[rows],
+                parameters={"offset_nm": 1.0},
+            )
+
+    def in_friction(
+        self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
+    ) -> Mapping[str, Array | float]:
+        """Return the offset with it."""
+        return {"offset": friction.offset[j] + values["offset_nm"]}

@@ -1,30 +1,31 @@
-"""The causes of torque tables, one module each; one line here registers a cause of the package.
+"""The causes that torque tables alone show, one module each; one line here registers a cause.
 
-Other packages add one by `register`; `base.TableCause` says how.
+`torque_offset` and `direction_asymmetry`, which logs show too, are in `gap.causes`. Other packages
+add a cause by `register`; `gap.causes.base.Cause` says how, and `SimulatedCause` does most of it.
 """
 
 from __future__ import annotations
 
-from stiction_envs.gap.causes.registry import Registry
-from stiction_envs.gap.tables.causes.base import Hypothesis, SimulatedCause, TableCause
+from functools import partial
+
+from stiction_envs.gap.causes import register, unregister
+from stiction_envs.gap.causes import registry as _registry
 from stiction_envs.gap.tables.causes.base_drift import BaseDrift
 from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
-from stiction_envs.gap.tables.causes.direction_asymmetry import DirectionAsymmetry
 from stiction_envs.gap.tables.causes.friction_level import FrictionLevel
 from stiction_envs.gap.tables.causes.gravity_error import GravityError
 from stiction_envs.gap.tables.causes.low_pass import LowPass
 from stiction_envs.gap.tables.causes.presliding import Presliding
 from stiction_envs.gap.tables.causes.rotor_inertia import RotorInertia
-from stiction_envs.gap.tables.causes.torque_offset import TorqueOffset
+from stiction_envs.gap.tables.causes.simulated import SimulatedCause
 
-_TABLES = Registry[TableCause](("name",))
-register, unregister = _TABLES.register, _TABLES.unregister
-registered, cause_named = _TABLES.registered, _TABLES.named
+registered = partial(_registry.registered, _registry.IN_TABLES)
+cause_named = partial(_registry.cause_named, method=_registry.IN_TABLES)
 ANYTHING_ELSE = "dithered torques at other frequencies and amplitudes"
 
 
 def what_tells_apart(one: str, other: str) -> str:
-    """Return the measurement that tells two causes apart."""
+    """Return the measurement that tells two causes apart; either of the two names it."""
     first, second = cause_named(one).tell_apart, cause_named(other).tell_apart
     return first.get(other) or second.get(one) or ANYTHING_ELSE
 
@@ -33,9 +34,7 @@ for _cause in (
     LowPass,
     RotorInertia,
     Presliding,
-    TorqueOffset,
     GravityError,
-    DirectionAsymmetry,
     FrictionLevel,
     BaseDrift,
     CorruptedCell,
@@ -43,9 +42,7 @@ for _cause in (
     register(_cause())
 
 __all__ = [
-    "Hypothesis",
     "SimulatedCause",
-    "TableCause",
     "cause_named",
     "register",
     "registered",

@@ -11,46 +11,44 @@ from stiction_envs.experiments.sje.calibrate import with_levels
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.tables.causes.base import BASE_AGAIN, Array, Hypothesis, TableCause
-from stiction_envs.gap.tables.readings import Readings, TableData
+from stiction_envs.gap.causes.base import Array, Cause
+from stiction_envs.gap.tables.data import Effect, Index, TableData
 from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL
 
-BOTH = "both poses"
+BASE_AGAIN = "the base torque measured again"
 
 
-class FrictionLevel(TableCause):
+class FrictionLevel(Cause):
     """Base and dithered torques are off by one factor, in both poses or in one."""
 
-    name, parameter = "friction_level", "factor"
-    log_size = 0.15
+    name = "friction_level"
+    log_size: ClassVar[float] = 0.15
     """Prior size of the factor's logarithm [-]; assumed: what temperature and wear change."""
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": BASE_AGAIN}
 
-    def hypotheses(self, readings: Readings) -> Iterator[Hypothesis]:
-        """Yield hypotheses about both poses and about each."""
-        for h in super().hypotheses(readings):
-            yield Hypothesis(self, h.joints, h.rows, BOTH)
-            for load in LOADS:
-                rows = tuple(i for i in h.rows if readings.all[i].where.load == load)
-                yield Hypothesis(self, h.joints, rows, load)
+    def scopes(self, data: TableData, joint: int) -> Iterator[tuple[str, Index]]:
+        """Yield the readings of a joint of both poses, and of each by its name."""
+        rows = data.of_joint[joint]
+        yield "", rows
+        yield from ((load, rows[data.pose[rows] == k]) for k, load in enumerate(LOADS))
 
-    def size(self, data: TableData, h: Hypothesis) -> float:
-        """Return the size of the factor's logarithm."""
-        return self.log_size
+    def in_tables(self, data: TableData) -> Iterator[Effect]:
+        """Yield a factor on friction in each scope."""
+        for j in data.joints:
+            for scope, rows in self.scopes(data, j):
+                yield Effect(
+                    self.name,
+                    (j,),
+                    rows,
+                    scope=scope,
+                    size=self.log_size,
+                    most=float(np.log(FRICTION_LEVEL.high)),
+                    level=float,
+                    parameters={f"factor {scope}".strip(): 1.0},
+                    log=True,
+                )
 
-    def bounds(self, data: TableData, h: Hypothesis) -> tuple[float, float]:
-        """Return the range of the logarithm of the factor."""
-        return float(np.log(FRICTION_LEVEL.low)), float(np.log(FRICTION_LEVEL.high))
-
-    def level(self, data: TableData, h: Hypothesis, x: float) -> Array | float | None:
-        """Return the logarithm of the factor."""
-        return x
-
-    def values(self, data: TableData, h: Hypothesis, x: float) -> dict[str, float]:
-        """Return the factor, named by the pose if it is one."""
-        return {self.parameter if h.scope == BOTH else f"factor {h.scope}": float(np.exp(x))}
-
-    def what(self, values: Mapping[str, float]) -> str:
+    def in_words(self, values: Mapping[str, float]) -> str:
         """Return the factors in words."""
         return "dry friction times " + ", ".join(
             f"{v:.3g} {k.removeprefix('factor')}".strip() for k, v in values.items()
@@ -58,7 +56,7 @@ class FrictionLevel(TableCause):
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
-    ) -> dict[str, Array | float]:
+    ) -> Mapping[str, Array | float] | str:
         """Return friction in both poses with it."""
         scopes = ([f"factor {load}", "factor"] for load in LOADS)
         factors = np.array([np.prod([values[k] for k in x if k in values]) for x in scopes])

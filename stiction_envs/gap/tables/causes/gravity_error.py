@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import ClassVar
-
-import numpy as np
 
 from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.tables.causes.base import THIRD_POSE, Array, Hypothesis, only
-from stiction_envs.gap.tables.causes.torque_offset import TorqueOffset
-from stiction_envs.gap.tables.readings import TableData
+from stiction_envs.gap.causes.base import Array, Cause
+from stiction_envs.gap.causes.log.torque_offset import THIRD_POSE
+from stiction_envs.gap.tables.data import Effect, TableData
 
 SHARE = 0.05
 """Prior size of an error of the gravity model, over gravity [-]; assumed: of links."""
@@ -19,31 +17,32 @@ MOST = 0.5
 """Largest error of the gravity model, over gravity [-]; assumed: with more it is another arm."""
 
 
-class GravityError(TorqueOffset):
+class GravityError(Cause):
     """An offset in proportion to the load of the pose."""
 
-    name, parameter = "gravity_error", "share_of_gravity"
+    name = "gravity_error"
     tell_apart: ClassVar[Mapping[str, str]] = {"direction_asymmetry": THIRD_POSE}
 
-    def size(self, data: TableData, h: Hypothesis) -> float:
-        """Return the size of the share [-]."""
-        return SHARE
+    def in_tables(self, data: TableData) -> Iterator[Effect]:
+        """Yield a share of each joint's load."""
+        for j, rows in data.of_joint.items():
+            yield Effect(
+                self.name,
+                (j,),
+                rows,
+                size=SHARE,
+                most=MOST,
+                trials=(1.0,),
+                torque=data.load[rows],
+                parameters={"share_of_gravity": 1.0},
+            )
 
-    def bounds(self, data: TableData, h: Hypothesis) -> tuple[float, float]:
-        """Return the range of the share [-]."""
-        return -MOST, MOST
-
-    def torque(self, data: TableData, h: Hypothesis) -> Array | None:
-        """Return the load along the ramp."""
-        r, rows = data.readings, list(h.rows)
-        return np.asarray(r.sign[rows] * data.loads[r.joint[rows] - 1, r.pose[rows]])
-
-    def what(self, values: Mapping[str, float]) -> str:
+    def in_words(self, values: Mapping[str, float]) -> str:
         """Return the share in words."""
-        return f"{100 * values[self.parameter]:+.2g} % of the joint's gravity torque"
+        return f"{100 * values['share_of_gravity']:+.2g} % of the joint's gravity torque"
 
     def in_friction(
         self, friction: FrictionParameters, poses: Poses, j: int, values: Mapping[str, float]
-    ) -> dict[str, Array | float]:
+    ) -> Mapping[str, Array | float]:
         """Return the error of the gravity model with it."""
-        return {"gravity_error": friction.gravity_error[j] + only(values, self.parameter)}
+        return {"gravity_error": friction.gravity_error[j] + values["share_of_gravity"]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from stiction_envs.gap.tables.causes.base import SAME_DAY, SimulatedCause
+from stiction_envs.gap.tables.causes.simulated import SAME_DAY, SimulatedCause
 from stiction_envs.gap.tables.whole_arm import Quantity
 
 

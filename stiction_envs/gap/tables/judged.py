@@ -1,0 +1,313 @@
+"""The judgement of torque tables: the best model, refitted in every step of the search.
+
+Small errors of each pose's friction level and offset are in every model. Effects are not linear, so
+the columns among which the search chooses are straight lines: from the nominal model to a trial
+value, or through the value found. After every step the chosen values are fitted to the curved
+predictions (Gauss-Newton), the whole arm is simulated near them, the evidence is Laplace's, and the
+columns are those given these values.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.judge.problem import ARM, Term
+from stiction_envs.gap.judge.search import NAMED, Search
+from stiction_envs.gap.tables.data import Effect
+from stiction_envs.gap.tables.predictor import Predictor, States, Values
+from stiction_envs.gap.tables.problem import SCATTER, SIZES, Cells, TableProblem
+
+Array = NDArray[np.float64]
+LEVEL_SD, OFFSET_SD = 0.03, 0.007
+"""Prior sizes of the errors of a pose's friction level, and of its offset over friction [-];
+assumed: half the sum of two base torques of 1 % scatter each, and a level that varies more."""
+TANGENT = 0.3
+"""Step of x over its prior size for a tangent [-]; assumed: wider than the steps by which dither's
+periods quantise breakaway torques."""
+ROUNDS, STEPS, ENOUGH = 4, 12, 0.02
+"""Of the fit: most states of the whole arm, most steps from each, and a step over the prior size
+that ends it; assumed."""
+SMALL = 4
+"""Number of small errors of a joint: level and offset in both poses."""
+RIVALS = 5
+"""Number of likely rivals that are fitted; assumed."""
+CLOSE = 8.0
+"""Log evidence against a model below which it is simulated with the whole arm [nats]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """The most likely values of some effects, and how likely these effects are."""
+
+    values: dict[Effect, float]
+    states: States
+    """From which the readings are predicted."""
+    problem: TableProblem
+    """On tangents at the values."""
+    terms: list[Term]
+    score: float
+    """Log evidence and prior odds [nats]."""
+
+    @property
+    def worth(self) -> float:
+        """The score less what every name must bring [nats]."""
+        return self.score - NAMED * len(self.terms)
+
+    def sd(self) -> dict[Effect, float]:
+        """Return the standard deviations of the values."""
+        each = np.sqrt(np.diag(self.problem.covariance(self.problem.model(self.terms))))
+        own = each[len(each) - len(self.terms) :].tolist()
+        return {e: e.size * x for e, x in zip(self.values, own, strict=True)}
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Numbers of the likeliest sizes of each joint's errors, as of `TableProblem`."""
+        model = self.problem.model(self.terms)
+        return tuple(self.problem.likeliest(k, model) for k in range(len(self.problem.channels)))
+
+    def error(self, k: int) -> Array:
+        """Return scatter of a joint's readings and their common error, over friction [-]."""
+        return np.asarray(SCATTER * SIZES[self.sizes[k]])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Weighed:
+    """A cause in the best model, and the models that lack it."""
+
+    effects: list[Effect]
+    """Of one cause on the same joints; a bad reading is one of its own."""
+    without: Fit
+    rivals: dict[str, Fit]
+    """Models with another cause in its place, by that one's name."""
+
+
+class Judge:
+    """All effects on the tables, and the evidence of any set of them."""
+
+    def __init__(self, predictor: Predictor, effects: Iterable[Effect]) -> None:
+        """Take the effects with their priors."""
+        self.predictor, self.data = predictor, predictor.data
+        self.bounds = {e: predictor.bounds(e) for e in effects}
+        self.effects: dict[Term, Effect] = {}
+        """By candidate; each trial value of an effect is one."""
+        self.term: dict[Effect, Term] = {}
+        many = Counter(_kind(e) for e in self.bounds)
+        self._all = TableProblem([], np.empty(0))
+        self._small = [Term("small errors", k, small=True) for k in range(len(self.data.joints))]
+        free = np.full(SMALL, np.inf)
+        for small in self._small:
+            self._all.add(small, {}, np.ones(SMALL), (-free, free), 0.0)
+        for e, (low, high) in self.bounds.items():
+            k = ARM if len(e.joints) > 1 else self.data.joints.index(e.joints[0])
+            odds = e.odds + math.log(many[_kind(e)])
+            for x in e.trials:
+                if low <= x * e.size <= high:
+                    term = Term(f"{e.cause} {e.scope}", k, (x,))
+                    ends = np.array([low / e.size]), np.array([high / e.size])
+                    self._all.add(term, {}, np.ones(1), ends, odds)
+                    self.effects[term] = e
+                    self.term.setdefault(e, term)
+        self._last: dict[tuple[int, bool], tuple[object, Cells]] = {}
+        self._refused: set[frozenset[Effect]] = set()
+
+    # ---- columns ---------------------------------------------------------------------------------
+
+    def problem(
+        self, states: States, values: Values, *, tangents: bool, sizes: tuple[int, ...] = ()
+    ) -> TableProblem:
+        """Return the model near some values: on tangents, or on straight lines for all effects."""
+        return self._all.on(self._channels(states, values, tangents), sizes)
+
+    def _channels(self, states: States, values: Values, tangents: bool) -> list[Cells]:
+        out = []
+        for k, j in enumerate(self.data.joints):
+            own = {e: x for e, x in values.items() if j in e.joints}
+            key = states[j], tuple(own.items())
+            if (k, tangents) not in self._last or self._last[k, tangents][0] != key:
+                self._last[k, tangents] = key, self._cells(k, j, states, own, tangents)
+            out.append(self._last[k, tangents][1])
+        return out
+
+    def _cells(self, k: int, joint: int, states: States, own: Values, tangents: bool) -> Cells:
+        """Return the readings of a joint, with columns of a prior size each over friction."""
+        data, rows = self.data, self.data.of_joint[joint]
+        unit = data.unit[rows]
+
+        def predicted(e: Effect, x: float) -> Array:
+            return self.predictor.of_joint(joint, states[joint], {**own, e: x}) / unit
+
+        def line(e: Effect, x: float, to: float) -> Array:
+            return (predicted(e, to) - predicted(e, x)) * e.size / (to - x)
+
+        slope = self.predictor.level_slope(joint, states[joint], own) / unit
+        poses = [data.pose[rows] == p for p in range(SMALL // 2)]
+        columns = [LEVEL_SD * slope * p for p in poses]
+        columns += [OFFSET_SD * data.sign[rows] * p for p in poses]
+        at = self._all.numbers[self._small[k]].tolist()
+        left = data.torque[rows] / unit - self.predictor.of_joint(joint, states[joint], own) / unit
+        fitted: dict[Effect, Array] = {}
+        for e, x in own.items():
+            step = TANGENT * e.size
+            fitted[e] = line(e, x - step, x + step) if tangents else line(e, 0.0, x or step)
+            left = left + fitted[e] * x / e.size
+        for term, e in self.effects.items():
+            if joint in e.joints and (e in own or not tangents):
+                columns.append(fitted[e] if e in own else line(e, 0.0, term.shape[0] * e.size))
+                at += self._all.numbers[term].tolist()
+        cells = Cells(left, data.block[rows], data.blocks)
+        cells.append(np.stack(columns), at)
+        return cells
+
+    # ---- fit -------------------------------------------------------------------------------------
+
+    def found(self, problem: TableProblem, terms: Sequence[Term]) -> dict[Effect, float]:
+        """Return the most likely values of terms in a linear model."""
+        model = problem.model(terms)
+        each = problem.fit(model)[len(problem.at(model)) - len(terms) :].tolist()
+        return {e: x * e.size for t, x in zip(terms, each, strict=True) for e in [self.effects[t]]}
+
+    def fit(self, values: Values, states: States | None = None, *, simulate: bool = True) -> Fit:
+        """Return the most likely values of effects, starting from some.
+
+        Args:
+            values: from which it starts.
+            states: from which it predicts at first; None for near the values.
+            simulate: whether the whole arm is simulated again where the values have moved.
+        """
+        x, terms = dict(values), [self.term[e] for e in values]
+        states = states or self.predictor.states(x)
+        for _ in range(ROUNDS):
+            for _ in range(STEPS):
+                to = self.found(self.problem(states, x, tangents=True), terms)
+                # a straight line holds for about one prior size
+                step = {e: float(np.clip(to[e] - v, -e.size, e.size)) for e, v in x.items()}
+                x = {e: v + step[e] for e, v in x.items()}
+                if all(abs(d) < ENOUGH * e.size for e, d in step.items()):
+                    break
+            new = self.predictor.states(x, states) if simulate else states
+            if new == states:
+                break
+            states = new
+        problem = self.problem(states, x, tangents=True)
+        x, score = self.found(problem, terms), problem.score(terms)
+        return Fit(values=x, states=states, problem=problem, terms=terms, score=score)
+
+    def left_out(self, fit: Fit) -> Array:
+        """Return (N,) measured less predicted over friction [-].
+
+        Each block is predicted with values fitted to the others.
+        """
+        data, out = self.data, np.empty(len(self.data.jobs))
+        fixed = fit.problem.on(fit.problem.channels, fit.sizes)
+        for block in range(data.blocks):
+            values = self.found(fixed.without(block), fit.terms)
+            left = (data.torque - self.predictor.predict(fit.states, values)) / data.unit
+            out[data.block == block] = left[data.block == block]
+        return out
+
+    # ---- search ----------------------------------------------------------------------------------
+
+    def search(self, say: Callable[[str], None]) -> tuple[Fit, list[Weighed]]:
+        """Return the best model and its causes.
+
+        Straight lines may promise too little: a rival that turns out better takes a cause's place.
+        """
+        best = self._climb(self.fit({}), say)
+        while True:
+            say("looking for what else could have been it")
+            causes = self._weigh(best)
+            better = max([best, *(f for c in causes for f in c.rivals.values())], key=_worth)
+            if better is best:
+                return best, causes
+            best = self._climb(better, say)
+
+    def _weigh(self, fit: Fit) -> list[Weighed]:
+        groups: dict[tuple[object, ...], list[Effect]] = {}
+        for e in fit.values:
+            groups.setdefault((e.cause, e.joints, tuple(e.rows) if e.bad else ()), []).append(e)
+        out = []
+        for some in groups.values():
+            rest = {e: x for e, x in fit.values.items() if e not in some}
+            without = self.fit(rest, fit.states)
+            rivals = self._rivals(fit, without, some)
+            out.append(Weighed(effects=some, without=without, rivals=rivals))
+        return out
+
+    def _climb(self, start: Fit, say: Callable[[str], None]) -> Fit:
+        """Return the best model that steps from a model reach, each verified by a fit."""
+        best = now = start
+        self._refused.clear()
+
+        def refresh(problem: TableProblem, terms: Sequence[Term]) -> float:
+            nonlocal best, now
+            effects = [self.effects[t] for t in terms]
+            if set(effects) != set(now.values):
+                say(", ".join(sorted({e.cause for e in effects})) or "nothing")
+                new = self.fit(self.found(problem, terms), now.states, simulate=False)
+                if new.worth > best.worth:
+                    new = self.fit(new.values, new.states)
+                if new.worth > best.worth:
+                    best = new
+                elif len(new.values) >= len(now.values):
+                    self._refused.add(frozenset(effects))
+                now = new
+            problem.take(self._channels(now.states, now.values, tangents=False))
+            return now.score
+
+        search = Search(
+            self.problem(start.states, start.values, tangents=False),
+            list(self.effects),
+            lambda _: (),
+            refresh,  # type: ignore[arg-type]
+            lambda _, terms, __: frozenset(self.effects[t] for t in terms) not in self._refused,
+        )
+        search.climb(start.terms)
+        return best
+
+    def _rivals(self, fit: Fit, without: Fit, instead: Sequence[Effect]) -> dict[str, Fit]:
+        """Return models with another cause in place of some effects, by its name.
+
+        Args:
+            fit: the model with the effects.
+            without: the model without them.
+            instead: the effects, of one cause and about the same joints.
+        """
+        lines = self.problem(without.states, without.values, tangents=False)
+        rest, joints = without.terms, {self.term[e].joint for e in instead}
+        joints |= set(range(len(self.data.joints))) if ARM in joints else {ARM}
+        terms = [
+            t
+            for t, e in self.effects.items()
+            if t.joint in joints and e.cause != instead[0].cause and e not in without.values
+        ]
+        best: dict[tuple[str, int], tuple[float, Term]] = {}
+        for term, gain in zip(terms, lines.gains(rest, [[t] for t in terms]).tolist(), strict=True):
+            key = self.effects[term].cause, term.joint
+            best[key] = max(best.get(key, (gain, term)), (gain, term), key=lambda x: x[0])
+        offers: dict[str, tuple[float, list[Term]]] = {}
+        for (name, _), (gain, term) in best.items():
+            total, some = offers.get(name, (0.0, []))
+            if len(instead[0].joints) == 1 or gain > 0:
+                offers[name] = total + gain, [*some, term]
+        out = {}
+        for name in sorted(offers, key=lambda n: -offers[n][0])[:RIVALS]:
+            values = self.found(lines, [*rest, *offers[name][1]])
+            new = self.fit(values, without.states, simulate=False)
+            close = new.score > fit.score - CLOSE
+            out[name] = self.fit(new.values, new.states) if close else new
+        return out
+
+
+def _worth(fit: Fit) -> float:
+    return fit.worth
+
+
+def _kind(e: Effect) -> tuple[str, bool, bool]:
+    """Return what makes effects of one cause alike."""
+    return e.cause, e.torque is None, e.level is None
