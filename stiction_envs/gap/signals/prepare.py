@@ -104,6 +104,14 @@ class Signals:
     """When the logs were recorded."""
     notes: tuple[str, ...]
     """How the signals were computed, one sentence each."""
+    torque_sign: int = 0
+    """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
+    measured: NDArray[np.bool_] | None = None
+    """(n,) whether each torque is a measurement; None for all."""
+    findings: tuple[str, ...] = ()
+    """What is wrong with units, channels and mounting, one sentence each."""
+    set_up: tuple[str, ...] = ()
+    """Those of the findings with which nothing else can be named."""
 
 
 def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:

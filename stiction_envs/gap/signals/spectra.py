@@ -35,7 +35,10 @@ jumps at each reversal; assumed."""
 ACCURATE = 0.01
 """Allowed noise of the acceleration as a share of its root mean square [-]; assumed."""
 HIGHEST = 0.1
-"""Largest cutoff as a share of the sampling rate [-]; assumed."""
+"""Largest cutoff as a share of the rate of new values [-]; assumed."""
+WIDE, GAP_VALUES = 0.01, 2.5
+"""Part of the time that is in gaps which count [-], and values that one of them is worth: a cutoff
+of a tenth of the rate is a quarter of a period in the gap; assumed."""
 LOWEST = 1.0
 """Smallest cutoff that is chosen [Hz]; assumed."""
 MOTION_SHARE = 0.95
@@ -54,6 +57,7 @@ class Spectra:
         mover_ratio: float,
     ) -> None:
         self.rate = 1 / max(steps)
+        self.effective = effective_rate(logs)
         self.n = logs[0].n
         segments = [
             (log.t[s][-1] - log.t[s][0], k, s)
@@ -103,7 +107,7 @@ class Spectra:
 
     def choose(self, notes: list[str]) -> float:
         """Return the cutoff [Hz] of a low-pass that keeps the signal and removes noise."""
-        highest = HIGHEST * self.rate
+        highest = HIGHEST * self.effective
         if self.empty:
             notes.append(f"cutoff {highest:.3g} Hz: too short for a spectrum")
             return highest
@@ -179,6 +183,15 @@ class Spectra:
             if low >= start and (flat or level[i] <= 2 * np.median(level[i + 1 : i + 10])):
                 return low
         return float(self.f[-1])
+
+
+def effective_rate(logs: Sequence[JointLog]) -> float:
+    """Return the rate of new values [Hz], or of gaps that hold part `WIDE` of the time."""
+    steps = np.sort(np.concatenate([np.diff(log.t[s]) for log in logs for s in log.segments]))
+    within = int((np.cumsum(steps) <= (1 - WIDE) * steps.sum()).sum())
+    widest = float(steps[min(within, len(steps) - 1)])
+    usual = max(log.held * log.step for log in logs)
+    return float(f"{min(1 / usual, GAP_VALUES / widest):.6g}")
 
 
 def _samples_of(rows: slice) -> list[slice]:
