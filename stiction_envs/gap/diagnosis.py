@@ -18,6 +18,7 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.base import ALL_LINKS, LINK
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
@@ -75,8 +76,8 @@ class Diagnosis(Judgement):
     """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
     findings: tuple[str, ...] = ()
     """What is wrong with units, channels and mounting."""
-    set_up: tuple[str, ...] = ()
-    """Those of the findings with which nothing else can be named."""
+    set_up: bool = False
+    """Whether mounting or a joint's direction differ, with which nothing else can be named."""
     notes: tuple[str, ...] = ()
     """How the signals and the noise floor were computed."""
 
@@ -180,6 +181,8 @@ def diagnose_logs(
         causes = [c for c in causes if c.shown_at_rest]
     if signals.set_up:  # the model is another arm: whatever is named beside that, is false
         causes = [c for c in causes if c.adds_to == ALL_LINKS]
+    if signals.zero_off is not None:
+        causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
     return _conclude(baseline, base, read, signals, judge(data, causes, say), seed, say)
 
 

@@ -30,10 +30,12 @@ from scipy.spatial.transform import Rotation
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.signals.angles import UNEXPLAINED, AngleError, angle_error
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
@@ -73,7 +75,7 @@ MOUNTED = 0.5
 assumed: a smaller one is a base that leans."""
 SILENT = 0.1
 """Part of a torque's variance that motion and load explain in noise alone [-]; assumed."""
-OF_CHANNELS = ("torque_sign", "measured", "findings", "set_up")
+OF_CHANNELS = ("torque_sign", "measured", "findings", "set_up", "zero_off")
 """Fields of `Signals` that `correct_sign` fills in."""
 RIGHT_ANGLE = 0.1
 """Distance from a multiple of 90° below which a mounting angle is that [rad]; assumed."""
@@ -102,13 +104,15 @@ class Loads:
     """(n,) False where the torque is noise, although motion and load need some."""
     gravity: Array
     """(3,) direction of gravity in the world that the torques fit best."""
+    angle: AngleError | None = None
+    """A joint whose angle is not the model's; the rest is as if it were."""
     elsewhere: bool
     """Whether that is far from the assumed one, and explains what the assumed one does not."""
 
     @property
     def unit(self) -> float:
         """The factor that all joints share, where it is another unit's; else 1 [-]."""
-        sure = self.measured & (self.needed > LEAST_LOAD)
+        sure = self.by_load & (self.needed > LEAST_LOAD)
         sure &= self.width < SURE * np.abs(self.factor)
         some = np.abs(self.factor[sure])
         if len(some) < 2:
@@ -121,7 +125,9 @@ class Loads:
         """Whether friction is logged, but nothing of the load of the joints that have one."""
         loaded = self.measured & (self.needed > LEAST_LOAD) & (self.width < SURE)
         without = np.abs(self.factor) + self.width < SURE
-        return bool(loaded.any() and without[loaded].all() and self.resists)
+        return bool(
+            loaded.any() and without[loaded].all() and self.resists and not self.by_load.any()
+        )
 
     @property
     def findings(self) -> list[str]:
@@ -149,6 +155,8 @@ class Loads:
             )
         if self.elsewhere:
             out.append(self.mounting)
+        if self.angle is not None:
+            out.append(str(self.angle))
         return out
 
     @property
@@ -200,15 +208,44 @@ class _Fit:
 
 def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = None) -> Loads:
     """Return what a log (its number in the signals) shows of its torques."""
-    q, dq, ddq, tau, apart = _rows(signals, log)
     motion = (settings or gap_settings()).motion
-    model, n, one = arm.pinocchio(), arm.n, np.ones(len(q))
+    rows = _rows(signals, log)
+    found = _loads(rows, arm, motion)
+    if found.elsewhere or found.lacks_gravity:
+        return found
+    q, dq, ddq, tau, apart = rows
+    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
+    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD)
+    if error is None:
+        return found
+    sign, shift = np.ones(arm.n), np.zeros(arm.n)
+    if error.offset is None:
+        sign[error.joint - 1] = -1
+    else:
+        shift[error.joint - 1] = error.offset
+    found = _loads((sign * q - shift, sign * dq, sign * ddq, tau, apart), arm, motion)
+    if error.offset is None:  # a joint whose axis is the other way has both signs opposite
+        found.sign[error.joint - 1] = abs(found.sign[error.joint - 1])
+    return replace(found, angle=error)
+
+
+def _others(dq: Array, ddq: Array, motion: MotionThresholds) -> Array:
+    """Return (T, 4) rotor, dry and viscous friction, and offset of a joint."""
+    return np.column_stack([ddq, np.tanh(dq / motion.reversal_speed), dq, np.ones(len(dq))])
+
+
+def _loads(
+    rows: tuple[Array, Array, Array, Array, float], arm: Arm, motion: MotionThresholds
+) -> Loads:
+    """Return what rows (`_rows`) show, if their angles are the model's."""
+    q, dq, ddq, tau, apart = rows
+    model, n = arm.pinocchio(), arm.n
     pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)
     down = down / np.linalg.norm(down)
     rest = inverse_dynamics(model, q, dq, ddq) - pulls @ down
     offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
     sides = np.tanh(dq / motion.reversal_speed)
-    others = [np.column_stack([ddq[:, j], sides[:, j], dq[:, j], one]) for j in range(n)]
+    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
 
     def fit(columns: Array, j: int) -> _Fit:
         return _Fit(np.column_stack([columns, others[j]]), tau[:, j], float(offset[j]), apart)
@@ -241,6 +278,7 @@ def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = N
     elsewhere = bool(
         np.arccos(np.clip(found @ down, -1, 1)) > MOUNTED
         and (after[shown] < LEFT * before[shown]).any()
+        and (after[shown] < UNEXPLAINED * load.std(axis=0)[shown]).all()
         and shown.any()
         and (ks := np.array([f.c[0] for f in there])[shown] * sign[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
@@ -398,7 +436,8 @@ def correct_sign(
         signals,
         torque_sign=-1 if opposite.all() else int(signs.any()),
         measured=np.all([x.measured for x in found.values()], axis=0),
-        set_up=tuple(dict.fromkeys(x.mounting for x in found.values() if x.elsewhere)),
+        set_up=any(x.elsewhere or (x.angle and x.angle.offset is None) for x in found.values()),
+        zero_off=next((x.angle for x in found.values() if x.angle and x.angle.offset), None),
         findings=tuple(dict.fromkeys(text for x in found.values() for text in x.findings)),
     )
     if not opposite.any():

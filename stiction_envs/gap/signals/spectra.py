@@ -115,13 +115,21 @@ class Spectra:
         f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
         lowest = max(LOWEST, min(PERIODS / self.longest, highest))
-        cutoff = min(max(f_q, f_ddq), max(f_tau, HARMONICS * self.motion_hz))
-        cutoff = float(np.clip(cutoff, lowest, highest))
+        limits = {
+            "the angles' noise begins there": max(f_q, f_ddq),
+            "the torques' noise begins there": max(f_tau, HARMONICS * self.motion_hz),
+            f"{HIGHEST:g} of the {self.effective:.4g} new values a second": highest,
+        }
+        why = min(limits, key=lambda x: limits[x])
+        cutoff = max(limits[why], lowest)
+        if cutoff == lowest:
+            why = "the least that is useful"
+        elif cutoff == HARMONICS * self.motion_hz:
+            why = f"{HARMONICS:g} times the motion's frequencies"
         notes.append(
-            f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
-            f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
-            f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
+            f"cutoff {cutoff:.3g} Hz, zero phase: {why} ({MOTION_SHARE:.0%} of the motion is below "
+            f"{self.motion_hz:.2g} Hz, accelerations are good up to {f_ddq:.3g} Hz, the torques' "
+            f"noise begins at {f_tau:.3g} Hz)"
         )
         return cutoff
 
