@@ -28,8 +28,8 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.loads import correct_sign
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.identification.base_parameters import fit_base, structural_base
 from stiction_envs.identification.mixed_fit import (
     all_columns,

@@ -93,7 +93,7 @@ def angle_error(
     found: dict[int, tuple[float, float | None]] = {}
     for j in range(arm.n):
         unit = np.eye(arm.n)[j]
-        tried = [(gained(one - 2 * unit, zero), None)]
+        tried: list[tuple[float, float | None]] = [(gained(one - 2 * unit, zero), None)]
         tried += [(gained(one, x * unit), x) for x in np.arange(-np.pi + STEP, np.pi + 0.1, STEP)]
         found[j] = max(tried, key=lambda x: x[0])
     first, second = sorted(found, key=lambda j: -found[j][0])[:2] if arm.n > 1 else (0, -1)

@@ -22,19 +22,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.angles import UNEXPLAINED, AngleError, angle_error
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
-from stiction_envs.measured.logs.corrections import Correction
-from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
@@ -60,8 +56,8 @@ CORRELATED = 0.9
 """Least correlation of what shows a sign with the torque, all else taken off [-]; assumed."""
 OTHER_UNIT = 2.0
 """Factor, or one over it, from which on torques have another unit, if all joints have the same;
-times the square of the ratio by which they differ [-]; assumed: a mass that is missing makes
-factors of 2 to 3."""
+times the ratio by which they differ [-]; assumed: a mass that is missing makes factors of 2 to
+3."""
 MOST_CLEAR = 20.0
 """Standard deviations from which on a joint's resistance counts no more [-]; assumed."""
 ROUNDS = 20
@@ -75,8 +71,6 @@ MOUNTED = 0.5
 assumed: a smaller one is a base that leans."""
 SILENT = 0.1
 """Part of a torque's variance that motion and load explain in noise alone [-]; assumed."""
-OF_CHANNELS = ("torque_sign", "measured", "findings", "set_up", "zero_off")
-"""Fields of `Signals` that `correct_sign` fills in."""
 RIGHT_ANGLE = 0.1
 """Distance from a multiple of 90° below which a mounting angle is that [rad]; assumed."""
 
@@ -98,8 +92,8 @@ class Loads:
     """(n,) 1 where the torque drives the joint, -1 where it is opposite, 0 where nothing shows."""
     by_load: Flags
     """(n,) whether a load that changes shows the sign."""
-    resists: bool
-    """Whether friction or inertia shows in the torques."""
+    lacks_gravity: bool
+    """Whether gravity does not show, where friction or inertia does."""
     measured: Flags
     """(n,) False where the torque is noise, although motion and load need some."""
     gravity: Array
@@ -118,16 +112,7 @@ class Loads:
         if len(some) < 2:
             return 1.0
         usual, spread = float(np.median(some)), float(some.max() / some.min())
-        return usual if max(usual, 1 / usual) > OTHER_UNIT * spread**2 else 1.0
-
-    @property
-    def lacks_gravity(self) -> bool:
-        """Whether friction is logged, but nothing of the load of the joints that have one."""
-        loaded = self.measured & (self.needed > LEAST_LOAD) & (self.width < SURE)
-        without = np.abs(self.factor) + self.width < SURE
-        return bool(
-            loaded.any() and without[loaded].all() and self.resists and not self.by_load.any()
-        )
+        return usual if max(usual, 1 / usual) > OTHER_UNIT * spread else 1.0
 
     @property
     def findings(self) -> list[str]:
@@ -150,8 +135,8 @@ class Loads:
             dead = np.flatnonzero(~self.measured)
             which = joint_list([int(j) + 1 for j in dead])
             out.append(
-                f"the torque of {which} is not measured: {self.logged[dead].max():.2g} N·m of "
-                f"noise where up to {self.needed[dead].max():.2g} N·m are due; left out"
+                f"the torque of {which} is not measured: {self.logged[dead].max():.2g} N·m, "
+                f"without a trace of up to {self.needed[dead].max():.2g} N·m that are due; left out"
             )
         if self.elsewhere:
             out.append(self.mounting)
@@ -165,12 +150,13 @@ class Loads:
         base = Rotation.from_euler("xy", self.arm.tilt).inv().apply(self.gravity)
         axis = int(np.argmax(np.abs(base)))
         sign = "+" if base[axis] > 0 else "-"
-        roll, pitch = np.arctan2(-base[1], -base[2]), np.arcsin(np.clip(base[0], -1, 1))
+        pitch = np.arcsin(np.clip(base[0], -1, 1))
+        roll = np.arctan2(-base[1], -base[2]) if abs(base[0]) < np.cos(RIGHT_ANGLE) else 0.0
         angles = []
         for angle in (roll, pitch):
             right = np.round(2 * angle / np.pi) * np.pi / 2
             angles.append(right if abs(angle - right) < RIGHT_ANGLE else angle)
-        tilt = " ".join(f"{abs(x) if abs(x) > 3.14 else x:.6g}" for x in angles)
+        tilt = " ".join(f"{abs(x) if abs(x) > 3.14 else x + 0.0:.6g}" for x in angles)
         near = np.abs(base[axis]) > np.cos(2 * RIGHT_ANGLE)
         where = f"along {sign}{'xyz'[axis]}" if near else f"along {np.round(base, 2).tolist()}"
         how = "on a ceiling" if base[2] > 0.9 else "on a wall or a slope"
@@ -258,7 +244,8 @@ def _loads(
     silent = np.array(
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
-    due = load.std(axis=0) > np.maximum(LEAST_LOAD, tau.std(axis=0) / SILENT)
+    factor, width = (np.array([x(f) for f in usual]) for x in (_factor, _width))
+    due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
     moves = np.ptp(q, axis=0) > motion.travel_span
     measured = ~(silent & due)
     if not measured.all():
@@ -271,8 +258,8 @@ def _loads(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
     sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, ~shown & measured, free)
-    shown &= sign != 0
-    found = _direction([f for f, x in zip(free, shown, strict=True) if x], sign[shown], down)
+    side = np.where(sign, sign, np.where(resisting < -CLEAR, -1, 1))
+    found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)
     before, after = (np.array([f.left for f in x]) for x in (usual, there))
     elsewhere = bool(
@@ -280,24 +267,43 @@ def _loads(
         and (after[shown] < LEFT * before[shown]).any()
         and (after[shown] < UNEXPLAINED * load.std(axis=0)[shown]).all()
         and shown.any()
-        and (ks := np.array([f.c[0] for f in there])[shown] * sign[shown]).min() > 0
+        and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
+    )
+    heavy = measured & ((pulls @ down).std(axis=0) > LEAST_LOAD)
+    weighs = np.array([float(down @ f.c[:3]) for f in free])
+    lacks_gravity = bool(
+        heavy.any()
+        and not (shown & _sure(pulled, free)).any()
+        and np.median(np.abs(weighs[heavy])) < SURE
+        and np.abs(resisting).max() > CLEAR
+        and not elsewhere
     )
     best = there if elsewhere else usual
     needed = rest + pulls @ (found if elsewhere else down)
     return Loads(
         arm=arm,
-        factor=np.array([f.c[0] for f in best]),
-        width=np.array([1.96 * np.sqrt(f.cov[0, 0]) for f in best]),
+        factor=np.array([_factor(f) for f in best]),
+        width=np.array([_width(f) for f in best]),
         needed=_rms(needed),
         logged=_rms(tau),
         sign=sign,
         by_load=by_load,
-        resists=bool(np.abs(np.clip(resisting, -MOST_CLEAR, MOST_CLEAR)).sum() > CLEAR),
+        lacks_gravity=lacks_gravity,
         measured=measured,
         gravity=found if elsewhere else down,
         elsewhere=elsewhere,
     )
+
+
+def _factor(fit: _Fit) -> float:
+    """Return the first coefficient."""
+    return float(fit.c[0])
+
+
+def _width(fit: _Fit) -> float:
+    """Return half of the first coefficient's 95 % interval."""
+    return float(1.96 * np.sqrt(fit.cov[0, 0]))
 
 
 def _sure(clear: Array, fits: Sequence[_Fit]) -> Flags:
@@ -330,14 +336,15 @@ def _signs(
         elif not alone:
             sign[wrong & against] = -1
         return sign, changing
+    moving = _sure(resisting, fits)
     if changing.any():
         sign[changing] = 1
+        sign[~changing & moving & (resisting < 0)] = -1
         return sign, changing
     squares = float((np.sign(loaded) * loaded**2)[held].sum())
     if abs(squares) > CLEAR**2:
         sign[held] = np.sign(squares)
         return sign, changing
-    moving = _sure(resisting, fits)
     if moving.any() and (np.sign(resisting[moving]) == np.sign(resisting[moving][0])).all():
         sign[moving] = np.sign(resisting[moving])
     return sign, changing
@@ -391,69 +398,3 @@ def _pulls(arm: Arm, q: Array) -> Array:
 
 def _rms(x: Array) -> Array:
     return np.sqrt(np.mean(np.square(x), axis=0))
-
-
-def correct_sign(
-    logs: Sequence[JointLog],
-    signals: Signals,
-    arm: Arm,
-    settings: GapSettings | None = None,
-    known: int = 0,
-) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, leave out those that are not measured, and say so.
-
-    Args:
-        logs: of one robot, with one convention.
-        signals: made of them.
-        arm: the nominal rigid arm.
-        settings: constants of the method; None for those of ``settings.toml``.
-        known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
-            that changes overrides it.
-
-    Returns:
-        Logs, with notes on corrections, and signals; unchanged where nothing is wrong.
-
-    Raises:
-        StictionError: a joint's torque has the opposite sign in one log, and not in another.
-    """
-    numbers = dict.fromkeys(s.log for s in signals.segments)
-    found = {k: loads(signals, k, arm, settings) for k in numbers}
-    shown = {k: x for k, x in found.items() if x.by_load.any()}
-    for j in range(arm.n):
-        each = {int(x.sign[j]): k for k, x in shown.items() if x.by_load[j]}
-        if len(each) > 1:
-            wrong, right = (Path(logs[each[x]].source) for x in (-1, 1))
-            raise StictionError(
-                f"{wrong}: tau{j + 1} has the opposite sign of what the model needs, but in "
-                f"{right.name} the right one: expected one sign in all logs, tau drives the joint"
-            )
-    signs = np.array([x.sign for x in (shown or found).values()])
-    again = any(c.kind == "sign" for x in logs for c in x.corrections)
-    if known and not shown:
-        signs = np.full((1, arm.n), 1 if again else known)
-    opposite = (signs < 0).any(axis=0) & (signs <= 0).all(axis=0)
-    done = replace(
-        signals,
-        torque_sign=-1 if opposite.all() else int(signs.any()),
-        measured=np.all([x.measured for x in found.values()], axis=0),
-        set_up=any(x.elsewhere or (x.angle and x.angle.offset is None) for x in found.values()),
-        zero_off=next((x.angle for x in found.values() if x.angle and x.angle.offset), None),
-        findings=tuple(dict.fromkeys(text for x in found.values() for text in x.findings)),
-    )
-    if not opposite.any():
-        return list(logs), done
-    which = joint_list([int(j) + 1 for j in np.flatnonzero(opposite)])
-    side = np.where(opposite, -1.0, 1.0)
-    text = (
-        f"torques of {'all joints' if opposite.all() else which} have the opposite sign of the "
-        "usual one: inverted, so that tau drives the joint"
-    )
-    if known < 0 and not shown:
-        text += "; so do those of the diagnosed logs"
-    turned = []
-    for log in logs:
-        extra = {k: x * side if k == "tau_cmd" else x for k, x in log.extra.items()}
-        corrections = (*log.corrections, Correction(kind="sign", rows=len(log.t), text=text))
-        turned.append(replace(log, tau=log.tau * side, extra=extra, corrections=corrections))
-    segments = tuple(replace(s, tau=s.tau * side) for s in done.segments)
-    return turned, replace(done, segments=segments)

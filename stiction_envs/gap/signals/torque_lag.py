@@ -29,9 +29,10 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.gap.signals.loads import LEAST_LOAD, OF_CHANNELS, correct_sign
+from stiction_envs.gap.signals.loads import LEAST_LOAD
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm

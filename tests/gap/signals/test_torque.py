@@ -9,10 +9,11 @@ import pytest
 from scipy.signal import lfilter
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.loads import loads
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
-from stiction_envs.gap.signals.loads import correct_sign, loads
+from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import RATE, hidden, panda, sliding
 
