@@ -2,10 +2,10 @@
 
     angle_error(q, dq, ddq, tau, arm, others) -> AngleError | None
 
-Where gravity and inertia along the logged angles do not explain the torques, each joint in turn is
-turned round, or shifted by steps over a whole turn. All joints' torques are fitted with each load,
-as in `loads`; the joint with the least Σ log(error) is named if that is far below, and no other
-joint comes near.
+Where gravity and inertia along the logged angles do not explain the torques, nor does a body on the
+flange, each joint in turn is turned round, or shifted by steps over a whole turn. All joints'
+torques are fitted with each load, as in `loads`. The joint with the least Σ log(error) is named, if
+that is far below, and no other joint comes near.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
@@ -83,6 +85,19 @@ def angle_error(
 
     one, zero = np.ones(arm.n), np.zeros(arm.n)
     now, load = errors(one, zero)
+    # a load on the flange may explain as much
+    work, weight = model.createData(), 1 / now
+    tip = np.array(
+        [
+            pin.computeJointTorqueRegressor(model, work, *x)[:, -10:]
+            for x in zip(q, dq, ddq, strict=True)
+        ]
+    )
+    blocks = [np.column_stack([load[:, j], others[j]]) * weight[j] for j in range(arm.n)]
+    shared = np.concatenate([tip[:, j] * weight[j] for j in range(arm.n)])
+    x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
+    left = (y - x @ np.linalg.lstsq(x, y, rcond=None)[0]).reshape(arm.n, -1).std(axis=1)
+    now = np.minimum(now, np.hypot(left * now, floor))
     loaded = load.std(axis=0) > least
     if not (now[loaded] > UNEXPLAINED * load[:, loaded].std(axis=0)).any():
         return None

@@ -119,11 +119,9 @@ class Loads:
         """What is wrong with the torques or the mounting, a sentence each."""
         out = []
         if (unit := self.unit) != 1:
-            what = (
-                "amperes of motor current?" if unit < 1 else "or are the model's masses too small?"
-            )
+            what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
             out.append(
-                f"the torques are {unit:.2g} of what gravity and inertia need, on all joints: "
+                f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "
                 f"another unit, {what} torque_scale says the factor, and friction is in that unit"
             )
         if self.lacks_gravity:
@@ -258,7 +256,7 @@ def _loads(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
     sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, ~shown & measured, free)
-    side = np.where(sign, sign, np.where(resisting < -CLEAR, -1, 1))
+    side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)
     before, after = (np.array([f.left for f in x]) for x in (usual, there))
@@ -280,6 +278,10 @@ def _loads(
         and not elsewhere
     )
     best = there if elsewhere else usual
+    if elsewhere:
+        clear = np.array([f.clear(np.eye(5)[0]) for f in there])
+        by_load = shown & _sure(clear, there)
+        sign = np.where(by_load, np.sign(clear), 0).astype(np.int64)
     needed = rest + pulls @ (found if elsewhere else down)
     return Loads(
         arm=arm,

@@ -82,8 +82,9 @@ REGULAR_SHARE = 0.95
 """Least share of steps of whole samples behind stamps that come in bursts [-]; assumed."""
 LATE_ROWS = (5, 10, 20, 40)
 """Rows after one that came late, of which one is in time again; assumed."""
-FEW_JUMPS = 0.25
-"""Larger shares of the rows around one that pass other times are a change of speed; assumed."""
+TURNED = 0.5
+"""Largest change of the speeds about a row over the speeds, where a row may tell its time [-];
+assumed: more is an arm that stops."""
 Array = NDArray[np.float64]
 
 
@@ -320,8 +321,13 @@ def _samples_passed(
         (T-1,) each: how many, where two joints show it, and where the stamps say otherwise.
     """
     change = np.diff(q, axis=0)
-    around = 2 * int(np.clip(AROUND_SECONDS / step, 5, AROUND)) + 1
-    usual = median_filter(change, size=(around, 1), mode="nearest")
+    # speeds before and after, so that a row in which much time passed is no part of either
+    half = 2 * int(np.clip(AROUND_SECONDS / step, 5, AROUND) // 4) + 1
+    near = median_filter(change, size=(half, 1), mode="nearest")
+    row, last = np.arange(len(change)), len(change) - 1
+    before = near[np.maximum(row - half // 2 - 1, 0)]
+    after = near[np.minimum(row + half // 2 + 1, last)]
+    usual = (before + after) / 2
     moved = np.abs(change)
     least = [float(x.min(initial=np.inf, where=x > 0)) / np.sqrt(12) for x in moved.T]
     noise = np.maximum(1.4826 * np.median(np.abs(change - usual), axis=0) / np.sqrt(2), least)
@@ -333,8 +339,8 @@ def _samples_passed(
     count = np.round(passed)
     evident = (total > SHOWN) & ((seen > SHOWN / 4).sum(axis=1) > 1)
     whole = (np.abs(passed - count) < WHOLE[0] + WHOLE[1] * count) & (count >= 1)
-    near = uniform_filter1d((np.abs(passed - logged) > 0.5).astype(float), around)
-    odd = evident & whole & (count != logged) & (near < FEW_JUMPS)
+    turned = (np.square((after - before) / noise) / 2).sum(axis=1) > TURNED**2 * total
+    odd = evident & whole & (count != logged) & ~turned
     return passed, evident, odd & (left < AGREED * size.sum(axis=1))
 
 
