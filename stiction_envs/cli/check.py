@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from stiction_envs.cli import common
+from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
 
 EXIT_CODES = (
@@ -66,18 +67,20 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         calibration=args.calibration,
         columns=args.columns,
     )
-    pages = []
+    pages, more = [], []
     if args.robot is not None and result.logs:
         from stiction_envs.gap.overview import overview
         from stiction_envs.robots import load_arm
 
         arm = load_arm(args.robot, chain=args.chain)
-        pages = [overview(log, arm, torque=log.side or "motor") for log in result.logs]
-        more = [
-            Finding(log.source, "", *x)
-            for log, page in zip(result.logs, pages, strict=True)
-            for x in page.findings
-        ]
+        for log in result.logs:
+            try:
+                pages.append(overview(log, arm, torque=log.side or "motor"))
+            except StictionError as error:
+                text = str(error).removeprefix(log.source).lstrip(":, ")
+                more.append(Finding(log.source, "", "warning", text))
+                continue
+            more += [Finding(log.source, "", *x) for x in pages[-1].findings]
         result = replace(result, findings=(*result.findings, *more))
     if folder is not None:
         with common.working(), folder:
@@ -87,7 +90,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         "command": "check",
         **result.to_json(),
         "logs": [page.to_json() for page in pages],
-        "pages": "\n\n".join(str(page) for page in pages),
         "failed": f"{count} defect{'s' * (count > 1)} found" if count else None,
     }
 
@@ -96,4 +98,9 @@ def show(result: JsonRecord) -> str:
     """Return the page of each log of a known robot, and the findings, one in a line."""
     from stiction_envs.measured.checks.files import describe
 
-    return "\n\n".join(x for x in (result["pages"], describe(result["findings"])) if x)
+    pages = []
+    if result["logs"]:
+        from stiction_envs.gap.overview import Overview
+
+        pages = [str(Overview(**x)) for x in result["logs"]]
+    return "\n\n".join([*pages, describe(result["findings"])])

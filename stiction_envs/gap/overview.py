@@ -10,7 +10,6 @@ usual friction and small errors. No cause is looked for.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -106,11 +105,11 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
     Raises:
         StictionError: a log that is too short for a filter.
     """
-    settings = gap_settings()
-    make = partial(prepare, settings=settings)
-    signals = make([log])
-    found = loads(signals, 0, arm, settings)
-    (read,), signals = correct_torques([log], arm, make, settings)
+    settings, first = gap_settings(), prepare([log])
+    found = loads(first, 0, arm)
+    (read,), signals = correct_torques(
+        [log], arm, lambda some: first if some[0] is log else prepare(some)
+    )
     findings = [("corrected", c.text) for c in read.corrections[len(log.corrections) :]]
     findings += [("warning", x) for x in (*read.warnings[len(log.warnings) :], *signals.findings)]
     half = zip(found.factor - found.width, found.factor + found.width, strict=True)

@@ -156,7 +156,8 @@ def test_a_zero_that_is_far_off_is_named() -> None:
     causes = named(diagnose_logs([made.log(noise=0.1)], ur10()))
     assert set(causes) == {*FRICTION, "encoder_offset"}
     assert causes["encoder_offset"].joints == (3,)
-    holds(causes["encoder_offset"], "offset_rad", {3: 1.57}, within=0.03)
+    value = causes["encoder_offset"].parameters[3]["offset_rad"].value
+    assert value == pytest.approx(1.57, rel=0.03)
     holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY), within=0.1)
 
 
