@@ -180,7 +180,7 @@ class _Fit:
 
     def clear(self, weights: Array) -> float:
         """Return a weighted sum of the coefficients over its standard deviation [-]."""
-        return float(weights @ self.c / np.sqrt(max(float(weights @ self.cov @ weights), 1e-300)))
+        return float(weights @ self.c / np.sqrt(max(float(weights @ self.cov @ weights), 1e-30)))
 
     def resistance(self, side: Array, dq: Array, ddq: Array, rest: Array) -> float:
         """Return what inertia and friction resist over its deviation, the larger torque first."""

@@ -62,8 +62,7 @@ GAP_STEPS = 5.0
 GAP_SECONDS = 0.025
 """See `GAP_STEPS` [s]; assumed."""
 LATE = 0.75
-"""Stamps that stray further come in bursts, if that makes whole samples of the motion [steps];
-assumed."""
+"""Stamps that stray further may come in bursts [steps]; assumed."""
 AROUND, AROUND_SECONDS = 20, 0.05
 """Rows before and after a row, and time [s], whose changes show its usual one; assumed."""
 WHOLE = (0.1, 0.03)
@@ -219,10 +218,9 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
         stray = max(stray, float(np.percentile(np.abs(off), 99)))
     by_stamp, by_clock, off_clock = np.sqrt(misfit / sum(x.moves.sum() for x in stretches))
     found = by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock
-    coarse = any(x.kind == "stamp" for x in corrections)
-    late = [] if coarse or stray < LATE * clock else _count(rows, step)
+    late = [] if corrections or stray < LATE * clock else _count(rows, step)
+    corrections += late
     if late:
-        corrections += late
         return
     if found:
         for x, regular in zip(stretches, renewed, strict=True):
@@ -285,14 +283,11 @@ def _count(rows: Rows, step: float) -> list[Correction]:
     if seen < LEAST_ROWS or whole < REGULAR_SHARE * seen:
         return []
     clock = _nice(_pace(times, counted))
-    late = []
-    for p, k, t in zip(_recordings(rows, step), counted, times, strict=True):
-        regular = k * clock
-        off = t - regular
-        rows.t[p] = regular + np.median(off)
-        late.append(off - np.median(off))
+    off = [t - k * clock for t, k in zip(times, counted, strict=True)]
+    for p, k, x in zip(_recordings(rows, step), counted, off, strict=True):
+        rows.t[p] = k * clock + np.median(x)
     _order(rows)
-    each = np.abs(np.concatenate(late))
+    each = np.abs(np.concatenate([x - np.median(x) for x in off]))
     text = (
         f"robot clock rebuilt: rows arrive up to {1e3 * each.max():.2g} ms late, in bursts; the "
         f"angles follow a regular {1e3 * clock:.6g} ms clock in {whole / seen:.1%} of the steps"
