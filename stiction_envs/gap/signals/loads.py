@@ -44,6 +44,8 @@ APART = 0.25
 OFFSET = 0.05
 """Usual offset of a torque, or friction of a joint that only holds, over what the joint can bear
 [-]; assumed."""
+ROUNDING = 1e-10
+"""Part of a column's information that is added to it, against rounding [-]."""
 LEAST_NOISE = 1e-4
 """Least error of a fit [N·m]; assumed."""
 FREE = 1e6
@@ -64,6 +66,8 @@ ROUNDS = 20
 """Rounds in which gravity's direction and the joints' factors are found in turn [-]."""
 SURE = 0.25
 """Largest half width of a factor's interval, over the factor, for another unit [-]; assumed."""
+LEAST_FACTOR = 0.02
+"""Least factor of a load that is only held, which shows a sign [-]; assumed."""
 LEFT = 0.5
 """Part of a joint's residual that another direction of gravity leaves at most [-]; assumed."""
 EXPLAINED = 0.4
@@ -173,7 +177,8 @@ class _Fit:
         self.left = max(float(y.std()), LEAST_NOISE)
         for _ in range(3):
             weight = self.rows / (len(y) * self.left**2)
-            cov = np.linalg.inv(weight * z.T @ z + np.diag(1 / prior**2))
+            least = 1 / prior**2 + ROUNDING * weight * len(y)
+            cov = np.linalg.inv(weight * z.T @ z + np.diag(least))
             c = cov @ (weight * z.T @ y)
             self.left = max(float(_rms(y - z @ c)), LEAST_NOISE)
         self.c, self.cov = c / size, cov / np.outer(size, size)
@@ -258,7 +263,8 @@ def _loads(
     resisting = np.array(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
-    sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, ~shown & measured, free)
+    held = ~shown & measured & (np.abs(factor) > LEAST_FACTOR)
+    sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, held, free)
     side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)

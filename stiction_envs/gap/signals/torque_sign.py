@@ -77,7 +77,7 @@ def correct_sign(
         "usual one: inverted, so that tau drives the joint"
     )
     if known < 0 and not shown:
-        text += "; so do those of the diagnosed logs"
+        text += ", as those of the diagnosed logs"
     turned = []
     for log in logs:
         extra = {k: x * side if k == "tau_cmd" else x for k, x in log.extra.items()}
