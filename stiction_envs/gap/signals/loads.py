@@ -354,7 +354,7 @@ def _signs(
         return sign, changing
     squares = float((np.sign(loaded) * loaded**2)[held].sum())
     if abs(squares) > CLEAR**2:
-        sign[held] = np.sign(squares)
+        sign[:] = int(np.sign(squares))
         return sign, changing
     if moving.any() and (np.sign(resisting[moving]) == np.sign(resisting[moving][0])).all():
         sign[moving] = np.sign(resisting[moving])
