@@ -242,7 +242,7 @@ def refuse_constraints(model: mujoco.MjModel, names: Sequence[str], path: Path) 
             continue
         raise StictionError(
             f"{path}: {what} (a mimic or closed loop) ties {' to '.join(both)}: expected joints "
-            "that move by themselves (the file without it has such)"
+            "that move by themselves; take it out of the file to treat them so"
         )
     return out
 
