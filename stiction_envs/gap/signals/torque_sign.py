@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.prepare import Segment, Signals
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list
@@ -73,7 +73,7 @@ def signs(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> li
     out = []
     for number in dict.fromkeys(s.log for s in signals.segments):
         q, dq, ddq, tau = _rows([s for s in signals.segments if s.log == number])
-        rigid = inverse_dynamics(arm.pinocchio(), q, dq, ddq)
+        rigid = inverse_dynamics(arm.pinocchio(), q, dq, ddq) + passive_torque(arm, q)
         held = []
         for j in range(arm.n):
             one, side = np.ones(len(q)), np.tanh(dq[:, j] / motion.reversal_speed)
