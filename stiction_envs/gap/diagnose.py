@@ -43,6 +43,11 @@ from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import ARMS, Arm, load_arm
 
+BEHIND = (
+    "the friction that the robot's file states is left out: it acts in front of the gear, and "
+    "these torques were measured behind it"
+)
+
 
 def diagnose(
     data: Log | Sequence[Log],
@@ -240,6 +245,9 @@ def _diagnose_joint_logs(
     side = torque_side(options.torque, [*logs, *others])
     identity = options.identify(arm, side, settings)
     refuse_unfit(others, logs, arm, settings)
+    notes: tuple[str, ...] = ()
+    if side == "link" and judged.file and judged.friction is not None:
+        judged, notes = dataclasses.replace(judged, friction=None), (BEHIND,)
     found = diagnose_logs(
         logs,
         arm,
@@ -250,6 +258,7 @@ def _diagnose_joint_logs(
         progress=options.progress,
         settings=settings,
     )
+    found = dataclasses.replace(found, notes=(*found.notes, *notes))
     if others and options.progress is not None:
         options.progress("check", 0.0)
     return LogDiagnosis(

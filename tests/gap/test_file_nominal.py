@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -100,6 +101,17 @@ def test_a_file_that_holds_the_truth_shows_no_discrepancy(tmp_path: Path):
     found = diagnose_logs([log_of(path, 0.6)], path, nominal="file")
     assert found.verdict == "no discrepancy"
     assert not found.causes
+
+
+def test_behind_the_gear_no_friction_of_the_file_is_seen(tmp_path: Path):
+    path = own_file(tmp_path, 'frictionloss="0.6"')
+    log = log_of(path)
+    dq = np.gradient(log.q, log.t, axis=0)
+    tau = log.tau - [0.8, 0.0] * dq - [0.2, 0.05] * np.gradient(dq, log.t, axis=0)
+    log = replace(log, tau=tau)  # what a sensor behind the gear would measure
+    found = diagnose(log, path, torque="link")
+    assert not found.causes
+    assert any("in front of the gear" in x for x in found.to_json()["notes"])
 
 
 def test_a_wrong_friction_of_the_file_is_corrected(tmp_path: Path):
