@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from benchmarks.harness import MEASURED, Benchmark
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.experiments.sje.plots import plain_axes
-from stiction_envs.friction.model import COULOMB, STICTION
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
@@ -31,6 +30,7 @@ from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.stated import COULOMB, STICTION
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)

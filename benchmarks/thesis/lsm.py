@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
-from stiction_envs.friction.model import link_inertia
+from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.measured import thesis_base, thesis_robots

@@ -7,7 +7,7 @@ import math
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict
 
@@ -331,13 +331,24 @@ NOT_RECORDED = {
 
 
 def read_arm(args: argparse.Namespace) -> Arm:
-    """Load the arm of `add_robot_options`; notes on a user's file go to standard error."""
+    """Load the arm of `add_robot_options`."""
     from stiction_envs.robots import load_arm
 
-    arm = load_arm(args.robot, payload=args.payload, tilt=args.tilt, chain=args.chain)
-    for note in arm.notes:
-        print(f"note: {note}", file=sys.stderr)
-    return arm
+    return load_arm(args.robot, payload=args.payload, tilt=args.tilt, chain=args.chain)
+
+
+def note_robot(args: argparse.Namespace) -> None:
+    """Say on standard error how a user's robot file was read; its errors are the command's."""
+    from stiction_envs.robots import ARMS, load_arm
+
+    robot = getattr(args, "robot", None)
+    if robot is None or str(robot) in ARMS:
+        return
+    other = getattr(args, "friction", None) or getattr(args, "nominal", None)
+    with suppress(StictionError):
+        arm = load_arm(robot, chain=getattr(args, "chain", None))
+        for note in arm.notes(used=other in (None, "file")):
+            print(f"note: {note}", file=sys.stderr)
 
 
 def arm_name(args: argparse.Namespace) -> str:

@@ -73,9 +73,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
     parser.add_argument(
         "--nominal",
-        metavar="rigid|shipped|MODEL.toml",
-        help="the simulation to judge: rigid bodies without friction (default for logs), with our "
-        "friction (default for tables), or what an earlier diagnosis wrote",
+        metavar="rigid|file|shipped|MODEL.toml",
+        help="the simulation to judge: rigid bodies without friction (default for logs), with "
+        "friction, springs and gravcomp of the robot's own file (default where it has any), with "
+        "our friction (default for tables), or what an earlier diagnosis wrote",
     )
     parser.add_argument(
         "--payload",
@@ -167,7 +168,7 @@ def _inputs(args: argparse.Namespace) -> dict[str, Path]:
     logs = common.log_inputs("log", [*args.logs, *args.poses])
     logs |= common.log_inputs("check", args.check)
     if args.nominal is None:
-        args.nominal = default_nominal(args.logs)
+        args.nominal = default_nominal(args.logs, args.robot, args.chain)
     files = {**robot_files(args.robot), "nominal": Path(args.nominal)}
     return common.calibration_input(args) | logs | files
 

@@ -23,7 +23,7 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Failed, Parser, Subparsers
+from stiction_envs.cli.common import Failed, Parser, Subparsers, note_robot
 from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
@@ -98,6 +98,7 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None =
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _show_warning
             result: dict[str, object] = args.run(args)
+            note_robot(args)  # bad input is one line by itself
         text = to_text(result) if args.json else args.show(result)
         with naming("standard output"):  # a file on a full disk, it may be
             _print(text)

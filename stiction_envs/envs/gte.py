@@ -137,7 +137,7 @@ class GTEEnv(ArmEnv):
 
     ## Arguments
     * `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
-      path to an own MJCF or URDF with 2 to 9 joints.
+      path to an own MJCF or URDF with 1 to 9 joints.
     * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
     * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
     * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.

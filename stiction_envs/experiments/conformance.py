@@ -36,13 +36,14 @@ from stiction_envs.experiments.conformance_report import JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
-from stiction_envs.friction.model import BRISTLE_STIFFNESS, STICTION, StickingModel, build
-from stiction_envs.friction.plain_mjcf import mjcf_for
+from stiction_envs.friction.model import StickingModel, build
+from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
 from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.registry import robot_files
+from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 
 Array = NDArray[np.float64]
@@ -309,7 +310,11 @@ def _as_exported(
     """Return the MJCF that export writes for an engine of a named arm or a sticking model."""
     if isinstance(model, str | Path) and str(model) in ARMS:
         model = build(load_arm(str(model)))
-    return mjcf_for(model, engine.motor) if isinstance(model, StickingModel) else model
+    if not isinstance(model, StickingModel):
+        return model
+    if engine.motor is None:
+        return plain_mjcf(model, friction_name=model.arm.name, kind="frictionloss")
+    return plain_mjcf(model, friction_name=model.arm.name, motor=engine.motor)
 
 
 def _mjcf(model: str | Path | mujoco.MjModel | StickingModel) -> str | Path | None:
@@ -362,17 +367,7 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
 
 def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
     """Return stiction [N·m] and bristle stiffness [N·m/rad, NaN without] of each hinge."""
-    level = model.dof_frictionloss[model.jnt_dofadr[hinges]].copy()
-    stiffness = np.zeros(len(hinges))
-    on_joint = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
-    motor = model.actuator_gaintype == mujoco.mjtGain.mjGAIN_DCMOTOR
-    for a in np.flatnonzero(on_joint & motor):
-        sigma0 = model.actuator_dynprm[a, BRISTLE_STIFFNESS]
-        here = hinges == model.actuator_trnid[a, 0]
-        if sigma0 > 0 and here.any():
-            gear = abs(model.actuator_gear[a, 0])
-            level[here] += gear * model.actuator_biasprm[a, STICTION]
-            stiffness[here] += gear**2 * sigma0
+    level, _, _, stiffness = dry_friction(model, hinges)
     for joint in hinges[level > 0]:
         model.jnt_stiffness[joint] = 0.0
     return level, np.where(stiffness > 0, stiffness, np.nan)

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.protocol import Protocol
-from stiction_envs.friction.model import StickingModel, link_inertia
+from stiction_envs.friction.inertia import link_inertia
+from stiction_envs.friction.model import StickingModel
 
 Array = NDArray[np.float64]
 TORQUE_MARGIN = 10.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from stiction_envs.friction.from_file import from_file, own_friction
 from stiction_envs.friction.parameters import (
     GENERIC,
     QUANTITIES,
@@ -33,8 +34,11 @@ def is_assumed(friction: FrictionParameters) -> bool:
     n = friction.stiction.shape[-2]
     if friction.stiction.ndim != 2:
         return False
-    generic = load_friction(GENERIC, n)
-    return all(np.array_equal(getattr(friction, q), getattr(generic, q)) for q in QUANTITIES)
+    return _same(friction, load_friction(GENERIC, n))
+
+
+def _same(one: FrictionParameters, two: FrictionParameters) -> bool:
+    return all(np.array_equal(getattr(one, q), getattr(two, q)) for q in QUANTITIES)
 
 
 def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
@@ -45,5 +49,7 @@ def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
         friction: with which the report's torques were simulated; None where it was fitted to logs.
     """
     if friction is not None:
-        return ASSUMED if is_assumed(friction) else ""
+        # a file that states damping or rotors alone leaves dry friction assumed
+        partly = from_file(arm) and not arm.stated.dry and _same(friction, own_friction(arm))
+        return ASSUMED if is_assumed(friction) or partly else ""
     return FROM_LOGS if friction_path(arm.registered_name) == GENERIC else ""

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypedDict
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import COULOMB, STICTION, StickingModel
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, friction_sources
 from stiction_envs.friction.plain_mjcf import Kind, MotorInput, plain_mjcf
 from stiction_envs.friction.sticking import (
@@ -28,6 +28,7 @@ from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import render
 from stiction_envs.robots.registry import ARMS, arm_title
+from stiction_envs.robots.stated import COULOMB, STICTION
 from stiction_envs.robots.tables import read_toml
 from stiction_envs.version import __version__
 

@@ -15,6 +15,7 @@ Gravity is compensated by MuJoCo's ``gravcomp``, as the arm's own controller doe
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
 import mujoco
@@ -23,22 +24,22 @@ from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.from_file import own_friction
+from stiction_envs.friction.inertia import link_inertia, mass_and_gravity
 from stiction_envs.friction.parameters import (
     FrictionParameters,
     bristle_damping,
     check_stability,
-    load_friction,
 )
 from stiction_envs.friction.servos import PositionServos
+from stiction_envs.friction.tree import sticking_tree
 from stiction_envs.robots import Arm
+from stiction_envs.robots.mjcf import numbers
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-FEEDFORWARD = 4  # MjSpec's ctrlspec for <dcmotor input="ff">
-MOTOR_CONSTANT = 1.0  # cancels out: with input="ff" the control is joint torque
-# columns of actuator_biasprm and actuator_dynprm that hold the law (sources.md 3.5)
-RIPPLE, COULOMB, STICTION, STRIBECK = 0, 3, 4, 5
-BRISTLE_STIFFNESS, BRISTLE_DAMPING = 5, 6
+# columns of actuator_biasprm and actuator_dynprm that hold the rest of the law (sources.md 3.5)
+RIPPLE, BRISTLE_DAMPING = 0, 6
 NO_GRAVITY_NM = 0.02
 """Largest gravity torque under which a joint counts as one that sees none [N·m]; assumed."""
 _POSES = 256
@@ -112,37 +113,11 @@ class StickingModel:
         return damping
 
 
-def _mass_and_gravity(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return (M, n, n) [kg·m²] and (M, n) [N·m] of the rigid arm at poses q (M, n) [rad]."""
-    model = arm.model()
-    data = mujoco.MjData(model)
-    mass, gravity = np.zeros((len(q), model.nv, model.nv)), np.empty((len(q), model.nv))
-    for i, pose in enumerate(q):
-        data.qpos[:] = pose
-        mujoco.mj_forward(model, data)
-        mujoco.mj_fullM(model, data, mass[i])
-        gravity[i] = data.qfrc_bias
-    return mass, gravity
-
-
-def mass_matrix(arm: Arm, q: Array) -> Array:
-    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
-    return _mass_and_gravity(arm, q)[0]
-
-
-def link_inertia(arm: Arm, q: Array) -> Array:
-    """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
-
-    The inertia that each joint moves when the others are locked, without rotors.
-    """
-    return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()
-
-
 def _bearing_loaded(arm: Arm) -> NDArray[np.bool_]:
     """Return (n,) which joints see no gravity torque in any of a fixed set of random poses."""
     low, high = arm.limits.position.T
     q = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
-    weightless: NDArray[np.bool_] = np.abs(_mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
+    weightless: NDArray[np.bool_] = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
     return weightless
 
 
@@ -153,7 +128,7 @@ def build(
 
     Args:
         arm: the rigid arm.
-        parameters: friction of one arm; None loads the TOML of that name.
+        parameters: friction of one arm; None takes the arm's own.
         timestep: physics step, at most 1e-3 s.
 
     Raises:
@@ -163,7 +138,7 @@ def build(
     if not 0 < timestep <= 1e-3:
         raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
-        parameters = load_friction(arm.registered_name, arm.n)
+        parameters = own_friction(arm)
     if parameters.n != arm.n:
         raise StictionError(f"friction of {parameters.n} joints, but {arm.name} has {arm.n}")
     elastic = parameters.elastic
@@ -175,18 +150,13 @@ def build(
     )
     check_stability(parameters.bristle_stiffness, damping, inertia, timestep)
 
-    spec = arm.spec()
-    spec.option.timestep = timestep
-    # implicit integrators add a phantom inertia h·σ1 to a sliding LuGre joint (sources.md 3.5)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
-    for body in spec.bodies:
-        body.gravcomp = 1.0
-    for i, (joint_name, body_name) in enumerate(zip(arm.joint_names, arm.link_names, strict=True)):
-        _make_joint_stick(spec, joint_name, body_name, parameters, i, float(damping[i]))
-    for i, joint_name in enumerate(arm.joint_names):
-        _add_servo(spec, joint_name, float(arm.limits.torque[i]))
-    model = spec.compile()
+    root = sticking_tree(arm, parameters, damping, timestep)
+    actuators = root.find("actuator")
+    assert actuators is not None
+    for name, limit in zip(arm.joint_names, arm.limits.torque, strict=True):
+        servo = {"name": f"{name}_servo", "joint": name, "kp": "0"}
+        ET.SubElement(actuators, "position", servo, forcerange=numbers([-limit, limit]))
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
 
     def dof(name: str) -> int:
         return int(model.joint(name).dofadr[0])
@@ -206,66 +176,6 @@ def build(
         bearing=_bearing_loaded(arm),
         timestep=timestep,
     )
-
-
-def _make_joint_stick(
-    spec: mujoco.MjSpec,
-    joint_name: str,
-    body_name: str,
-    parameters: FrictionParameters,
-    i: int,
-    sigma1: float,
-) -> None:
-    """Give one hinge its rotor, its spring if elastic, and the actuator with the friction."""
-    joint = spec.joint(joint_name)
-    rotor = float(parameters.rotor_inertia[i])
-    joint.armature = rotor
-    joint.damping = [float(parameters.viscous[i].mean()), 0.0, 0.0]
-    joint.frictionloss = 0.0
-    stiffness = float(parameters.joint_stiffness[i])
-    if np.isfinite(stiffness):
-        ratio = float(parameters.joint_damping_ratio[i])
-        spring = spec.body(body_name).add_joint(name=f"{joint_name}_spring")
-        spring.type = mujoco.mjtJoint.mjJNT_HINGE
-        spring.axis, spring.pos = joint.axis, joint.pos
-        spring.limited = mujoco.mjtLimited.mjLIMITED_FALSE
-        spring.stiffness = [stiffness, 0.0, 0.0]
-        spring.damping = [2 * ratio * np.sqrt(stiffness * rotor), 0.0, 0.0]
-    # At rest; the plant writes load and direction per simulation.
-    f_s = parameters.stiction_at(parameters.load_low)[i].mean()
-    f_c = float(f_s * parameters.coulomb_ratio[i].mean())
-    cogging = [
-        float(parameters.ripple_amplitude[i]),
-        float(parameters.ripple_periods[i]),
-        float(parameters.ripple_phase[i]),
-    ]
-    actuator = spec.add_actuator(
-        name=f"{joint_name}_torque", target=joint_name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-    )
-    actuator.set_to_dcmotor(
-        [MOTOR_CONSTANT, 0.0],
-        1.0,
-        cogging=cogging,
-        lugre=[
-            float(parameters.bristle_stiffness[i]),
-            sigma1,
-            f_c,
-            float(f_s),
-            float(parameters.stribeck_velocity[i].mean()),
-        ],
-        ctrlspec=FEEDFORWARD,
-    )
-
-
-def _add_servo(spec: mujoco.MjSpec, joint_name: str, torque_limit: float) -> None:
-    servo = spec.add_actuator(
-        name=f"{joint_name}_servo", target=joint_name, trntype=mujoco.mjtTrn.mjTRN_JOINT
-    )
-    servo.set_to_position(kp=0.0, kv=0.0)
-    servo.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-    servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-    servo.forcerange = [-torque_limit, torque_limit]
 
 
 @compiled

@@ -10,16 +10,10 @@ import mujoco
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import (
-    BRISTLE_DAMPING,
-    BRISTLE_STIFFNESS,
-    COULOMB,
-    RIPPLE,
-    STICTION,
-    STRIBECK,
-    StickingModel,
-)
-from stiction_envs.robots.mjcf import numbers, parents
+from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.tree import sticking_tree
+from stiction_envs.robots.mjcf import numbers
+from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION
 
 Kind = Literal["dcmotor", "frictionloss"]
 """How a model carries dry friction: a LuGre bristle, or MuJoCo's soft constraint."""
@@ -92,33 +86,21 @@ def plain_mjcf(
         motor: input of the ``dcmotor``.
 
     Raises:
-        StictionError: the model compiled from the text differs.
+        StictionError: MuJoCo does not read the text.
     """
     arm, model = sticking.arm, sticking.model
-    root = ET.fromstring(arm.xml)
-    _options(root, sticking.timestep)
-    for body in root.iter("body"):
-        body.set("gravcomp", "1")
-    up = parents(root)
+    own = sticking.parameters
+    root = sticking_tree(arm, own, sticking.bristle_damping_of(own), sticking.timestep)
     joints = {j.get("name"): j for j in root.iter("joint")}
-    for name in arm.joint_names:
-        element = joints[name]
-        _motor_side(element, model)
+    motors = [x for x in root.iter("dcmotor")]
+    for name, limit, element in zip(arm.joint_names, arm.limits.torque, motors, strict=True):
         if kind == "frictionloss":
-            _frictionloss(element, sticking)
-        if f"{name}_spring" in {model.joint(j).name for j in range(model.njnt)}:
-            home = up[element]
-            home.insert(list(home).index(element) + 1, _spring(f"{name}_spring", model))
-    actuators = ET.SubElement(root, "actuator")
-    for name, limit in zip(arm.joint_names, arm.limits.torque, strict=True):
-        element = (
-            _dcmotor(name, model, motor)
-            if kind == "dcmotor"
-            else ET.Element("motor", name=f"{name}_torque", joint=name)
-        )
+            element.tag, element.attrib = "motor", {"name": f"{name}_torque", "joint": name}
+            _frictionloss(joints[name], sticking)
+        elif motor != "ff":
+            element.attrib |= {"input": motor, "motorconst": WINDING, "resistance": WINDING}
         if np.isfinite(limit):
             element.set("ctrlrange", numbers([-float(limit), float(limit)]))
-        actuators.append(element)
     if kind == "frictionloss":
         option = root.find("option")
         assert option is not None
@@ -158,47 +140,11 @@ def plain_mjcf(
     comment = "\n".join(wrap.fill(p) for p in paragraphs if p)
     ET.indent(root)
     text = f"<!-- {comment.strip()} -->\n{ET.tostring(root, encoding='unicode')}\n"
-    _check(text, sticking, kind, motor)
+    try:
+        mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        raise StictionError(f"{arm.name}: cannot be exported: {error}") from None
     return text
-
-
-def mjcf_for(sticking: StickingModel, motor: MotorInput | None, friction_name: str = "") -> str:
-    """Return `plain_mjcf` for an engine: with ``dcmotor`` friction if it takes one.
-
-    Args:
-        sticking: the model.
-        motor: input of the ``dcmotor`` that the engine takes, None for none.
-        friction_name: as in `plain_mjcf`; the arm's by default.
-    """
-    name = friction_name or sticking.arm.name
-    if motor is None:
-        return plain_mjcf(sticking, friction_name=name, kind="frictionloss")
-    return plain_mjcf(sticking, friction_name=name, motor=motor)
-
-
-def _options(root: ET.Element, timestep: float) -> None:
-    option = root.find("option")
-    if option is None:
-        option = ET.Element("option")
-        root.insert(0, option)
-    option.set("timestep", repr(timestep))
-    option.set("integrator", "Euler")
-    flag = option.find("flag")
-    if flag is None:
-        flag = ET.SubElement(option, "flag")
-    flag.set("contact", "disable")
-    # a default for actuators would change ours
-    for default in root.iter("default"):
-        for kind in ("general", "motor", "position", "velocity", "dcmotor"):
-            for element in default.findall(kind):
-                default.remove(element)
-
-
-def _motor_side(element: ET.Element, model: mujoco.MjModel) -> None:
-    joint = model.joint(element.get("name"))
-    element.attrib.pop("frictionloss", None)
-    element.set("armature", repr(float(joint.armature[0])))
-    element.set("damping", repr(float(joint.damping[0])))
 
 
 def _frictionloss(element: ET.Element, sticking: StickingModel) -> None:
@@ -207,93 +153,3 @@ def _frictionloss(element: ET.Element, sticking: StickingModel) -> None:
     element.set("frictionloss", repr(float(model.actuator_biasprm[actuator, STICTION])))
     for key, value in HARDEST.items():
         element.set(key, value.format(2 * sticking.timestep))
-
-
-def _spring(name: str, model: mujoco.MjModel) -> ET.Element:
-    joint = model.joint(name)
-    return ET.Element(
-        "joint",
-        name=name,
-        type="hinge",
-        limited="false",
-        pos=numbers(joint.pos),
-        axis=numbers(joint.axis),
-        stiffness=repr(float(np.ravel(joint.stiffness)[0])),
-        damping=repr(float(joint.damping[0])),
-        armature="0",
-        frictionloss="0",
-    )
-
-
-def _dcmotor(name: str, model: mujoco.MjModel, motor: MotorInput) -> ET.Element:
-    actuator = model.actuator(f"{name}_torque").id
-    bias, dyn = model.actuator_biasprm[actuator], model.actuator_dynprm[actuator]
-    element = ET.Element(
-        "dcmotor",
-        name=f"{name}_torque",
-        joint=name,
-        input=motor,
-        motorconst="1" if motor == "ff" else WINDING,
-        resistance="1" if motor == "ff" else WINDING,
-        lugre=numbers(
-            [
-                dyn[BRISTLE_STIFFNESS],
-                dyn[BRISTLE_DAMPING],
-                bias[COULOMB],
-                bias[STICTION],
-                bias[STRIBECK],
-            ]
-        ),
-    )
-    # also without an amplitude: the model must be the same number by number
-    if bias[RIPPLE : RIPPLE + 3].any():
-        element.set("cogging", numbers(bias[RIPPLE : RIPPLE + 3]))
-    return element
-
-
-def _check(text: str, sticking: StickingModel, kind: Kind, motor: MotorInput) -> None:
-    """Raise if stock MuJoCo does not read the text as the same model, to 1e-9 (assumed)."""
-    try:
-        again = mujoco.MjModel.from_xml_string(text)
-    except ValueError as error:
-        raise StictionError(f"{sticking.arm.name}: cannot be exported: {error}") from None
-    other = {"dof_frictionloss"} if kind == "frictionloss" else set()
-    if kind == "frictionloss" or motor != "ff":
-        other |= {"actuator_gainprm", "actuator_biasprm", "actuator_dynprm"}
-    found = {k: v for k, v in differences(again, sticking).items() if k not in other}
-    worst = {k: v for k, v in found.items() if not v <= 1e-9}
-    if worst:
-        name, value = max(worst.items(), key=lambda item: item[1])
-        raise StictionError(f"{sticking.arm.name}: cannot be exported: {name} off by {value:.1e}")
-
-
-def differences(again: mujoco.MjModel, sticking: StickingModel) -> dict[str, float]:
-    """Return the largest relative difference of every physical field.
-
-    Numbers under a thousandth (assumed) of their field's largest are compared with that thousandth.
-
-    Args:
-        again: the model read back; it has the torque actuators only.
-        sticking: what it was made of.
-    """
-    model, act = sticking.model, sticking.torque_actuator
-    fields = (
-        *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat"),
-        *("jnt_pos", "jnt_axis", "jnt_range", "jnt_stiffness"),
-        *("dof_armature", "dof_damping", "dof_frictionloss", "qpos0", "qpos_spring"),
-    )
-    pairs = {k: (getattr(again, k), getattr(model, k)) for k in fields}
-    for k in ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_gear"):
-        pairs[k] = (getattr(again, k), getattr(model, k)[act])
-    pairs["body_gravcomp"] = (again.body_gravcomp[1:], model.body_gravcomp[1:])  # not the world's
-    pairs["timestep"] = (np.array([again.opt.timestep]), np.array([model.opt.timestep]))
-    pairs["gravity"] = (again.opt.gravity, model.opt.gravity)
-    out = {}
-    for k, (new, old) in pairs.items():
-        if new.shape != old.shape:
-            out[k] = np.inf
-            continue
-        scale = np.maximum(np.abs(old), 1e-3 * np.abs(old).max(initial=0.0))
-        off = np.abs(new - old)
-        out[k] = float((off[off > 0] / np.maximum(scale, 1e-12)[off > 0]).max(initial=0.0))
-    return out

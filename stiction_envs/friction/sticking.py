@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.from_file import from_file, own_friction
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
@@ -48,12 +49,18 @@ def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> P
 
 
 def friction_origin(robot: Robot, friction: Friction | None) -> Path | FrictionParameters:
-    """Return the TOML that the friction of `sticking_model` is from, or parameters without one."""
+    """Return the TOML that the friction of `sticking_model` is from, or parameters without one.
+
+    Friction of the robot's own MJCF or URDF has no TOML.
+    """
     if friction is None and isinstance(robot, StickingModel):
         return robot.parameters
     if isinstance(friction, FrictionParameters):
         return friction
-    return friction_file(arm_of(robot), friction)
+    arm = arm_of(robot)
+    return (
+        own_friction(arm) if friction is None and from_file(arm) else friction_file(arm, friction)
+    )
 
 
 def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
@@ -64,6 +71,8 @@ def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
     """
     if isinstance(given, FrictionParameters):
         return given
+    if given is None:
+        return own_friction(arm)
     return load_friction(friction_file(arm, given), arm.n)
 
 

@@ -41,7 +41,12 @@ from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log, torque_side
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.robots import Arm
+from stiction_envs.robots import ARMS, Arm, load_arm
+
+BEHIND = (
+    "the friction that the robot's file states is left out: it acts in front of the gear, and "
+    "these torques were measured behind it"
+)
 
 
 def diagnose(
@@ -88,8 +93,9 @@ def diagnose(
         calibration: lerobot's file with the ranges of the motors, for percent and ticks.
         columns: names of a log's columns: all in their order, or some as ``OURS=NAME``; () where
             the names are ours or well known (`measured.logs.aliases`).
-        nominal: the simulation to judge: "rigid" (default for logs), "shipped" (default for
-            tables), a TOML (friction, or an earlier ``model.toml``), or parameters.
+        nominal: the simulation to judge: "rigid", "file" (with friction, springs and gravity
+            compensation of the robot's own file), "shipped" (with our friction), a TOML (friction,
+            or an earlier ``model.toml``), or parameters; None for `default_nominal`.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
         check: logs that are not used for the diagnosis and test the finished model
             (`gap.validation.check`).
@@ -140,7 +146,7 @@ def diagnose(
         units=units,
         calibration=calibration,
         columns=columns,
-        nominal=default_nominal(given) if nominal is None else nominal,
+        nominal=default_nominal(given, robot, chain) if nominal is None else nominal,
         poses=poses,
         drive=drive,
         servo_stiffness=servo_stiffness,
@@ -158,7 +164,8 @@ def diagnose(
     options.refuse_unfit(kind)
     own = override(gap_settings(), settings)
     arm, judged = _robot(options, kind)
-    naming = dataclasses.replace(naming, robot=arm.joint_names, whole=arm.whole)
+    whole, held = arm.whole, arm.stated.held
+    naming = dataclasses.replace(naming, robot=arm.joint_names, whole=whole, held=held)
     if kind == TABLES:
         return _diagnose_tables(options, arm, judged, own)
     if kind == SERVO_LOGS:
@@ -187,7 +194,7 @@ def _diagnose_tables(
     if judged.friction is None:
         raise StictionError(
             f"nominal {identity['nominal_name']}: joints of an arm without friction do not break "
-            "away: expected shipped or a path to a .toml"
+            "away: expected shipped, file or a path to a .toml"
         )
     base, dithered = read_tables([x for x in options.given if isinstance(x, str | Path)], arm)
     friction, say = friction_of(arm, judged.friction), options.progress
@@ -238,6 +245,9 @@ def _diagnose_joint_logs(
     side = torque_side(options.torque, [*logs, *others])
     identity = options.identify(arm, side, settings)
     refuse_unfit(others, logs, arm, settings)
+    notes: tuple[str, ...] = ()
+    if side == "link" and judged.file and judged.friction is not None:
+        judged, notes = dataclasses.replace(judged, friction=None), (BEHIND,)
     found = diagnose_logs(
         logs,
         arm,
@@ -248,6 +258,7 @@ def _diagnose_joint_logs(
         progress=options.progress,
         settings=settings,
     )
+    found = dataclasses.replace(found, notes=(*found.notes, *notes))
     if others and options.progress is not None:
         options.progress("check", 0.0)
     return LogDiagnosis(
@@ -258,12 +269,21 @@ def _diagnose_joint_logs(
     )
 
 
-def default_nominal(data: Sequence[Log]) -> str:
-    """Return the default nominal model: for logs the arm as most people simulate it.
+def default_nominal(
+    data: Sequence[Log], robot: str | Path | Arm, chain: Sequence[str] | None = None
+) -> str:
+    """Return the default nominal model: the arm as most people simulate it.
 
-    Joints without friction have no breakaway torque, so tables are compared with our friction.
+    That is its own file where this states friction, springs or gravity compensation. Joints without
+    dry friction have no breakaway torque, so tables are compared with our friction then.
     """
-    return "shipped" if _of_tables(data) else "rigid"
+    tables = _of_tables(data)
+    if isinstance(robot, Arm) or str(robot) not in ARMS:
+        arm = robot if isinstance(robot, Arm) else load_arm(robot, chain=chain)
+        s = arm.stated
+        if s.dry if tables else s.friction or s.passive:
+            return "file"
+    return "shipped" if tables else "rigid"
 
 
 def _listed(logs: Log | Sequence[Log]) -> list[Log]:

@@ -114,7 +114,11 @@ class Diagnosis(Judgement):
             **self.judged_json(),
             **({} if self.links is None else {"links": self.links.to_json()}),
             "record_next": list(self.what_to_record),
-            "notes": [*self.notes, *_log_notes(self.logs)],
+            "notes": [
+                *self.data.arm.notes(self.baseline.file),
+                *self.notes,
+                *_log_notes(self.logs),
+            ],
         }
 
 
@@ -135,8 +139,8 @@ def diagnose_logs(
     Args:
         logs: of one robot.
         robot: name, model file or arm.
-        nominal: ``rigid``, ``shipped``, a TOML (friction, or an earlier ``model.toml``), or
-            parameters.
+        nominal: ``rigid``, ``file``, ``shipped``, a TOML (friction, or an earlier
+            ``model.toml``), or parameters.
         torque: side of the gear on which torque was measured, "motor" or "link".
         causes: registered hypotheses; None for all of them, beside small errors of all links.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
@@ -175,6 +179,7 @@ def diagnose_logs(
         torque=torque,
         settings=own,
         link_factor=baseline.links,
+        of_file=baseline.file,
     )
     data = baseline.extend(base)
     if not np.isfinite(data.dt):  # only poses without motion
@@ -312,6 +317,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         parts.append(part(term, mine, factor))
     return Nominal(
         friction=before.friction,
+        file=before.file,
         parts=(*before.parts, *parts),
         robot=arm.name,
         payload=arm.payload,

@@ -28,7 +28,9 @@ def mjcf_tree(
     offset: Array | None = None,
     waves: Sequence[tuple[int, float, float, float]] = (),
 ) -> tuple[ET.Element, ET.Element]:
-    """Return plain MJCF of an arm that sticks, without gravity compensation, and its actuators.
+    """Return plain MJCF of an arm that sticks, and its actuators.
+
+    Gravity is compensated as far as the robot's own file does it.
 
     Args:
         arm: the arm with its payloads and gravity.
@@ -43,7 +45,9 @@ def mjcf_tree(
     text = plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
     root = ET.fromstring(text)
     for body in root.iter("body"):
+        share = arm.stated.gravcomp.get(body.get("name", ""), 0.0)
         body.attrib.pop("gravcomp", None)
+        body.attrib |= {"gravcomp": repr(share)} if share else {}
     compiler = root.find("compiler")
     degrees = compiler is None or compiler.get("angle", "degree") == "degree"
     joints = {e.get("name"): e for e in root.iter("joint")}

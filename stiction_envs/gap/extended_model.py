@@ -22,6 +22,7 @@ from stiction_envs.friction.parameters import (
     load_friction,
 )
 from stiction_envs.friction.servos import read_servos
+from stiction_envs.friction.steady import steady
 from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, Part, cause_named, registered
 from stiction_envs.gap.causes.base import torque_of
@@ -29,7 +30,6 @@ from stiction_envs.gap.causes.draft import LEAST_FRICTION
 from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.steady_friction import steady
 from stiction_envs.robots import ARMS, Arm
 
 Array = NDArray[np.float64]
@@ -92,6 +92,11 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     level = np.abs(data.rigid).mean(axis=0)
     duration = float(np.ptp(data.recording.since_session))
     draft = ModelDraft.of(nominal.friction, data.n, mean_load=level, duration=duration)
+    if nominal.friction is None:
+        draft.rotor += arm.stated.armature
+    elif nominal.file:
+        draft.bristle[arm.stated.bristle == 0] = np.nan  # frictionloss has none
+    draft.pull += np.stack([arm.stated.stiffness, arm.stated.springref], axis=1)
     causes = {p.cause: cause_named(p.cause) for p in parts}
     order = [c.name for c in registered()]  # drift needs the level that it drifts from
     for part in sorted(parts, key=lambda p: _turn(p, order)):

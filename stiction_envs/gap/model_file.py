@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.from_file import file_friction, shipped_friction
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
@@ -36,6 +37,7 @@ from stiction_envs.gap.signals.sessions import Spans
 from stiction_envs.gap.signals.torque_lag import Lag
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.stated import without_springs
 from stiction_envs.robots.tables import Table, check_range, largest, read_toml
 
 Array = NDArray[np.float64]
@@ -65,6 +67,8 @@ class Nominal:
     undone; None for none. A shorter one is a part, an actuator delay."""
     sessions: Spans = ()
     """When the robot was recorded, as far as logs have dates."""
+    file: bool = False
+    """Whether springs and gravity compensation of the robot's file act; its rotors always do."""
     links: Array | None = None
     """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters that the last
     diagnosis left; None where it left none."""
@@ -172,11 +176,14 @@ def nominal_of(
             before = read(Path(nominal))
         payload = before.payload if payload is None else payload
         robot = load_arm(robot, payload=payload, tilt=tilt or before.tilt, chain=chain)
-    return robot, resolve(nominal, robot)
+    found = resolve(nominal, robot)
+    if not found.file:
+        robot = replace(robot, stated=without_springs(robot.stated))
+    return robot, found
 
 
 def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
-    """Return what ``rigid``, ``shipped``, a TOML or parameters mean for an arm.
+    """Return what ``rigid``, ``file``, ``shipped``, a TOML or parameters mean for an arm.
 
     Raises:
         StictionError: an unknown name, an unreadable file, or a model of another arm.
@@ -187,11 +194,13 @@ def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nom
         return Nominal(friction=nominal)
     if nominal == "rigid":
         return Nominal()
+    if nominal == "file":
+        return Nominal(friction=file_friction(arm) if arm.stated.friction else None, file=True)
     if nominal == "shipped":
-        return Nominal(friction=load_friction(arm.registered_name, arm.n))
+        return Nominal(friction=shipped_friction(arm))
     path = Path(nominal)
     if path.suffix != ".toml":
-        raise StictionError(f"nominal {nominal}: expected rigid, shipped or a path to a .toml")
+        raise StictionError(f"nominal {nominal}: expected rigid, shipped, file or a .toml")
     found = read(path)
     found.check(arm, f"nominal {path}")
     if found.friction is None and found.robot is None:
@@ -245,6 +254,7 @@ def _parsed(table: Table, where: str) -> Nominal:
         payload=(payload[0], payload[1], payload[2], payload[3]) if payload else None,
         tilt=(tilt[0], tilt[1]),
         distance=_numbers(arm["distance"], f"{own} distance", "rad", low=0.0) or None,
+        file=bool(arm.get("file", False)),
         torque_sign=sign,
         torque_lag=(lag[0], lag[1]) if lag else None,
         sessions=spans,
@@ -309,6 +319,7 @@ def dump(nominal: Nominal) -> str:
         "distance": [float(x) for x in nominal.distance or ()],
     }
     known = {
+        "file": nominal.file,
         "torque_sign": nominal.torque_sign,
         "torque_lag": list(nominal.torque_lag or ()),
         "sessions": [list(x) for x in nominal.sessions],

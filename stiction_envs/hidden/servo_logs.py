@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from stiction_envs.errors import unknown
-from stiction_envs.friction.model import link_inertia
+from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.imperfect_arms import with_scattered_links

@@ -291,6 +291,7 @@ def identify(
     naming = Naming(
         robot=arm.joint_names,
         whole=arm.whole,
+        held=arm.stated.held,
         joints=tuple(joints),
         topic=topic,
         units=units,

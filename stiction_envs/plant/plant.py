@@ -23,18 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.compiled import Arguments
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
-from stiction_envs.friction.model import (
-    BRISTLE_DAMPING,
-    BRISTLE_STIFFNESS,
-    COULOMB,
-    RIPPLE,
-    STICTION,
-    STRIBECK,
-    StickingModel,
-)
+from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
+from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

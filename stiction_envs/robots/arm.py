@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,7 @@ from stiction_envs.robots.chain import Chain
 from stiction_envs.robots.model_files import find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
 from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
+from stiction_envs.robots.stated import StatedJoints, nothing_stated
 from stiction_envs.robots.tables import (
     Limits,
     Table,
@@ -71,6 +73,8 @@ class Arm:
     """Roll, then pitch, of the base about the world's x and y, rad."""
     on_floor: bool
     """Whether the base stands on a floor, at z = 0 of the untilted world."""
+    stated: StatedJoints
+    """What the robot's own file states of the joints beyond rigid links."""
     registered: bool
     """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
 
@@ -94,17 +98,18 @@ class Arm:
 
     @property
     def fingerprint(self) -> str:
-        """Hash of everything that defines the arm, including the files that its MJCF names."""
+        """Hash of everything that defines the rigid arm, and the files that its MJCF names."""
+        own = [getattr(self, f.name) for f in fields(self) if f.name != "stated"]
         root = ET.fromstring(self.xml)
         files = [Path(e.get("file", "")) for e in root.iter() if e.get("file")]
-        return digest(self, [path.read_bytes() for path in files])
+        return digest(own, [path.read_bytes() for path in files])
 
-    @property
-    def notes(self) -> list[str]:
-        """Remarks on how the arm was read, one line each."""
+    def notes(self, used: bool = True) -> list[str]:
+        """Return how the arm was read, one line each; ``used`` as in `StatedJoints.line`."""
         pairs = [f"{one} and {two}" for one, two in excluded_pairs(self.xml)]
-        words = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
-        return [f"{self.name}: {words}"] if pairs else []
+        touching = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
+        said = [self.stated.line(used), touching if pairs else ""]
+        return [f"{self.name}: {words}" for words in said if words]
 
     @property
     def whole(self) -> tuple[str, ...]:
@@ -140,14 +145,22 @@ class Arm:
         xml = ET.tostring(mjcf.skeleton(ET.fromstring(self.xml)), encoding="unicode")
         return mujoco.MjModel.from_xml_string(xml)
 
-    def pinocchio(self) -> pin.Model:
+    def pinocchio(self, *, compensated: bool = False) -> pin.Model:
         """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
 
         Frames carry the names of bodies, joints and sites, so ``end_effector`` is a frame.
+
+        Args:
+            compensated: bodies have only the share of their mass whose weight the gravity
+                compensation of the robot's file carries.
         """
         import pinocchio as pin  # only identification needs it: not loaded with an environment
 
         root = ET.fromstring(self.xml)
+        for body in root.iter("body") if compensated else ():
+            share = self.stated.gravcomp.get(body.get("name", ""), 0.0)
+            for inertial in body.findall("inertial"):
+                inertial.set("mass", repr(share * float(inertial.get("mass", 0.0))))
         with tempfile.TemporaryDirectory() as folder:
             # Pinocchio reads MJCF from files only, and needs no geometry.
             path = Path(folder) / "arm.xml"
@@ -179,7 +192,7 @@ def load_arm(
     Args:
         robot: a name in `registry.ARMS`, a folder of MuJoCo Menagerie, a name of
             robot_descriptions (extra), or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
-            with one serial chain of 2 to 9 hinges. A TOML of the same stem may give
+            with one serial chain of 1 to 9 hinges. A TOML of the same stem may give
             limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
             is assumed (``generic.toml``). A copy of an arm of the package is that arm.
         payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
@@ -191,7 +204,7 @@ def load_arm(
             one arm.
 
     Raises:
-        StictionError: unknown name, unreadable file, not a serial arm of 2 to 9 hinges, a moving
+        StictionError: unknown name, unreadable file, not a serial arm of 1 to 9 hinges, a moving
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
     load = _payload(payload)
@@ -259,6 +272,7 @@ def _shipped(files: ArmFiles) -> Table:
         "controller_rate_hz": lookup(files.table, "interface.controller_rate_hz"),
         "lowpass_hz": lookup(files.table, "interface.lowpass_hz"),
         "on_floor": on_floor(files.table, files.toml.name),
+        "stated": nothing_stated(n),
     }
 
 
@@ -286,7 +300,15 @@ def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")
-    fields = read_user_arm(path, chain)
+    files = (path, path.with_suffix(".toml"))
+    content = [x.read_bytes() if x.is_file() else b"" for x in files]
+    fields = dict(_read_once(path, chain, *content))
     if fields["name"] in ARMS:  # tables, models and headings tell arms by name
         fields["name"] = path.name
     return fields
+
+
+@lru_cache(maxsize=4)
+def _read_once(path: Path, chain: Chain | None, *content: bytes) -> Table:
+    """Return `read_user_arm` of a file with some content: a command asks for its arm repeatedly."""
+    return read_user_arm(path, chain)

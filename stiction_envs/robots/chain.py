@@ -7,7 +7,7 @@ Their links keep mass and shape. Other trees of the world that can move are remo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import mujoco
@@ -21,6 +21,8 @@ Chain = tuple[str, str]
 """Link at the base, which does not move, and link or site at the tip, which is the flange."""
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+_ROUNDING = 1e-14
+"""By which MuJoCo lets A + B < C of principal moments pass [kg·m²]."""
 _MOST = 6  # arms of a bigger robot that a message names [-] (assumed)
 
 
@@ -37,7 +39,7 @@ def lock_other_joints(
     chain: Chain,
     path: Path,
     build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
-) -> str:
+) -> tuple[str, mujoco.MjModel]:
     """Lock every joint that is not between base and tip.
 
     Args:
@@ -47,40 +49,67 @@ def lock_other_joints(
         build: compiles a spec, or raises an error that names the file.
 
     Returns:
-        Name of the flange site.
+        Name of the flange site, and the model before any joint was locked.
 
     Raises:
         StictionError: an unknown name, a tip that is not behind the base, or a joint between them
-            that is not a hinge.
+            that neither turns nor slides.
     """
     base, tip = _ends(spec, chain, path)
     links = [tip, *_above(tip)]
     if base not in [b.name for b in links[1:]]:
         raise StictionError(f"{path}: chain: link {tip.name!r} is not behind link {base!r}")
     links = links[: [b.name for b in links].index(base)]
-    kept = {joint.name for body in links for joint in body.joints}
     for body in links:
         for joint in body.joints:
-            if int(joint.type) != _HINGE:
+            if int(joint.type) not in (_HINGE, _SLIDE):
                 kind = joint.type.name.removeprefix("mjJNT_").lower()
                 raise StictionError(
                     f"{path}: chain: joint {joint.name!r} is a {kind} joint: expected hinges only "
                     "between base and tip"
                 )
+    kept = {joint.name for body in links for joint in body.joints}
     _drop_other_trees(spec, links[0])
     first = next((body for body in reversed(links) if body.joints), links[0])
-    round_inertias(spec, {first.name, *(b.name for b in first.find_all("body"))})
+    moved = {first.name, *(b.name for b in first.find_all("body"))}
+    for body in spec.bodies[1:]:
+        if body.explicitinertial and body.name not in moved:
+            _make_round(body)
     model = build(spec, path)
+    _lock(spec, model, kept)
+    if chain[1] not in {site.name for site in spec.sites}:
+        name = free_name("flange", {site.name for site in spec.sites})
+        tip.add_site(name=name)
+        return name, model
+    return chain[1], model
+
+
+def lock_slides(spec: mujoco.MjSpec, model: mujoco.MjModel) -> set[str]:
+    """Hold every slide of an arm still that is not behind its last hinge; return their names.
+
+    Args:
+        spec: all bodies and joints named; changed in place.
+        model: compiled from it.
+    """
+    hinged = {b.name for b in spec.bodies if any(int(j.type) == _HINGE for j in b.joints)}
+    held = {
+        joint.name
+        for joint in spec.joints
+        if int(joint.type) == _SLIDE
+        and hinged & {joint.parent.name, *(b.name for b in joint.parent.find_all("body"))}
+    }
+    if held:
+        _lock(spec, model, {joint.name for joint in spec.joints} - held)
+    return held
+
+
+def _lock(spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str]) -> None:
+    """Lock all joints but the kept ones where the robot rests."""
     rest = _rest(model)
     for joint in list(spec.joints):
         if joint.name not in kept:
             _move_to_rest(spec, model, joint, rest)
     _delete_other_joints(spec, model, kept, rest)
-    if chain[1] not in {site.name for site in spec.sites}:
-        name = free_name("flange", {site.name for site in spec.sites})
-        tip.add_site(name=name)
-        return name
-    return chain[1]
 
 
 def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
@@ -117,20 +146,36 @@ def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
     return f"; of a bigger robot take one arm: chain {found[0]}{more}"
 
 
-def round_inertias(spec: mujoco.MjSpec, moved: Collection[str] | None = None) -> None:
-    """Give fixed bodies the inertia of a sphere: theirs has no effect and may be inconsistent.
+def balance_inertias(spec: mujoco.MjSpec) -> list[str]:
+    """Balance inertias that no body can have as MuJoCo's ``balanceinertia``; return a clause each.
 
-    Args:
-        spec: of the robot; changed in place.
-        moved: names of the bodies that move; None for all with a joint between them and the world.
+    Principal moments A ≤ B ≤ C with A + B < C become their mean. Bodies that do not move become
+    round without a word: their inertia has no effect.
     """
+    out = []
     for body in spec.bodies[1:]:
-        moves = (
-            any(b.joints for b in (body, *_above(body))) if moved is None else body.name in moved
-        )
-        if not moves and body.explicitinertial:
-            body.fullinertia = np.full(6, np.nan)
-            body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any consistent one
+        if not body.explicitinertial:
+            continue
+        xx, yy, zz, xy, xz, yz = body.fullinertia
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        a, b, c = np.sort(body.inertia if np.isnan(xx) else np.linalg.eigvalsh(tensor))
+        moves = any(x.joints for x in (body, *_above(body)))
+        if a + b >= c - _ROUNDING and (a > 0 or moves):
+            continue
+        if not moves:
+            _make_round(body)
+        elif a > 0:
+            mean = (a + b + c) / 3
+            body.fullinertia, body.inertia = np.full(6, np.nan), np.full(3, mean)
+            text = f"{a:.4g} {b:.4g} {c:.4g} becomes {mean:.4g} kg·m² about each axis"
+            out.append(f"inertia of {body.name} balanced: {text}")
+    return out
+
+
+def _make_round(body: mujoco.MjsBody) -> None:
+    """Give a fixed body the inertia of a sphere: its own has no effect."""
+    body.fullinertia = np.full(6, np.nan)
+    body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any consistent one
 
 
 def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.MjsBody]:

@@ -1,4 +1,7 @@
-"""Parts of a URDF that MuJoCo does not read: joint speeds, ``package://`` paths, fixed links."""
+"""Parts of a URDF that MuJoCo does not read: joint speeds, ``package://`` paths, fixed links.
+
+Its ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
+"""
 
 from __future__ import annotations
 
@@ -31,31 +34,37 @@ def prepare(root: ET.Element, path: Path) -> str:
         root: the ``robot`` element; changed in place.
         path: file it came from; meshes are looked for next to it and in the folders above.
     """
+    options = root.find("mujoco")
+    options = ET.SubElement(root, "mujoco") if options is None else options
+    compiler = options.find("compiler")
+    compiler = ET.SubElement(options, "compiler") if compiler is None else compiler
+    meshes = compiler.attrib.pop("meshdir", "")
     for link in root.iter("link"):
         for kind in ("visual", "collision"):
             for shape in link.findall(kind):
                 mesh = shape.find("geometry/mesh")
                 if mesh is None:
                     continue
-                found = _find(mesh.get("filename", ""), path)
+                found = _find(mesh.get("filename", ""), path, meshes)
                 if found is None:
                     link.remove(shape)
                 else:
                     mesh.set("filename", str(found))
-    for old in root.findall("mujoco"):
-        root.remove(old)
-    options = ET.SubElement(root, "mujoco")
     # Fused links would merge the base into the world, where it could not be tilted.
-    ET.SubElement(options, "compiler", fusestatic="false", strippath="false", discardvisual="false")
+    compiler.attrib |= {"fusestatic": "false", "strippath": "false", "discardvisual": "false"}
     return ET.tostring(root, encoding="unicode")
 
 
-def _find(name: str, path: Path) -> Path | None:
-    """The mesh ``name`` of the URDF at ``path``; None where it is missing or not readable."""
+def _find(name: str, path: Path, meshes: str) -> Path | None:
+    """The mesh ``name`` of the URDF at ``path``; None where it is missing or not readable.
+
+    ``meshes`` is the file's ``meshdir``.
+    """
     tail = name.removeprefix("package://").removeprefix("file://")
     if Path(tail).suffix.lower() not in MESHES:
         return None
     places = [Path(tail)] if Path(tail).is_absolute() else []
+    places += [path.parent / meshes / tail, path.parent / meshes / Path(tail).name]
     inner = Path(*Path(tail).parts[1:]) if name.startswith("package://") else Path(tail)
     for folder in path.resolve().parents:
         places += [folder / tail, folder / inner]

@@ -1,9 +1,9 @@
 """Read a rigid serial arm from a user's MJCF or URDF.
 
-Limits and a rest pose are read first. Then everything that is not the rigid arm is removed:
-actuators, sensors, tendons, equalities, keyframes, joint damping, armature, springs and dry
-friction, gravity compensation, and slides behind the last hinge (fingers), whose links stay as
-rigid mass. Of a bigger robot all joints outside one arm are locked (`chain`).
+Limits, a rest pose and the physics of the joints (`stated`) are read first. Then everything that is
+not the rigid arm is removed: actuators, sensors, tendons, equalities, keyframes, joint damping,
+armature, springs and dry friction, gravity compensation, and slides, whose links stay as rigid mass
+where the robot rests. Of a bigger robot all joints outside one arm are locked (`chain`).
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
 from stiction_envs.robots.chain import (
     Chain,
+    balance_inertias,
     chain_title,
     lock_other_joints,
+    lock_slides,
     rest_key,
-    round_inertias,
     suggest_chains,
 )
 from stiction_envs.robots.mjcf import free_name
 from stiction_envs.robots.overlapping_links import exclude_overlapping
+from stiction_envs.robots.stated import URDF_TAGS, read_stated, refuse_constraints
 from stiction_envs.robots.tables import (
     Limits,
     Table,
@@ -41,8 +43,11 @@ from stiction_envs.robots.tables import (
     read_toml,
 )
 
-JOINTS = (2, 9)
+JOINTS = (1, 9)
 """Smallest and largest number of hinges of an arm [-] (assumed)."""
+
+CHAIN_JOINTS = 2
+"""Smallest number of hinges of an arm that is suggested in a bigger robot [-] (assumed)."""
 
 FLANGE_NAMES = ("flange", "attachment_site", "tool0", "tcp", "end_effector", "ee", "link8")
 """Names of sites or links that are taken for the flange, most likely first; also after ``_``."""
@@ -60,23 +65,30 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         chain: links at the base and the tip of the arm, in a file of a bigger robot.
 
     Raises:
-        StictionError: not readable, or not one serial chain of 2 to 9 hinges with massive links.
+        StictionError: not readable, or not one serial chain of 1 to 9 hinges with massive links.
     """
-    spec, speeds = _named(path)
-    if chain is not None:
-        end: str | None = lock_other_joints(spec, chain, path, _compile)
-        model = _compile(spec, path)
+    spec, speeds, changed, left = _named(path)
+    before, end = spec.copy(), None
+    try:
+        if chain is None:
+            whole = _compile(spec, path)
+        else:
+            end, whole = lock_other_joints(spec, chain, path, _compile)
+        model = whole if chain is None else _compile(spec, path)
+        held = lock_slides(spec, model)
+        model = _compile(spec, path) if held else model
         hinges = _hinges(model, path)
-    else:
-        end = None
-        try:
-            spec, model = _built(spec, path)
-            hinges = _hinges(model, path)
-        except StictionError as error:
-            raise StictionError(f"{error}{suggest_chains(_named(path)[0], JOINTS)}") from None
+    except StictionError as error:
+        hint = "" if chain else suggest_chains(_named(path)[0], (CHAIN_JOINTS, JOINTS[1]))
+        raise StictionError(f"{error}{hint}") from None
     joints = tuple(model.joint(int(j)).name for j in hinges)
     links = tuple(model.body(int(model.jnt_bodyid[j])).name for j in hinges)
     n = len(joints)
+    left += refuse_constraints(whole, joints, path)
+    locked = [whole.joint(j).name for j in range(whole.njnt) if whole.joint(j).name not in joints]
+    if locked:
+        changed.append(f"joints held still: {', '.join(locked)}")
+    stated = read_stated(before, whole, joints, held, changed, left)
 
     table_file = path.with_suffix(".toml")
     table = read_toml(table_file) if table_file.is_file() else {}
@@ -115,7 +127,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     root, end_effector = _rigid_xml(spec, model, hinges, path, end)
     exclude_overlapping(root, limits.position)
     if chain is not None:
-        every = [j.name for j in _named(path)[0].joints if int(j.type) in (_HINGE, _SLIDE)]
+        every = [j.name for j in before.joints if int(j.type) in (_HINGE, _SLIDE)]
         custom = ET.SubElement(root, "custom")
         ET.SubElement(custom, "text", name=mjcf.WHOLE, data="\n".join(every))
     return {
@@ -130,6 +142,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         "controller_rate_hz": rate,
         "lowpass_hz": cutoff,
         "on_floor": on_floor(table, str(table_file)),
+        "stated": stated,
     }
 
 
@@ -147,7 +160,7 @@ def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
     Raises:
         StictionError: not readable, or no such chain.
     """
-    spec, _ = _named(path)
+    spec = _named(path)[0]
     if chain is not None:
         lock_other_joints(spec, chain, path, _compile)
     return _compile(spec, path)
@@ -165,26 +178,18 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
         raise StictionError(f"{path}: MuJoCo cannot build it: {text}") from None
 
 
-def _built(spec: mujoco.MjSpec, path: Path) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
-    """Compile a robot; if that fails, with round inertias of its fixed bodies."""
-    try:
-        return spec, _compile(spec, path)
-    except StictionError:
-        spec, _ = _named(path)  # a spec that did not compile cannot be used again
-        round_inertias(spec)
-        return spec, _compile(spec, path)
-
-
-def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
-    """Spec of the file, and the joint speeds [rad/s] that a URDF names.
+def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list[str]]:
+    """Spec of the file, the joint speeds [rad/s] that a URDF names, what is changed and left out.
 
     Unnamed bodies and joints get a name, so that XML and compiled model can be matched.
     """
     speeds: dict[str, float] = {}
+    left: list[str] = []
     try:
         root = ET.parse(path).getroot()
         if root.tag == "robot":
             speeds = urdf.velocities(root)
+            left = [f"<{tag}>" for tag in URDF_TAGS if root.find(f".//{tag}") is not None]
             spec = mujoco.MjSpec.from_string(urdf.prepare(root, path))
         else:
             spec = mujoco.MjSpec.from_file(str(path))
@@ -196,7 +201,7 @@ def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float]]:
             if not item.name:
                 item.name = free_name(f"{kind}{i + 1}", taken)
                 taken.add(item.name)
-    return spec, speeds
+    return spec, speeds, balance_inertias(spec), left
 
 
 def _above(model: mujoco.MjModel, body: int) -> list[int]:

@@ -101,3 +101,29 @@ def test_a_full_disk_is_one_line_and_the_same_command_again_ends_as_undisturbed(
         again = run(name, None, *more)
         assert again.code == 0, (name, again.err)
         assert whole(work / name) == clean, name
+
+
+STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" frictionloss="1.3"/>
+<geom size="0.1" pos="0 0 0.1" mass="2"/></body></worldbody>
+<actuator><position joint="a" kp="200"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "export {own.xml} --json",
+        "check {log.csv} --robot {own.xml}",
+        "diagnose {log.csv} --robot {own.xml} --torque nonsense",
+        pytest.param("conformance {own.xml}", marks=pytest.mark.slow),
+        pytest.param("sje {own.xml} --iterations 1 --no-scatter", marks=pytest.mark.slow),
+    ],
+)
+def test_one_line_says_what_is_taken_from_the_robots_file(cli, inputs, line):
+    (inputs / "own.xml").write_text(STATED, "utf-8")
+    write_csv(inputs / "log.csv", hidden(load_arm(inputs / "own.xml")))
+    said = [x for x in cli(*line.split()).err.splitlines() if x.startswith("note: ")]
+    if "nonsense" in line:  # an error of the command line comes before
+        assert said == []
+    else:
+        taken, left = "taken from the file: dry friction 1.3 N·m", "position servos (kp 200)"
+        assert said == [f"note: own: {taken}; left out: {left}"]

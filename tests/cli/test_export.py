@@ -16,17 +16,18 @@ import pytest
 
 from stiction_envs.experiments.conformance import conformance
 from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.friction.model import STICTION, build
+from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
     dump_friction,
     load_friction,
 )
-from stiction_envs.friction.plain_mjcf import differences
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.model_files import in_folder
+from stiction_envs.robots.stated import STICTION
 from tests.experiments.test_conformance import lugre, stock
+from tests.friction.gyro import differences
 
 
 def write_friction(path: Path, p: FrictionParameters) -> None:
@@ -173,7 +174,8 @@ def test_a_model_that_sticks_and_one_that_creeps(cli, work, inputs):
     ran = cli("conformance", bad, "--json", "--out", "bad")
     assert ran.code == 1
     assert not json.loads(ran.out)["rows"][0]["holds"]
-    assert ran.lines == ["error: does not stick as it should: j"]
+    note = "note: bad: taken from the file: dry friction 0.3 N·m"
+    assert ran.lines == [note, "error: does not stick as it should: j"]
     found = json.loads((work / "bad" / "provenance.json").read_text())
     assert found["files"] == ["conformance.csv"]
     assert "robot" in found["inputs"]

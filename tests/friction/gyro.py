@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from stiction_envs.friction.model import StickingModel, build
@@ -85,3 +86,35 @@ def law_of(model: StickingModel, joint: int, *, side: int = 0, load: float = 0.0
         load_coefficient=p.load_coefficient[joint],
         load=load,
     )
+
+
+def differences(again: mujoco.MjModel, sticking: StickingModel) -> dict[str, float]:
+    """Return the largest relative difference of every physical field.
+
+    Numbers under a thousandth (assumed) of their field's largest are compared with that thousandth.
+
+    Args:
+        again: the model read back; it has the torque actuators only.
+        sticking: what it was made of.
+    """
+    model, act = sticking.model, sticking.torque_actuator
+    fields = (
+        *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat"),
+        *("jnt_pos", "jnt_axis", "jnt_range", "jnt_stiffness"),
+        *("dof_armature", "dof_damping", "dof_frictionloss", "qpos0", "qpos_spring"),
+    )
+    pairs = {k: (getattr(again, k), getattr(model, k)) for k in fields}
+    for k in ("actuator_gainprm", "actuator_biasprm", "actuator_dynprm", "actuator_gear"):
+        pairs[k] = (getattr(again, k), getattr(model, k)[act])
+    pairs["body_gravcomp"] = (again.body_gravcomp[1:], model.body_gravcomp[1:])  # not the world's
+    pairs["timestep"] = (np.array([again.opt.timestep]), np.array([model.opt.timestep]))
+    pairs["gravity"] = (again.opt.gravity, model.opt.gravity)
+    out = {}
+    for k, (new, old) in pairs.items():
+        if new.shape != old.shape:
+            out[k] = np.inf
+            continue
+        scale = np.maximum(np.abs(old), 1e-3 * np.abs(old).max(initial=0.0))
+        off = np.abs(new - old)
+        out[k] = float((off[off > 0] / np.maximum(scale, 1e-12)[off > 0]).max(initial=0.0))
+    return out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 
 from stiction_envs.friction.export import export
-from stiction_envs.friction.model import COULOMB, STICTION
+from stiction_envs.robots.stated import COULOMB, STICTION
 
 
 def test_its_text_has_the_friction_of_every_joint():

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.friction.plain_mjcf import differences, plain_mjcf
-from tests.friction.gyro import sticking
+from stiction_envs.friction.plain_mjcf import plain_mjcf
+from tests.friction.gyro import differences, sticking
 
 
 def exported(model) -> mujoco.MjModel:

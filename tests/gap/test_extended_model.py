@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import STICTION
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.causes.base import OF_ARM, torque_of
@@ -19,6 +18,7 @@ from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
+from stiction_envs.robots.stated import STICTION
 from tests.gap.small_logs import data_of, hidden, panda
 
 BALL = 0.4 * 1.2 * 0.03**2  # inertia of 1.2 kg as `load_arm` makes it

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.friction.model import BRISTLE_DAMPING, mass_matrix
+from stiction_envs.friction.inertia import mass_matrix
+from stiction_envs.friction.model import BRISTLE_DAMPING
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.extended_mjcf import TIMESTEP

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from mujoco.batch import Batch
 
-from stiction_envs.friction.model import COULOMB
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.plant.loop_batch import LoopBatch, advance, parts_of
+from stiction_envs.robots.stated import COULOMB
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
 N = 3

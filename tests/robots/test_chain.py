@@ -107,6 +107,7 @@ def test_the_arm_stands_and_weighs_as_in_the_whole_robot(tmp_path: Path, home: b
 def test_a_tip_without_a_site_is_the_flange(tmp_path: Path):
     arm = load_arm(write(tmp_path, home=False), chain=("left_mount", "left_2"))
     assert arm.joint_names == ("left_a", "left_b")
+    assert load_arm(tmp_path / "two_arms.xml", chain=("left_1", "left_2")).n == 1
     data = mujoco.MjData(arm.model())
     mujoco.mj_kinematics(arm.model(), data)
     np.testing.assert_allclose(data.site(arm.end_effector).xpos, data.body("left_2").xpos)
@@ -121,8 +122,6 @@ def test_a_tip_without_a_site_is_the_flange(tmp_path: Path):
         ),
         (("right_hand", "torso"), "link 'torso' is not behind link 'right_hand'"),
         (("torso", "torso"), "link 'torso' is not behind link 'torso'"),
-        (("wheels", "left_hand"), "joint 'lift' is a slide joint: expected hinges only between"),
-        (("left_1", "left_2"), "1 hinge joints: expected 2 to 9"),
         (("torso",), "expected two links, base and tip"),
         ("torso", "expected two links, base and tip"),
     ],

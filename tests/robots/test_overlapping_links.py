@@ -66,7 +66,7 @@ def test_only_what_always_touches_is_left_out(bulge: Path):
     assert touching(arm.xml, [0, 0, 0]) == set()
     folded = [0.0, 2.0, 2.2]
     assert ("base", "three") in touching(arm.xml, folded), "a real collision still counts"
-    assert arm.notes == [
+    assert arm.notes() == [
         "bulge: links that touch in every pose are not called collisions: base and one, base and "
         "two"
     ]

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.position_servo import ServoDrive, put_under_servos
-from stiction_envs.friction.model import build, link_inertia
+from stiction_envs.friction.inertia import link_inertia
+from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.servos import PositionServos
+from stiction_envs.friction.steady import steady
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.parameters import FAR, INDEX
-from stiction_envs.gap.steady_friction import steady
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm

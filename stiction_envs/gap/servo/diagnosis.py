@@ -114,9 +114,9 @@ class ServoDiagnosis(Judgement):
 
 
 def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
-    """Return what to say of logged angles beyond the limits of the arm's model."""
+    """Return what to say of angles beyond the model's limits, and of springs, which it lacks."""
     q = np.concatenate([log.q for log in logs])
-    out = []
+    out = ["springs of the robot's file are left out"] if arm.stated.stiffness.any() else []
     turns = arm.limits.assumed("position")
     for j, (low, high) in enumerate(arm.limits.position):
         least, most = float(q[:, j].min()), float(q[:, j].max())

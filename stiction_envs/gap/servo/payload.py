@@ -117,7 +117,7 @@ def proposed(
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
     loaded = own > settings.loaded * own.max()
-    if mass < settings.least_t * deviation[0]:
+    if not 0 < mass >= settings.least_t * deviation[0]:  # nuisances may leave nothing of it
         return None
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass

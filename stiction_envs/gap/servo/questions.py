@@ -13,6 +13,8 @@ from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
 from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
 from stiction_envs.gap.servo.spread import LAG
+from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -30,6 +32,8 @@ class Servo:
     """Whether all joints have the same servo."""
     parameters: Array | None = None
     """(n, P) of an earlier diagnosis; overrules the others."""
+    arm: Arm | None = None
+    """The arm whose file's friction and gravity compensation the simulation has; None for none."""
 
     @property
     def perfect(self) -> bool:
@@ -52,7 +56,30 @@ def nominal_parameters(
     elif servo.stiffness is not None:
         inertia = np.array([float(m.inertia.mean()) for m in motions])
         out[:, INDEX["damping"]] = 2.0 * np.sqrt(servo.stiffness * inertia)
+    if servo.arm is not None and not servo.perfect:
+        _add_stated(out, servo.arm, motions, known=servo.damping is not None)
     return out
+
+
+def _add_stated(out: Array, arm: Arm, motions: Sequence[JointMotion], *, known: bool) -> None:
+    """Add to (n, P) parameters what the robot's file states; ``known``: the servos' damping is."""
+    s = arm.stated
+    out[:, INDEX["armature"]] = s.armature
+    out[:, INDEX["damping"]] += known * s.damping
+    if s.dry:
+        stiction = np.maximum(s.stiction, LOW[INDEX["stiction"]])
+        out[:, INDEX["stiction"]] = stiction
+        out[:, INDEX["drop"]] = 1.0 - np.where(s.stiction > 0, s.coulomb / stiction, 1.0)
+        bristle = s.bristle > 0
+        out[bristle, INDEX["bristle"]] = stiction[bristle] / s.bristle[bristle]
+        out[s.stribeck > 0, INDEX["stribeck_velocity"]] = s.stribeck[s.stribeck > 0]
+    if s.gravcomp:
+        some = [np.linspace(0, len(m.q) - 1, 100).astype(int) for m in motions]
+        q = np.stack([m.q[rows] for m, rows in zip(motions, some, strict=True)], axis=1)
+        carried = gravity_torque(arm.pinocchio(compensated=True), q)
+        whole = gravity_torque(arm.pinocchio(), q)
+        share = (carried * whole).sum(axis=0) / np.maximum(np.square(whole).sum(axis=0), 1e-12)
+        out[:, INDEX["compensation"]] = share
 
 
 def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -77,6 +77,7 @@ def angle_error(
 
     def errors(sign: Array, shift: Array) -> tuple[Array, Array]:
         load = inverse_dynamics(model, sign * q - shift, sign * dq, sign * ddq)
+        load += passive_torque(arm, sign * q - shift)
         left = np.empty(arm.n)
         for j in range(arm.n):
             x = np.column_stack([load[:, j], others[j]])

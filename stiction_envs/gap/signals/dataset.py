@@ -15,11 +15,15 @@ from numpy.typing import NDArray
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.bristle import grown
-from stiction_envs.gap.signals.friction_state import FrictionState, friction_torque
+from stiction_envs.gap.signals.friction_state import (
+    FrictionState,
+    friction_torque,
+    presliding_distances,
+)
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join
-from stiction_envs.gap.signals.rigid_body import mass_matrices
+from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -275,6 +279,16 @@ class Data:
         return x if lead == 0 else x + lead * self.recording.path_rate(x)
 
 
+def nominal_torque(
+    recording: Recording, friction: FrictionParameters | None, state: FrictionState
+) -> Array:
+    """Return (T, n) torque of the rigid arm, what its file hangs on it, and friction [N·m]."""
+    out = recording.rigid + passive_torque(recording.arm, recording.q)
+    if friction is None:
+        return np.asarray(out + state.rotor * recording.ddq)
+    return np.asarray(out + friction_torque(recording, friction, state))
+
+
 def assemble(
     arm: Arm,
     signals: Signals,
@@ -283,25 +297,35 @@ def assemble(
     torque: str = "motor",
     settings: GapSettings | None = None,
     link_factor: Array | None = None,
+    of_file: bool = False,
 ) -> Data:
     """Compare signals with the nominal rigid arm and its friction, None for no friction.
 
+    Rotors, springs and gravity compensation that the robot's file states act in either case.
+
     ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
-    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links.
+    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links, ``of_file`` whether the
+    friction is that of the robot's file: frictionloss has no presliding, so the logs tell it.
     """
     recording = join(arm, signals, torque=torque, settings=settings, link_factor=link_factor)
     if friction is None:
-        state, nominal = FrictionState.unknown(recording), recording.rigid
+        rotor = arm.stated.armature * (torque == "motor")  # behind the gear none is seen
+        state = replace(FrictionState.unknown(recording), rotor=rotor)
     else:
-        state = FrictionState.of(friction)
-        nominal = recording.rigid + friction_torque(recording, friction)
+        state, known = FrictionState.of(friction), arm.stated.bristle > 0
+        if of_file and not known.all():
+            seen = presliding_distances(recording, recording.tau - recording.rigid)
+            distance = np.where(known, state.presliding_distance, seen)
+            lead = np.where(known, state.bristle_lead_time, 0.0)
+            state = replace(state, presliding_distance=distance, bristle_lead_time=lead)
+    nominal = nominal_torque(recording, friction, state)
     noise = noise_floor(recording, signals.noise_tau, recording.tau - nominal)
     if signals.measured is not None:
         noise = np.where(signals.measured, noise, NOT_MEASURED)
     return Data(
         recording=recording,
         nominal=nominal,
-        rigid=recording.rigid,
+        rigid=recording.rigid + arm.stated.stiffness * (recording.q - arm.stated.springref),
         friction=state,
         noise=noise,
     )

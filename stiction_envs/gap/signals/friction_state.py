@@ -62,13 +62,15 @@ class FrictionState:
         )
 
 
-def friction_torque(recording: Recording, friction: FrictionParameters) -> Array:
+def friction_torque(
+    recording: Recording, friction: FrictionParameters, state: FrictionState
+) -> Array:
     """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m].
 
     It is our friction in steady sliding, with the direction of bristles, warm-up since the session
     began, ripple, rotor inertia (seen in front of the gear) and offset.
     """
-    state, path = FrictionState.of(friction), recording.reversal_path
+    path = recording.reversal_path
     direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
     direction = direction + state.bristle_lead_time * recording.path_rate(direction)
     speed = recording.path_rate(path)

@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.angles import AngleError, angle_error
 from stiction_envs.gap.signals.prepare import Signals
-from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
@@ -233,7 +233,7 @@ def _loads(
     model, n = arm.pinocchio(), arm.n
     pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)
     down = down / np.linalg.norm(down)
-    rest = inverse_dynamics(model, q, dq, ddq) - pulls @ down
+    rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
     offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
     sides = np.tanh(dq / motion.reversal_speed)
     others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
@@ -277,7 +277,7 @@ def _loads(
         and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
     )
-    heavy = measured & ((pulls @ down).std(axis=0) > LEAST_LOAD)
+    heavy = shown & ((pulls @ down).std(axis=0) > LEAST_LOAD)
     weighs = np.array([float(down @ f.c[:3]) for f in free])
     lacks_gravity = bool(
         heavy.any()

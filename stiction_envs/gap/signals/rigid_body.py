@@ -1,10 +1,12 @@
-"""Torques of a rigid arm along a motion (pinocchio)."""
+"""Torques of a rigid arm along a motion (pinocchio), and of what its file hangs on the joints."""
 
 from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+
+from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 
@@ -22,6 +24,18 @@ def gravity_torque(model: pin.Model, q: Array) -> Array:
     """Return (T, n) gravity torque g(q) [N·m]."""
     data = model.createData()
     return np.array([pin.computeGeneralizedGravity(model, data, x) for x in q])
+
+
+def passive_torque(arm: Arm, q: Array) -> Array:
+    """Return (T, n) torque of the springs of the robot's file less what its gravcomp carries [N·m].
+
+    It adds to the torque that a motor must have, as inverse dynamics do.
+    """
+    stated = arm.stated
+    out = stated.stiffness * (q - stated.springref)
+    if stated.gravcomp:
+        out -= gravity_torque(arm.pinocchio(compensated=True), q)
+    return np.asarray(out)
 
 
 def mass_matrices(model: pin.Model, q: Array) -> Array:

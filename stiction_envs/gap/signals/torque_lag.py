@@ -31,7 +31,7 @@ from scipy.signal import lfilter
 from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.loads import LEAST_LOAD
 from stiction_envs.gap.signals.prepare import Segment, Signals
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
@@ -264,7 +264,7 @@ def _loads(arm: Arm, parts: Sequence[Segment]) -> tuple[list[Array], NDArray[np.
 def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
     """Return (T, n) rigid-body torque of each segment."""
     model = arm.pinocchio()
-    return [inverse_dynamics(model, s.q, s.dq, s.ddq) for s in parts]
+    return [inverse_dynamics(model, s.q, s.dq, s.ddq) + passive_torque(arm, s.q) for s in parts]
 
 
 def _runs(

@@ -10,10 +10,10 @@ from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.steady import steady
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.steady_friction import steady
 from stiction_envs.gap.tables.causes import cause_named
 from stiction_envs.reporting.markdown import joints
 from stiction_envs.robots import Arm

@@ -185,8 +185,8 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     logs, signals = correct_torques(logs, arm, make, settings, sign, lag)
     shown = d.data.measured if signals.measured is None else d.data.measured & signals.measured
     signals = replace(signals, sessions=sessions(logs, found.sessions), measured=shown)
-    torque, friction = d.data.recording.torque, d.baseline.friction
-    base = assemble(arm, signals, friction=friction, torque=torque, settings=settings)
+    torque, friction, file = d.data.recording.torque, d.baseline.friction, d.baseline.file
+    base = assemble(arm, signals, friction=friction, torque=torque, settings=settings, of_file=file)
     nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
     noise = base.noise

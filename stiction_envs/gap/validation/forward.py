@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import BRISTLE_STIFFNESS, COULOMB
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.gap.extended_model import extend
@@ -31,6 +30,7 @@ from stiction_envs.gap.predictors.torque import FOLDS
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
+from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB
 
 Array = NDArray[np.float64]
 SECONDS = 0.5

@@ -28,8 +28,7 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import DRY
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.friction_state import friction_torque
+from stiction_envs.gap.signals.dataset import Data, nominal_torque
 from stiction_envs.gap.signals.prepare import lowpass
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.spectra import resample
@@ -212,11 +211,9 @@ def _evened(
 
 def _nominal(own: Diagnosis, even: Recording) -> Data:
     """Return a recording against the nominal model of a diagnosis."""
-    friction = own.baseline.friction
-    more = 0.0 if friction is None else friction_torque(even, friction)
     data = Data(
         recording=even,
-        nominal=even.rigid + more,
+        nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
         rigid=even.rigid,
         friction=own.base.friction,
         noise=own.data.noise,

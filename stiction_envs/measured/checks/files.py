@@ -134,6 +134,7 @@ def check(
     naming = Naming(
         robot=names,
         whole=() if arm is None else arm.whole,
+        held=() if arm is None else arm.stated.held,
         joints=tuple(joints),
         topic=topic,
         units=units,

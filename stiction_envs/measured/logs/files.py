@@ -9,14 +9,18 @@ import os
 import stat
 from pathlib import Path
 
+import numpy as np
+
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import Naming, with_held
 from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
+RESTS = 1e-3
+"""Largest way of a sliding joint that rests [m]; assumed."""
 PICKLES = (".pt", ".pth")
 """Files of PyTorch, which are not opened."""
 DATES = (1e9, 4e9)
@@ -53,7 +57,12 @@ def read_raw(
     kind = _kind(path)
     if names.units is not None and names.units not in UNITS:
         raise unknown("units", names.units, UNITS)
-    raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
+    every, held = with_held(names), [place for place, _ in names.held]
+    if held and kind.count(where, every) == n_joints + len(held):
+        wanted = Wanted(n_joints=n_joints + len(held), time=time, naming=every, drive=drive)
+        raw = _without_held(kind.read(where, wanted), names)
+    else:
+        raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
     for unit, parts in (("ms", 1e3), ("µs", 1e6), ("ns", 1e9)):
@@ -64,6 +73,25 @@ def read_raw(
         units = [names.units] * n_joints
         for text in to_radians(where, raw.data, units, (), names.calibration):
             raw.note(f"joints {text}")
+    return raw
+
+
+def _without_held(raw: RawLog, naming: Naming) -> RawLog:
+    """Take joints that the robot's model holds still out of a log.
+
+    Raises:
+        StictionError: one of them moves.
+    """
+    for place, name in naming.held:
+        moved = float(np.ptp(raw.data["q"][:, place])) if len(raw.t) else 0.0
+        if moved > RESTS:
+            raise StictionError(
+                f"{raw.source}: joint {name!r} slides by {moved:.3g} m: expected it to rest, since "
+                "the robot's model holds it still"
+            )
+        raw.note(f"joint {name!r} rests: left out")
+    drop = [place for place, _ in naming.held]
+    raw.data = {k: np.delete(x, drop, axis=1) for k, x in raw.data.items()}
     return raw
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stiction_envs.errors import StictionError, unknown
 
@@ -24,6 +24,9 @@ class Naming:
     """Of the robot's joints, base to flange."""
     whole: tuple[str, ...] = ()
     """Of all joints in the order of the robot's file, where `robot` is a chain of it; else ()."""
+    held: tuple[tuple[int, str], ...] = ()
+    """Joints that the robot's model holds still: their place among its joints and them, from 0, and
+    their name."""
     joints: tuple[str, ...] = ()
     """Names in the log of joints 1 to n; () to find them."""
     topic: str | None = None
@@ -43,6 +46,14 @@ def check_unnamed(where: str, naming: Naming) -> None:
             raise StictionError(
                 f"{option}: the joints of {where} have numbers: expected a log with names"
             )
+
+
+def with_held(naming: Naming) -> Naming:
+    """Return the naming of a log that has the joints that are held still, too."""
+    robot = list(naming.robot)
+    for place, name in naming.held:
+        robot.insert(place, name)
+    return replace(naming, robot=tuple(robot), held=())
 
 
 def find_joints(

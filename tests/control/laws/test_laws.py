@@ -11,7 +11,8 @@ import pytest
 from stiction_envs.control.compensation import KINDS, NUMBERS, Compensation, Compensator, compensate
 from stiction_envs.control.laws import LAWS, base, law_torque
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import build, mass_matrix
+from stiction_envs.friction.inertia import mass_matrix
+from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import link_inertia, mass_matrix
+from stiction_envs.friction.inertia import link_inertia, mass_matrix
 from stiction_envs.gap.servo.arm import friction_of, simulate_arm
 from stiction_envs.gap.servo.model import read_servo, servo_mjcf, servo_toml
 from stiction_envs.gap.servo.motion import joint_motions

@@ -12,12 +12,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.friction.model import link_inertia, mass_matrix
+from stiction_envs.friction.inertia import link_inertia, mass_matrix
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.extended_mjcf import TIMESTEP
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+TIMESTEP = 1e-3
+"""Step of the engine [s]."""
 POSES = 256
 """Random poses in which the least inertia is looked for [-]; assumed."""
 STIFFEST = 0.1

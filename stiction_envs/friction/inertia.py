@@ -1,0 +1,37 @@
+"""Mass matrix and gravity torque of the rigid arm, without rotors."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+
+
+def mass_and_gravity(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Return (M, n, n) [kg·m²] and (M, n) [N·m] of the rigid arm at poses q (M, n) [rad]."""
+    model = arm.model()
+    data = mujoco.MjData(model)
+    mass, gravity = np.zeros((len(q), model.nv, model.nv)), np.empty((len(q), model.nv))
+    for i, pose in enumerate(q):
+        data.qpos[:] = pose
+        mujoco.mj_forward(model, data)
+        mujoco.mj_fullM(model, data, mass[i])
+        gravity[i] = data.qfrc_bias
+    return mass, gravity
+
+
+def mass_matrix(arm: Arm, q: Array) -> Array:
+    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
+    return mass_and_gravity(arm, q)[0]
+
+
+def link_inertia(arm: Arm, q: Array) -> Array:
+    """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
+
+    The inertia that each joint moves when the others are locked, without rotors.
+    """
+    return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()

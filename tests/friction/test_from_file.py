@@ -1,0 +1,83 @@
+"""Friction that a robot's own file states is the friction of its arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.friction.assumed import ASSUMED, friction_note
+from stiction_envs.friction.export import export
+from stiction_envs.friction.from_file import file_friction, own_friction, shipped_friction
+from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
+from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.robots import Arm, load_arm
+
+TWO = """<mujoco><compiler angle="radian"/><worldbody><body name="l1" pos="0 0 0.1">
+<joint name="a" axis="0 1 0" range="-2 2" {a}/><geom size="0.05" pos="0 0 0.1" mass="2.5"/>
+<body name="l2" pos="0 0 0.3"><joint name="b" axis="0 1 0" range="-2 2" {b}/>
+<geom size="0.05" pos="0 0 0.1" mass="1"/></body></body></worldbody></mujoco>"""
+
+
+def arm_of(tmp_path: Path, a: str = "", b: str = "") -> Arm:
+    """Load an arm whose joints have some attributes."""
+    path = tmp_path / "own.xml"
+    path.write_text(TWO.format(a=a, b=b), "utf-8")
+    return load_arm(path)
+
+
+def test_an_arm_of_a_file_that_states_nothing_has_generic_friction(tmp_path: Path):
+    own, generic = own_friction(arm_of(tmp_path)), load_friction(GENERIC, 2)
+    assert all(np.array_equal(getattr(own, q), getattr(generic, q)) for q in QUANTITIES)
+
+
+def test_stated_friction_and_rotors_replace_generic_ones(tmp_path: Path):
+    all_of_it = 'armature="0.05" damping="0.7" frictionloss="1.3"'
+    own = own_friction(arm_of(tmp_path, all_of_it, all_of_it.replace("1.3", "0.4")))
+    np.testing.assert_array_equal(own.stiction, [[1.3, 1.3], [0.4, 0.4]])
+    np.testing.assert_array_equal(own.coulomb_ratio, 1.0)
+    np.testing.assert_array_equal(own.viscous, 0.7)
+    np.testing.assert_array_equal(own.rotor_inertia, 0.05)
+    assert not own.ripple_amplitude.any()
+
+
+def test_without_stated_dry_friction_it_stays_assumed(tmp_path: Path):
+    arm = arm_of(tmp_path, 'damping="0.7"', 'damping="0.2"')
+    own, generic = own_friction(arm), load_friction(GENERIC, 2)
+    np.testing.assert_array_equal(own.stiction, generic.stiction)
+    np.testing.assert_array_equal(own.viscous[:, 0], [0.7, 0.2])
+    assert friction_note(arm, own) == ASSUMED
+    assert friction_note(arm, file_friction(arm)) == ""
+
+
+def test_shipped_friction_takes_the_rotors_of_the_file(tmp_path: Path):
+    shipped = shipped_friction(arm_of(tmp_path, 'armature="0.5" frictionloss="9"'))
+    np.testing.assert_array_equal(shipped.rotor_inertia, [0.5, 0.0])
+    np.testing.assert_array_equal(shipped.stiction, load_friction(GENERIC, 2).stiction)
+
+
+def test_an_export_read_again_has_the_same_friction(tmp_path: Path):
+    arm = arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3"', 'damping="0.2"')
+    first = sticking_model(arm)
+    path = tmp_path / "model.xml"
+    path.write_text(export(arm).xml, "utf-8")
+    again = sticking_model(path)
+    for name in ("stiction", "coulomb_ratio", "viscous", "bristle_stiffness", "rotor_inertia"):
+        np.testing.assert_allclose(
+            getattr(again.parameters, name), getattr(first.parameters, name), rtol=1e-9
+        )
+
+
+def test_the_friction_of_a_registered_arm_is_its_own():
+    assert own_friction(load_arm("panda")).stiction[0, 0] == load_friction("panda").stiction[0, 0]
+
+
+@pytest.mark.slow
+def test_joints_break_away_at_the_frictionloss_of_the_file(tmp_path: Path):
+    arm = arm_of(tmp_path, 'armature="0.05" frictionloss="1.3"', 'frictionloss="0.4"')
+    experiment = SingleJointExperiment(arm, scatter=False)
+    result = experiment.measure(experiment.jobs([1, 2], loads=["no_load"], directions=["+"]))
+    tau = [row.tau_nm for row in result.rows]
+    np.testing.assert_allclose(tau, [1.3, 0.4], rtol=0.2)

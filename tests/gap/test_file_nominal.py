@@ -1,0 +1,209 @@
+"""`--nominal file`: friction, rotors, springs and gravity compensation of the robot's own file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.gap.diagnose import default_nominal, diagnose
+from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.model_file import dump, nominal_of, read
+from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.signals.rigid_body import passive_torque
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import load_arm
+from tests.gap.small_logs import motion
+
+ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="l1" pos="0 0 0.1" gravcomp="0.5">
+<joint name="a" axis="0 1 0" range="-2 2" armature="0.2" damping="0.8" {a}/>
+<geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="2.5"/>
+<body name="l2" pos="0 0 0.3"><joint name="b" axis="0 1 0" range="-2 2" armature="0.05"
+stiffness="12" springref="0.4"/>
+<geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.03" mass="1.6"/>
+<body name="hand" pos="0.25 0 0" gravcomp="1"><geom size="0.04" mass="0.5"/></body>
+</body></body></worldbody></mujoco>"""
+
+
+def own_file(folder: Path, a: str = "") -> Path:
+    """Write an arm with all that a file may state of its joints."""
+    path = folder / "own.xml"
+    path.write_text(ARM.format(a=a), "utf-8")
+    return path
+
+
+def log_of(path: Path, coulomb: float = 0.0) -> JointLog:
+    """Return a log of the file in stock MuJoCo, by inverse dynamics, with dry friction on joint 1.
+
+    The motion turns without presliding, as with frictionloss.
+    """
+    model = mujoco.MjModel.from_xml_path(str(path))
+    model.dof_frictionloss[:] = 0.0
+    data = mujoco.MjData(model)
+    t, q, dq, ddq = motion(2, seconds=20.0)
+    tau = np.empty_like(q)
+    for k in range(len(t)):
+        data.qpos[:], data.qvel[:], data.qacc[:] = q[k], dq[k], ddq[k]
+        mujoco.mj_inverse(model, data)
+        tau[k] = data.qfrc_inverse
+    tau[:, 0] += coulomb * np.sign(dq[:, 0])
+    tau += 0.01 * np.random.default_rng(0).normal(size=tau.shape)
+    return JointLog(source="made.csv", t=t, q=q, dq=None, tau=tau)
+
+
+def data_of(path: Path, nominal: str, log: JointLog) -> Data:
+    """Return a log against a nominal model."""
+    arm, judged = nominal_of(path, nominal)
+    return assemble(arm, prepare([log]), friction=judged.friction, of_file=judged.file)
+
+
+def test_the_default_is_the_file_where_it_states_something(tmp_path: Path):
+    path, log = own_file(tmp_path), tmp_path / "log.csv"
+    log.write_text("t,q1,q2,tau1,tau2\n0,0,0,0,0\n", "utf-8")
+    assert default_nominal([log], path) == "file"
+    assert default_nominal([log], load_arm(path)) == "file"
+    assert default_nominal([log], "panda") == "rigid"
+    bare = tmp_path / "bare.xml"
+    bare.write_text('<mujoco><worldbody><body><joint armature="1"/><geom size="0.1"/></body>'
+                    "</worldbody></mujoco>", "utf-8")  # fmt: skip
+    assert default_nominal([log], bare) == "rigid"
+
+
+def test_the_nominal_torque_is_that_of_stock_mujoco(tmp_path: Path):
+    """Rotors, damping, springs and gravcomp that differs by body: only noise is left."""
+    path = own_file(tmp_path)
+    log = log_of(path)
+    left = data_of(path, "file", log).residual
+    assert np.sqrt(np.mean(left**2, axis=0)).max() < 0.01
+    # a rigid arm has the rotors, and lacks springs and compensation
+    rigid = data_of(path, "rigid", log)
+    np.testing.assert_array_equal(rigid.friction.rotor, [0.2, 0.05])
+    assert not rigid.arm.stated.passive
+    lacking = passive_torque(load_arm(path), rigid.q)[:, 1]
+    assert np.std(rigid.residual[:, 1] - lacking) < 0.01 < np.std(lacking)
+
+
+def test_behind_the_gear_no_rotor_is_seen(tmp_path: Path):
+    path = own_file(tmp_path)
+    arm, _ = nominal_of(path, "rigid")
+    signals = prepare([log_of(path)])
+    motor, link = (assemble(arm, signals, torque=side) for side in ("motor", "link"))
+    np.testing.assert_allclose(motor.nominal - link.nominal, arm.stated.armature * motor.ddq)
+
+
+def test_a_file_that_holds_the_truth_shows_no_discrepancy(tmp_path: Path):
+    path = own_file(tmp_path, 'frictionloss="0.6"')
+    found = diagnose_logs([log_of(path, 0.6)], path, nominal="file")
+    assert found.verdict == "no discrepancy"
+    assert not found.causes
+
+
+def test_behind_the_gear_no_friction_of_the_file_is_seen(tmp_path: Path):
+    path = own_file(tmp_path, 'frictionloss="0.6"')
+    log = log_of(path)
+    dq = np.gradient(log.q, log.t, axis=0)
+    tau = log.tau - [0.8, 0.0] * dq - [0.2, 0.05] * np.gradient(dq, log.t, axis=0)
+    log = replace(log, tau=tau)  # what a sensor behind the gear would measure
+    found = diagnose(log, path, torque="link")
+    assert not found.causes
+    assert any("in front of the gear" in x for x in found.to_json()["notes"])
+
+
+def test_a_wrong_friction_of_the_file_is_corrected(tmp_path: Path):
+    path = own_file(tmp_path, 'frictionloss="1.4"')
+    found = diagnose_logs([log_of(path, 0.6)], path, nominal="file")
+    cause = next(c for c in found.causes if c.name == "coulomb_friction")
+    low, high = cause.parameters[1]["coulomb_nm"].ci95
+    assert low < 0.6 - 1.4 < high
+
+
+def test_the_model_carries_what_the_file_states(tmp_path: Path):
+    path = own_file(tmp_path, 'frictionloss="0.6"')
+    log = log_of(path, 0.6)
+    arm, judged = nominal_of(path, "file")
+    made = extend(data_of(path, "file", log), judged)
+    model = mujoco.MjModel.from_xml_string(made.xml)
+    np.testing.assert_array_equal(model.jnt_stiffness, [0, 12])
+    np.testing.assert_array_equal(model.qpos_spring, [0, 0.4])
+    np.testing.assert_array_equal(model.dof_armature, [0.2, 0.05])
+    np.testing.assert_array_equal(model.dof_damping, [0.8, 0])
+    assert {model.body(b).name: model.body_gravcomp[b] for b in range(1, model.nbody)} == {
+        "l1": 0.5,
+        "l2": 0,
+        "hand": 1,
+    }
+    # a later diagnosis begins with the same model
+    (tmp_path / "model.toml").write_text(
+        dump(type(judged)(**vars(judged) | {"robot": arm.name})), "utf-8"
+    )
+    again = read(tmp_path / "model.toml")
+    assert again.file
+    later, _ = nominal_of(path, again)
+    assert later.stated.passive
+    rigid, _ = nominal_of(path, "rigid")
+    assert not rigid.stated.passive
+
+
+def test_the_arm_of_a_rigid_model_has_rotors(tmp_path: Path):
+    path = own_file(tmp_path)
+    arm, judged = nominal_of(path, "rigid")
+    made = extend(data_of(path, "rigid", log_of(path)), judged)
+    model = mujoco.MjModel.from_xml_string(made.xml)
+    np.testing.assert_array_equal(model.dof_armature, arm.stated.armature)
+    assert not model.jnt_stiffness.any()
+
+
+@pytest.mark.slow
+def test_a_pendulum_under_a_position_servo(tmp_path: Path):
+    """One hinge, by itself and before a joint without mass that does not move."""
+    one = (
+        '<mujoco><compiler angle="radian"/><worldbody><body name="arm">'
+        '<joint name="hinge" axis="0 1 0" range="-3 3" {more}/>'
+        '<inertial pos="0 0 -0.15" mass="0.741" diaginertia="1e-3 1e-3 1e-3"/>{tip}'
+        "</body></worldbody></mujoco>"
+    )
+    tip = (
+        '<body name="tip" pos="0 0 -0.2"><joint name="wrist" axis="1 0 0" range="-3 3"/>'
+        '<inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/></body>'
+    )
+    t, command, q = _pendulum()
+    for joints, text in ((1, one.format(more="", tip="")), (2, one.format(more="", tip=tip))):
+        path = tmp_path / f"pendulum{joints}.xml"
+        path.write_text(text, "utf-8")
+        log = tmp_path / f"log{joints}.csv"
+        still = [0 * t] * (joints - 1)
+        names = [f"{k}{j + 1}" for k in ("q_cmd", "q") for j in range(joints)]
+        rows = np.stack([t, command, *still, q, *still], axis=1)
+        np.savetxt(log, rows, delimiter=",", header=",".join(["t", *names]), comments="")
+        found = diagnose(log, path, servo_stiffness=[15.0], servo_damping=[0.3])
+        causes = {c["name"]: c for c in found.to_json()["causes"]}
+        low, high = causes["coulomb_friction"]["parameters"]["coulomb_nm"]["ci95"]
+        assert low - 0.005 < 0.08 < high + 0.005
+        found.save(tmp_path / f"d{joints}")
+        later = diagnose(log, path, nominal=tmp_path / f"d{joints}" / "model.toml")
+        assert later.to_json()["verdict"] == "no discrepancy"
+    stated = tmp_path / "stated.xml"
+    stated.write_text(one.format(more='armature="0.01" frictionloss="0.08"', tip=""), "utf-8")
+    again = diagnose(tmp_path / "log1.csv", stated, servo_stiffness=[15.0], servo_damping=[0.3])
+    names = {c["name"] for c in again.to_json()["causes"]}
+    assert not names & {"coulomb_friction", "armature"}
+
+
+def _pendulum() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return time, command and encoder angle of a pendulum of 0.741 kg at 0.15 m, kp 15, kd 0.3."""
+    step, inertia = 1e-3, 0.741 * 0.15**2 + 1e-3 + 0.01
+    t = np.arange(0, 30, step)
+    command = 0.9 * np.sin(2 * np.pi * 0.2 * t) + 0.5 * np.sin(2 * np.pi * 0.47 * t)
+    q, angle, speed = np.empty_like(t), 0.0, 0.0
+    for k, asked in enumerate(command):
+        torque = 15 * (asked - angle) - 0.3 * speed - 0.741 * 9.81 * 0.15 * np.sin(angle)
+        speed += step * (torque - 0.08 * np.tanh(speed / 0.005)) / inertia
+        angle += step * speed
+        q[k] = angle
+    encoder = 2 * np.pi / 4096
+    return t[::10], command[::10], encoder * np.round(q[::10] / encoder)

@@ -1,0 +1,313 @@
+"""What a robot's own file states of its joints is read; what is left out of it is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.stated import NO_PHYSICS, TAKEN
+from tests.robots.arms import chain
+
+LINK = '<geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="{mass}"/>'
+PARTS = {
+    "a": '<joint name="a" axis="0 1 0" range="-2 2"/>',
+    "b": '<joint name="b" axis="0 1 0" range="-2 2"/>',
+    "tip": "",
+    "more": "",
+}
+ARM = """
+<mujoco><compiler angle="radian"/><worldbody>
+  <body name="base"><geom size="0.1" mass="5"/><site name="s" pos="0.2 0 0"/>
+    <body name="one">{a}<geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="2"/>
+      <body name="two" pos="0 0 0.3">{b}<geom size="0.05" pos="0 0 0.1" mass="1"/>
+        <site name="e"/>{tip}</body></body></body>
+</worldbody>{more}</mujoco>
+"""
+
+
+def arm_of(tmp_path: Path, **parts: str) -> Arm:
+    """Load a two-joint arm with some parts of its file replaced."""
+    path = tmp_path / "own.xml"
+    path.write_text(ARM.format(**PARTS | parts), "utf-8")
+    return load_arm(path)
+
+
+def test_an_arm_of_the_package_states_nothing():
+    stated = load_arm("panda").stated
+    assert not stated.friction
+    assert not stated.passive
+    assert not stated.armature.any()
+    assert stated.line() == ""
+
+
+def test_joints_state_rotor_friction_and_springs(tmp_path: Path):
+    a = '<joint name="a" axis="0 1 0" armature="0.2" damping="0.5" frictionloss="1.1"/>'
+    b = '<joint name="b" axis="0 1 0" stiffness="25" springref="0.3"/>'
+    arm = arm_of(tmp_path, a=a, b=b)
+    s = arm.stated
+    for found, right in (
+        (s.armature, [0.2, 0]),
+        (s.damping, [0.5, 0]),
+        (s.stiction, [1.1, 0]),
+        (s.coulomb, [1.1, 0]),
+        (s.stiffness, [0, 25]),
+        (s.springref, [0, 0.3]),
+    ):
+        np.testing.assert_array_equal(found, right)
+    assert s.line().startswith(
+        "taken from the file: rotor inertia 0.2 0 kg·m², dry friction 1.1 0 N·m, "
+        "damping 0.5 0 N·m·s/rad, springs 0 25 N·m/rad"
+    )
+    assert s.line(used=False).startswith(
+        "taken from the file: rotor inertia 0.2 0 kg·m²; left out: dry friction 1.1 0 N·m, "
+    )
+    # the arm itself stays rigid
+    assert not arm.model().dof_damping.any()
+    assert not arm.model().jnt_stiffness.any()
+
+
+def test_actuators_and_fixed_tendons_add_to_their_joint(tmp_path: Path):
+    more = """<tendon>
+      <fixed name="t" stiffness="10" springlength="0.2" damping="1" frictionloss="0.3">
+        <joint joint="b" coef="2"/></fixed>
+      <spatial name="balancer" stiffness="800"><site site="s"/><site site="e"/></spatial></tendon>
+      <actuator><motor joint="a" gear="100" armature="0.001" damping="0.01"/>
+      <dcmotor joint="b" motorconst="1" resistance="1" input="ff" gear="2"
+        lugre="100 1 0.5 0.6 0.01"/></actuator>"""
+    s = arm_of(tmp_path, more=more).stated
+    np.testing.assert_allclose(s.armature, [10, 0])
+    np.testing.assert_allclose(s.damping, [100, 4])
+    np.testing.assert_allclose(s.stiffness, [0, 40])
+    np.testing.assert_allclose(s.springref, [0, 0.1])
+    np.testing.assert_allclose(s.stiction, [0, 1.2 + 0.6])
+    np.testing.assert_allclose(s.coulomb, [0, 1.0 + 0.6])
+    np.testing.assert_allclose(s.bristle, [0, 400])
+    np.testing.assert_allclose(s.stribeck, [0, 0.005])
+    assert "tendon 'balancer' (stiffness 800)" in s.line()
+
+
+def test_servos_are_left_out_and_said(tmp_path: Path):
+    more = (
+        '<actuator><position joint="a" kp="200" kv="3"/><position joint="b" kp="100"/></actuator>'
+    )
+    assert (
+        "left out: position servos (kp 200 100, kv 3 0)"
+        in arm_of(tmp_path, more=more).stated.line()
+    )
+
+
+def test_gravity_compensation_is_that_of_bodies_that_move(tmp_path: Path):
+    tip = '<body name="hand" gravcomp="0.5"><geom size="0.02" mass="0.3"/></body>'
+    more = '<worldbody><body name="desk" gravcomp="1"><geom size="0.1"/></body></worldbody>'
+    assert arm_of(tmp_path, tip=tip, more=more).stated.gravcomp == {"hand": 0.5}
+
+
+LOOP = '<equality><connect body1="two" body2="base" anchor="0 0 0.1"/></equality>'
+COUPLED = '<equality><joint name="c" joint1="b" joint2="a" polycoef="0 -1 0 0 0"/></equality>'
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (LOOP, "connect equality (a mimic or closed loop) ties two to base"),
+        (COUPLED, "joint equality 'c' (a mimic or closed loop) ties b to a"),
+        ('<equality><weld body1="two"/></equality>', "weld equality .* ties two to world"),
+    ],
+)
+def test_loops_and_mimics_are_refused(tmp_path: Path, more: str, says: str):
+    with pytest.raises(StictionError, match=says.replace("(", r"\(").replace(")", r"\)")) as error:
+        arm_of(tmp_path, more=more)
+    assert "\n" not in str(error.value)
+
+
+def test_a_mimic_of_a_urdf_is_refused(tmp_path: Path):
+    path = tmp_path / "mimic.urdf"
+    inertia = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    links = "".join(
+        f'<link name="l{k}"><inertial><mass value="1"/>{inertia}</inertial></link>' for k in "012"
+    )
+    joints = "".join(
+        f'<joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/>'
+        + ('<mimic joint="j1" multiplier="-1"/>' if k == 2 else "")
+        + "</joint>"
+        for k in (1, 2)
+    )
+    path.write_text(f'<robot name="r">{links}{joints}</robot>', "utf-8")
+    with pytest.raises(StictionError, match="ties j2 to j1"):
+        load_arm(path)
+
+
+def test_constraints_that_hold_no_joint_are_said(tmp_path: Path):
+    tip = "".join(
+        f'<body name="{x}"><joint name="{x}" type="slide"/><geom size="0.02" mass="0.1"/></body>'
+        for x in ("left", "right")
+    )
+    fingers = '<equality><joint joint1="left" joint2="right"/></equality>'
+    line = arm_of(tmp_path, tip=tip, more=fingers).stated.line()
+    assert "joints held still: left, right" in line
+    assert "joint equality" in line
+    follows = '<equality><joint joint1="left" joint2="b"/></equality>'
+    assert "joint equality" in arm_of(tmp_path, tip=tip, more=follows).stated.line()
+    off = LOOP.replace("<connect", '<connect active="false"')
+    assert "left out: connect equality" in arm_of(tmp_path, more=off).stated.line()
+
+
+def test_a_slide_between_hinges_is_held_where_it_rests(tmp_path: Path):
+    path = tmp_path / "slide.xml"
+    path.write_text(
+        """<mujoco><compiler angle="radian"/><worldbody><body name="rail">
+        <joint name="lift" type="slide" axis="0 0 1" range="0.1 0.5"/><geom size="0.1" mass="3"/>
+        <body name="one" pos="0 0 0.2"><joint name="a" axis="0 0 1"/><geom size="0.1" mass="2"/>
+        <body name="two" pos="0.3 0 0"><joint name="b" axis="0 1 0"/><geom size="0.1" mass="1"/>
+        </body></body></body></worldbody></mujoco>""",
+        "utf-8",
+    )
+    arm = load_arm(path)
+    assert arm.joint_names == ("a", "b")
+    assert arm.stated.held == ((0, "lift"),)
+    assert "joints held still: lift" in arm.notes()[0]
+    model = arm.model()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.body("two").xpos, [0.3, 0, 0.3])
+    assert load_arm(path, chain=("rail", "two")).stated.held == ()  # not between these links
+    assert load_arm(path, chain=("world", "two")).stated.held == ((0, "lift"),)
+
+
+MINI = """<robot name="mini">{mujoco}
+<link name="base"/>
+<link name="l1"><inertial><mass value="1.5"/><origin xyz="0.1 0 0"/>
+<inertia ixx="0.0025" ixy="0" ixz="0" iyy="0.006" iyz="0" izz="0.0095"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="50" velocity="3"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("says", ['<mujoco><compiler balanceinertia="true"/></mujoco>', ""])
+def test_an_inertia_that_no_body_can_have_is_balanced_and_said(tmp_path: Path, says: str):
+    path = tmp_path / "mini.urdf"
+    path.write_text(MINI.format(mujoco=says), "utf-8")
+    arm = load_arm(path)
+    np.testing.assert_allclose(arm.model().body("l1").inertia, 0.006)  # as MuJoCo does it
+    assert "inertia of l1 balanced: 0.0025 0.006 0.0095 becomes 0.006" in arm.stated.line()
+
+
+def test_the_compiler_element_of_a_urdf_is_honoured(tmp_path: Path):
+    path = tmp_path / "mini.urdf"
+    heavy = '<mujoco><compiler balanceinertia="true" settotalmass="6"/></mujoco>'
+    path.write_text(MINI.format(mujoco=heavy), "utf-8")
+    assert load_arm(path).model().body_mass.sum() == pytest.approx(6)
+
+
+# ---- every attribute -----------------------------------------------------------------------------
+
+SPECIAL = {
+    "joints": {
+        "type": None,  # a slide or ball is held, or refused: tests above and of user_arm
+        "ref": None,  # refused: test_user_arm
+        "align": None,  # of free joints, which are refused
+        "axis": [0.0, 0.0, 1.0],
+        "range": [-1.0, 1.5],
+        "actfrcrange": [-3.0, 3.0],
+        "limited": mujoco.mjtLimited.mjLIMITED_FALSE,
+        "actfrclimited": None,  # without effect but together with its range
+        "springref": None,  # without effect but together with stiffness: test above
+        "springdamper": [0.5, 1.0],
+    },
+    "actuators": {
+        **dict.fromkeys(("target", "trntype", "type", "ctrlspec", "gaintype", "biastype")),
+        **dict.fromkeys(("dyntype", "forcelimited", "ctrllimited", "inheritrange", "actdim")),
+        **dict.fromkeys(("actlimited", "actrange", "actearly", "dynprm", "biasprm", "gainprm")),
+        # those of transmissions to no joint, which are counted
+        **dict.fromkeys(("cranklength", "refsite", "slidersite")),
+        "gear": [3.0, 0, 0, 0, 0, 0],
+        "forcerange": [-3.0, 3.0],
+        "ctrlrange": [-4.0, 4.0],
+    },
+    "bodies": {
+        **dict.fromkeys(("explicitinertial", "childclass", "simple", "fuse", "mocap", "ipos")),
+        **dict.fromkeys(("iquat", "inertia", "fullinertia", "mass")),  # read from the compiled body
+        "quat": [1.0, 1.0, 0.0, 0.0],
+        "sleep": mujoco.mjtSleepPolicy.mjSLEEP_NEVER,
+    },
+}
+"""Values that differ from the default; None for attributes that other words tell, or that have no
+effect by themselves."""
+
+
+def other_value(x: object) -> object:
+    """Return a value of the same kind."""
+    if isinstance(x, np.ndarray):
+        return np.nan_to_num(x) + 0.25
+    if type(x).__name__.startswith("mjt"):
+        return next(v for v in type(x).__members__.values() if v != x)
+    return {bool: True, int: 1, float: 0.25, str: "x"}[type(x)]
+
+
+def attributes() -> list[tuple[str, str]]:
+    """Return every attribute of a joint, an actuator and a body that MuJoCo's MjSpec has."""
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body()
+    kinds = {"joints": body.add_joint(), "actuators": spec.add_actuator(), "bodies": body}
+    plain = (bool, int, float, str, np.ndarray)
+    return [
+        (kind, key)
+        for kind, item in kinds.items()
+        for key in dir(item)
+        if not key.startswith("_") and key not in NO_PHYSICS
+        if isinstance(x := getattr(item, key), plain) or type(x).__name__.startswith("mjt")
+        if SPECIAL[kind].get(key, "") is not None
+    ]
+
+
+@pytest.mark.parametrize(("kind", "key"), attributes())
+def test_every_attribute_is_used_or_said(tmp_path: Path, kind: str, key: str):
+    def arm_with(value: object | None) -> Arm:
+        motor = '<actuator><motor joint="a" ctrlrange="-9 9"/></actuator>'
+        spec = mujoco.MjSpec.from_string(ARM.format(**PARTS | {"more": motor}))
+        items = {
+            "joints": spec.joint("a"),
+            "actuators": spec.actuators[0],
+            "bodies": spec.body("one"),
+        }
+        if value is not None:
+            setattr(items[kind], key, value)
+            if key == "delay":  # MuJoCo asks for a history
+                items[kind].nsample = 300
+        spec.compile()
+        path = tmp_path / "own.xml"
+        path.write_text(spec.to_xml(), "utf-8")
+        return load_arm(path)
+
+    default = {"joints": mujoco.MjSpec().worldbody.add_body().add_joint()}
+    default |= {"actuators": mujoco.MjSpec().add_actuator()}
+    default |= {"bodies": mujoco.MjSpec().worldbody.add_body()}
+    value = SPECIAL[kind].get(key, other_value(getattr(default[kind], key)))
+    plain, changed = arm_with(None), arm_with(value)
+    used = plain.fingerprint != changed.fingerprint or any(
+        not np.array_equal(x, getattr(changed.stated, k))
+        for k, x in vars(plain.stated).items()
+        if isinstance(x, np.ndarray)
+    )
+    used |= plain.stated.gravcomp != changed.stated.gravcomp
+    said = key in changed.stated.line()
+    assert used or said, (key, value, changed.stated.line())
+
+
+def test_the_table_of_attributes_names_no_other():
+    known = {(kind, key) for kind, key in attributes()}
+    known |= {(kind, key) for kind, keys in SPECIAL.items() for key in keys}
+    assert {(kind, key) for kind, keys in TAKEN.items() for key in keys} <= known | {
+        ("bodies", "alt"),
+        ("bodies", "ialt"),
+    }
+
+
+def test_a_chain_of_one_hinge_is_an_arm(tmp_path: Path):
+    path = tmp_path / "one.xml"
+    path.write_text(chain(1), "utf-8")
+    assert load_arm(path).n == 1
