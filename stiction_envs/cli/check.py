@@ -1,11 +1,13 @@
-"""``stiction check``: what is wrong in torque tables, joint logs and servo logs."""
+"""``stiction check``: what logs are and can show, and what is wrong in them and in tables."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from stiction_envs.cli import common
+from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
 
 EXIT_CODES = (
@@ -19,7 +21,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser = common.add_command(
         subparsers,
         "check",
-        summary="List what is wrong in torque tables, joint logs and servo logs, one line each.",
+        summary="Show what a log is and what it can show; list what is wrong in logs and tables.",
         example="stiction check base.csv log.csv --robot panda",
         interrupted="run the same command again",
         run=run,
@@ -47,7 +49,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Check; write ``findings.csv`` where asked to."""
-    from stiction_envs.measured.checks.files import check
+    from stiction_envs.measured.checks.files import Finding, check
 
     folder = None
     if args.out is not None:
@@ -65,6 +67,21 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         calibration=args.calibration,
         columns=args.columns,
     )
+    pages, more = [], []
+    if args.robot is not None and result.logs:
+        from stiction_envs.gap.overview import overview
+        from stiction_envs.robots import load_arm
+
+        arm = load_arm(args.robot, chain=args.chain)
+        for log in result.logs:
+            try:
+                pages.append(overview(log, arm, torque=log.side or "motor"))
+            except StictionError as error:
+                text = str(error).removeprefix(log.source).lstrip(":, ")
+                more.append(Finding(log.source, "", "warning", text))
+                continue
+            more += [Finding(log.source, "", *x) for x in pages[-1].findings]
+        result = replace(result, findings=(*result.findings, *more))
     if folder is not None:
         with common.working(), folder:
             result.write(folder.path)
@@ -72,12 +89,18 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     return {
         "command": "check",
         **result.to_json(),
+        "logs": [page.to_json() for page in pages],
         "failed": f"{count} defect{'s' * (count > 1)} found" if count else None,
     }
 
 
 def show(result: JsonRecord) -> str:
-    """Return the findings, one in a line."""
+    """Return the page of each log of a known robot, and the findings, one in a line."""
     from stiction_envs.measured.checks.files import describe
 
-    return describe(result["findings"])
+    pages = []
+    if result["logs"]:
+        from stiction_envs.gap.overview import Overview
+
+        pages = [str(Overview(**x)) for x in result["logs"]]
+    return "\n\n".join([*pages, describe(result["findings"])])

@@ -18,6 +18,7 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes import TOLERANCES, Cause, Part, cause_named, registered
 from stiction_envs.gap.causes.base import ALL_LINKS, LINK
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
 from stiction_envs.gap.judge.judgement import Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
@@ -31,7 +32,6 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
-from stiction_envs.gap.signals.torque_sign import signs
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
@@ -74,6 +74,10 @@ class Diagnosis(Judgement):
     """The nominal model."""
     torque_sign: int
     """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
+    findings: tuple[str, ...] = ()
+    """What is wrong with units, channels and mounting."""
+    set_up: bool = False
+    """Whether mounting or a joint's direction differ, with which nothing else can be named."""
     notes: tuple[str, ...] = ()
     """How the signals and the noise floor were computed."""
 
@@ -85,7 +89,8 @@ class Diagnosis(Judgement):
     @property
     def gain_percent(self) -> float:
         """100 (1 − mean over joints of extended over nominal held-out RMS) [%]."""
-        return percent_gained(self.nominal_rms, self.extended_rms)
+        some = self.data.measured
+        return percent_gained(self.nominal_rms[some], self.extended_rms[some])
 
     def torque(self, joint: int) -> Array:
         """Return (T,) what the causes add to the nominal torque of a joint (from 0) [N·m]."""
@@ -179,6 +184,10 @@ def diagnose_logs(
     data = baseline.extend(base)
     if not np.isfinite(data.dt):  # only poses without motion
         causes = [c for c in causes if c.shown_at_rest]
+    if signals.set_up:  # the model is another arm: whatever is named beside that, is false
+        causes = [c for c in causes if c.adds_to == ALL_LINKS]
+    if signals.zero_off is not None:
+        causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
     return _conclude(baseline, base, read, signals, judge(data, causes, say), seed, say)
 
 
@@ -195,7 +204,10 @@ def _conclude(
     data, kept = predictor.data, predictor.fold >= 0
     nominal_rms = np.sqrt(np.mean(np.square(data.residual[kept]), axis=0))
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
-    if percent_gained(nominal_rms, extended_rms) <= 0:  # what predicts worse names nothing
+    some = data.measured
+    if (
+        percent_gained(nominal_rms[some], extended_rms[some]) <= 0
+    ):  # what predicts worse names nothing
         judged = Judged(predictor, replace(judged.model, terms=()), [], np.zeros(0))
         extended_rms = nominal_rms
     terms, c = judged.terms, judged.coefficients
@@ -215,7 +227,7 @@ def _conclude(
         not_shown=hidden,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
-        noise=np.array(data.noise),
+        noise=np.where(some, data.noise, nominal_rms),
         what_to_record=_what_to_record([c.name for c in named], [x.name for x in hidden]),
         logs=tuple(logs),
         data=data,
@@ -226,8 +238,10 @@ def _conclude(
         doubt=tuple(doubt),
         base=base,
         baseline=baseline,
-        torque_sign=_torque_sign(logs, signals, baseline, data),
-        notes=signals.notes,
+        torque_sign=signals.torque_sign or baseline.torque_sign,
+        findings=signals.findings,
+        set_up=signals.set_up,
+        notes=(*signals.findings, *signals.notes),
     )
 
 
@@ -249,14 +263,6 @@ def _what_to_record(named: Sequence[str], hidden: Sequence[str]) -> tuple[str, .
     """Return the motions that would show what was not shown, each once."""
     each = [(name, cause_named(name).what_to_record) for name in dict.fromkeys(hidden)]
     return tuple(f"to see {name}: {motion}" for name, motion in each if name not in named)
-
-
-def _torque_sign(logs: list[JointLog], signals: Signals, baseline: Nominal, data: Data) -> int:
-    """Return the sign of the robot's torques, if these or earlier logs show it."""
-    if any(c.kind == "sign" for log in logs for c in log.corrections):
-        return -1
-    shown = any(s.vote for s in signs(signals, data.recording.arm, data.settings))
-    return 1 if shown else baseline.torque_sign
 
 
 def _log_notes(logs: Sequence[JointLog]) -> list[str]:

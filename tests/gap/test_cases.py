@@ -125,20 +125,40 @@ def test_currents_in_place_of_torques_are_one_scale_of_all_joints() -> None:
 
 
 @pytest.mark.slow
-def test_sensors_that_measure_nothing_have_no_scale() -> None:
-    """The torques of the wrist are noise; nothing else is said of these joints."""
+def test_sensors_that_measure_nothing_are_left_out() -> None:
+    """The torques of the wrist are noise: nothing is named on these joints, and all else is."""
     made = recorded(ur10(3.0))
     made.tau[:, 3:] = 0.0
-    causes = named(diagnose_logs([made.log(noise=0.02)], ur10(3.0)))
-    assert set(causes) == {*FRICTION, "torque_scale"}
-    # nothing but its own friction loads joint 6
-    assert causes["torque_scale"].joints in ((4, 5), (4, 5, 6))
-    for j in (4, 5):
-        estimate = causes["torque_scale"].parameters[j]["scale"]
-        assert abs(estimate.value) < 0.02
-        assert estimate.ci95[0] <= 0.0 <= estimate.ci95[1]
+    found = diagnose_logs([made.log(noise=0.02)], ur10(3.0))
+    assert found.verdict == "explained"
+    assert "the torque of joints 4, 5 and 6 is not measured" in found.findings[0]
+    causes = named(found)
+    assert set(causes) == FRICTION
+    assert all(set(c.joints) == {1, 2, 3} for c in causes.values())
     holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY[:3]), within=0.1)
-    assert causes["coulomb_friction"].joints == (1, 2, 3)
+    assert found.gain_percent > 90  # of the joints that are measured
+
+
+def test_an_arm_on_the_ceiling_is_said_to_be_there() -> None:
+    """Nothing else is named: along the wrong gravity all of it would be false."""
+    made = recorded(ur10())
+    made.tau -= 2 * made.gravity()
+    found = diagnose_logs([made.log(noise=0.1)], ur10())
+    assert (found.verdict, found.causes) == ("cannot tell", ())
+    assert "mounted on a ceiling? `--tilt 3.14159 0`" in found.findings[0]
+
+
+@pytest.mark.slow
+def test_a_zero_that_is_far_off_is_named() -> None:
+    """A quarter turn, beside friction: the rest is found as without it."""
+    made = recorded(ur10())
+    made.q[:, 2] += 1.57
+    causes = named(diagnose_logs([made.log(noise=0.1)], ur10()))
+    assert set(causes) == {*FRICTION, "encoder_offset"}
+    assert causes["encoder_offset"].joints == (3,)
+    value = causes["encoder_offset"].parameters[3]["offset_rad"].value
+    assert value == pytest.approx(1.57, rel=0.03)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY), within=0.1)
 
 
 def test_a_torque_that_wanders_is_no_cause() -> None:

@@ -42,6 +42,7 @@ def named_causes(
     predictor, model = judged.predictor, judged.model
     problem, search = predictor.problem, search_of(predictor)
     now, residual = problem.score(model.terms), predictor.data.residual
+    some = predictor.data.measured
     nominal, full = _rms(residual), _left(judged, judged.terms, judged.coefficients)
     out = []
     for name in dict.fromkeys(t.cause for t in model.terms):
@@ -67,7 +68,7 @@ def named_causes(
             NamedCause(
                 name=name,
                 joints=joints,
-                gain_percent=percent_lost(without, full, nominal),
+                gain_percent=percent_lost(*(x[some] for x in (without, full, nominal))),
                 parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
                 nats=now - problem.score(rest),
                 rivals=tuple(rivals),
@@ -162,9 +163,9 @@ def shares(judged: Judged) -> dict[str, float]:
     for kind, some in kinds.items():
         left -= np.sum([np.zeros_like(left), *some], axis=0)
         now = _rms(left) / nominal
-        out[kind] = float(100 * np.mean(before - now))
+        out[kind] = float(100 * np.mean((before - now)[data.measured]))
         before = now
-    return {**out, "left": float(100 * np.mean(before))}
+    return {**out, "left": float(100 * np.mean(before[data.measured]))}
 
 
 def not_shown(judged: Judged) -> tuple[NotShown, ...]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from stiction_envs.friction.assumed import friction_note
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import Extension, extend
@@ -47,23 +49,27 @@ class LogDiagnosis(DiagnosisResult):
     def errors(self) -> Errors:
         """Held-out residual, and that of the check logs [N·m]."""
         d, c, more = self.diagnosis, self.check, {}
+        some = d.data.measured
         if c is not None:
-            more = {"check, nominal": c.nominal_rms, "check, extended": c.extended_rms}
+            more = {"check, nominal": c.nominal_rms[some], "check, extended": c.extended_rms[some]}
         return Errors(
             what="Root mean square of measured less modelled torque, on rows with which the model "
             "was neither chosen nor fitted",
             unit="N·m",
-            joints=tuple(range(1, len(d.noise) + 1)),
-            nominal=d.nominal_rms,
-            extended=d.extended_rms,
-            noise=d.noise,
+            joints=tuple(int(j) + 1 for j in np.flatnonzero(some)),
+            nominal=d.nominal_rms[some],
+            extended=d.extended_rms[some],
+            noise=d.noise[some],
             more=more,
         )
 
     @property
     def headline(self) -> str:
         """The verdict in sentences, and which links are too far off."""
-        return f"{super().headline} {far_links(self.diagnosis.links)}".rstrip()
+        d = self.diagnosis
+        findings = [f"{x[0].upper()}{x[1:]}".rstrip(".") + "." for x in d.findings]
+        links = "" if d.set_up else far_links(d.links)
+        return " ".join(x for x in (*findings, super().headline, links) if x)
 
     @property
     def checked(self) -> str:

@@ -27,6 +27,8 @@ from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+NOT_MEASURED = 1e6
+"""Noise floor of a torque that is not measured [N·m]: it has no weight."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,6 +128,11 @@ class Data:
     def block(self) -> NDArray[np.int64]:
         """(T,) number of the block that is held out together, −1 in a guard."""
         return self.recording.block
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """(n,) whether each joint's torque is a measurement."""
+        return self.noise < NOT_MEASURED
 
     @property
     def blocks(self) -> int:
@@ -312,10 +319,13 @@ def assemble(
             lead = np.where(known, state.bristle_lead_time, 0.0)
             state = replace(state, presliding_distance=distance, bristle_lead_time=lead)
     nominal = nominal_torque(recording, friction, state)
+    noise = noise_floor(recording, signals.noise_tau, recording.tau - nominal)
+    if signals.measured is not None:
+        noise = np.where(signals.measured, noise, NOT_MEASURED)
     return Data(
         recording=recording,
         nominal=nominal,
         rigid=recording.rigid + arm.stated.stiffness * (recording.q - arm.stated.springref),
         friction=state,
-        noise=noise_floor(recording, signals.noise_tau, recording.tau - nominal),
+        noise=noise,
     )

@@ -28,6 +28,7 @@ from scipy.signal import butter, sosfilt_zi
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.reversal_path import WIDER, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
@@ -104,6 +105,17 @@ class Signals:
     """When the logs were recorded."""
     notes: tuple[str, ...]
     """How the signals were computed, one sentence each."""
+    torque_sign: int = 0
+    """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
+    measured: NDArray[np.bool_] | None = None
+    """(n,) whether each torque is a measurement; None for all."""
+    findings: tuple[str, ...] = ()
+    """What is wrong with units, channels and mounting, one sentence each."""
+    set_up: bool = False
+    """Whether the arm is mounted otherwise, or a joint turns the other way: nothing else can be
+    named then."""
+    zero_off: AngleError | None = None
+    """A joint whose zero is far from the model's."""
 
 
 def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:

@@ -35,7 +35,10 @@ jumps at each reversal; assumed."""
 ACCURATE = 0.01
 """Allowed noise of the acceleration as a share of its root mean square [-]; assumed."""
 HIGHEST = 0.1
-"""Largest cutoff as a share of the sampling rate [-]; assumed."""
+"""Largest cutoff as a share of the rate of new values [-]; assumed."""
+WIDE, GAP_VALUES = 0.01, 2.5
+"""Part of the time that is in gaps which count [-], and values that one of them is worth: a cutoff
+of a tenth of the rate is a quarter of a period in the gap; assumed."""
 LOWEST = 1.0
 """Smallest cutoff that is chosen [Hz]; assumed."""
 MOTION_SHARE = 0.95
@@ -54,6 +57,7 @@ class Spectra:
         mover_ratio: float,
     ) -> None:
         self.rate = 1 / max(steps)
+        self.effective = effective_rate(logs)
         self.n = logs[0].n
         segments = [
             (log.t[s][-1] - log.t[s][0], k, s)
@@ -103,7 +107,7 @@ class Spectra:
 
     def choose(self, notes: list[str]) -> float:
         """Return the cutoff [Hz] of a low-pass that keeps the signal and removes noise."""
-        highest = HIGHEST * self.rate
+        highest = HIGHEST * self.effective
         if self.empty:
             notes.append(f"cutoff {highest:.3g} Hz: too short for a spectrum")
             return highest
@@ -111,13 +115,21 @@ class Spectra:
         f_ddq = float(np.median([self.accurate[j] for j in self.movers]))
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
         lowest = max(LOWEST, min(PERIODS / self.longest, highest))
-        cutoff = min(max(f_q, f_ddq), max(f_tau, HARMONICS * self.motion_hz))
-        cutoff = float(np.clip(cutoff, lowest, highest))
+        limits = {
+            "the angles' noise begins there": max(f_q, f_ddq),
+            "the torques' noise begins there": max(f_tau, HARMONICS * self.motion_hz),
+            f"{HIGHEST:g} of the {self.effective:.4g} new values a second": highest,
+        }
+        why = min(limits, key=lambda x: limits[x])
+        cutoff = max(limits[why], lowest)
+        if cutoff == lowest:
+            why = "the least that is useful"
+        elif cutoff == HARMONICS * self.motion_hz:
+            why = f"{HARMONICS:g} times the motion's frequencies"
         notes.append(
-            f"cutoff {cutoff:.3g} Hz, zero phase: the spectrum of the angles stops falling at "
-            f"{f_q:.3g} Hz, and accelerations are good up to {f_ddq:.3g} Hz; that of the torques "
-            f"stops at {f_tau:.3g} Hz; {MOTION_SHARE:.0%} of the motion is below "
-            f"{self.motion_hz:.2g} Hz; at most {highest:.3g} Hz"
+            f"cutoff {cutoff:.3g} Hz, zero phase: {why} ({MOTION_SHARE:.0%} of the motion is below "
+            f"{self.motion_hz:.2g} Hz, accelerations are good up to {f_ddq:.3g} Hz, the torques' "
+            f"noise begins at {f_tau:.3g} Hz)"
         )
         return cutoff
 
@@ -179,6 +191,15 @@ class Spectra:
             if low >= start and (flat or level[i] <= 2 * np.median(level[i + 1 : i + 10])):
                 return low
         return float(self.f[-1])
+
+
+def effective_rate(logs: Sequence[JointLog]) -> float:
+    """Return the rate of new values [Hz], or of gaps that hold part `WIDE` of the time."""
+    steps = np.sort(np.concatenate([np.diff(log.t[s]) for log in logs for s in log.segments]))
+    within = int((np.cumsum(steps) <= (1 - WIDE) * steps.sum()).sum())
+    widest = float(steps[min(within, len(steps) - 1)])
+    usual = max(log.held * log.step for log in logs)
+    return float(f"{min(1 / usual, GAP_VALUES / widest):.6g}")
 
 
 def _samples_of(rows: slice) -> list[slice]:

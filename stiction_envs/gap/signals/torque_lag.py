@@ -29,9 +29,10 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.signals.loads import LEAST_LOAD
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
-from stiction_envs.gap.signals.torque_sign import LEAST_LOAD, correct_sign
+from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
@@ -202,7 +203,10 @@ def correct_torques(
         text = f"{text}{why}: undone ({evidence})"
         read[i] = _undone(log, (found.delay, found.lowpass), text)
         changed = True
-    return read, make(read) if changed else signals
+    if changed:
+        shown = {x: getattr(signals, x) for x in OF_CHANNELS}
+        signals = dataclasses.replace(make(read), **shown)
+    return read, signals
 
 
 def lag_of(logs: Sequence[JointLog], known: Lag | None = None) -> Lag | None:

@@ -183,7 +183,8 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     make = partial(prepare, cutoff_hz=cutoff, settings=settings)
     sign, lag = found.torque_sign, found.torque_lag
     logs, signals = correct_torques(logs, arm, make, settings, sign, lag)
-    signals = replace(signals, sessions=sessions(logs, found.sessions))
+    shown = d.data.measured if signals.measured is None else d.data.measured & signals.measured
+    signals = replace(signals, sessions=sessions(logs, found.sessions), measured=shown)
     torque, friction, file = d.data.recording.torque, d.baseline.friction, d.baseline.file
     base = assemble(arm, signals, friction=friction, torque=torque, settings=settings, of_file=file)
     nominal = d.baseline.extend(base)

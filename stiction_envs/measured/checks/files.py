@@ -19,7 +19,7 @@ from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import RobotLog
+from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 from stiction_envs.measured.logs.timing import IGNORED
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
@@ -53,6 +53,8 @@ class Findings(Result):
     findings: tuple[Finding, ...]
     """In the order of the files."""
     provenance: Provenance
+    logs: tuple[JointLog, ...] = ()
+    """The joint logs among them, as read and corrected."""
 
     @property
     def defects(self) -> tuple[Finding, ...]:
@@ -141,6 +143,7 @@ def check(
     )
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
+    logs: list[JointLog] = []
     for path, kind in kinds.items():
         try:
             if kind == TABLE:
@@ -156,6 +159,8 @@ def check(
             text = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
             findings.append(Finding(str(path), "", "unreadable", text))
             continue
+        if isinstance(log, JointLog):
+            logs.append(log)
         for c in log.corrections:
             remark = REMARK if c.kind in NOT_WRONG else "corrected"
             findings.append(Finding(str(path), "", remark, c.text))
@@ -178,5 +183,6 @@ def check(
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),
+        logs=tuple(logs),
         provenance=provenance("check", arguments, seed=0, inputs=inputs),
     )

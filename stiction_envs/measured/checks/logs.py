@@ -158,7 +158,7 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     for j, tau in enumerate(rows.data["tau"].T):
         most, size = float(limits.torque[j]), np.abs(tau)
         usual, largest = float(np.percentile(size, 90)), np.max(size)
-        other = usual > most or largest > 3 * most
+        other = bool(usual > most or largest > 3 * most)
         suspect = _limit(limits, "torque", j, "N·m")
         if other and not doubtful[j]:
             # mN·m are a thousand times too large, per cent at most some hundreds.

@@ -23,6 +23,9 @@ OTHER_UNIT = 20.0
 ALIKE = 0.9
 """Least correlation of a command and the angle that follows it, to compare units [-]; assumed."""
 
+MOST_LAG = 0.2
+"""Longest time between command and motion that is tried [s]; assumed."""
+
 
 def check_servo_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     """Commanded and measured angles are in radians, as far as limits and each other show.
@@ -76,8 +79,30 @@ def check_servo_channels(rows: Rows, place: Place, motion: MotionThresholds) -> 
             f"{', '.join(copies)} equal{'s' * (len(copies) == 1)} the command in every row: "
             "not measured, or a perfect servo"
         )
+    warnings += _late_commands(rows, motion)
     current = rows.data.get("current_abs")
     if current is not None and (current < 0).any():
         first = int(np.argmax((current < 0).any(axis=0)))
         warnings.append(f"current_abs{first + 1} is negative in places: its size is used")
     return warnings + (check_torques(rows) if "tau" in rows.data else [])
+
+
+def _late_commands(rows: Rows, motion: MotionThresholds) -> list[str]:
+    """Return a warning where all commands come after the motion that follows them."""
+    step = float(np.median(np.diff(rows.t)))
+    most = int(min(MOST_LAG / max(step, 1e-6), len(rows.t) // 4))
+    leads = []
+    for q, command in zip(rows.data["q"].T, rows.data["q_cmd"].T, strict=True):
+        if min(np.ptp(q), np.ptp(command)) < motion.travel_span or most < 2:
+            continue
+        v, u = np.diff(q)[most:-most], np.diff(command)
+        likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]
+        best = int(np.argmax(likeness))
+        leads.append((best - most) * step if likeness[best] > ALIKE else np.nan)
+    if not leads or not np.nanmin([*leads, np.inf]) > 1.5 * step or np.isnan(leads).any():
+        return []
+    late = float(np.median(leads))
+    return [
+        f"q_cmd comes {1e3 * late:.0f} ms after the motion that it commands, on all joints: is the "
+        "time of q_cmd wrong, or is it no command?"
+    ]

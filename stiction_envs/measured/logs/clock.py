@@ -13,18 +13,23 @@ usual τ they give each row a tick of the robot's clock. The stamps over the tic
 step far more exactly than a single τ does. If r lies on that clock, and the angles follow it better
 than the stamps, it replaces the stamps. The two clocks may drift apart, so a stamp is compared with
 those around it. No published source: derived here.
+
+Stamps that are whole steps may be a mere count of rows: samples that were lost, or came late, leave
+no mark in them, but the angles jump. There v is the median of the changes around a row, which a few
+jumps do not bend, and τᵢ over the step is rounded to whole samples where all joints agree on it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import savgol_filter
 
 from stiction_envs.measured.logs.corrections import Correction, Rows
@@ -56,6 +61,29 @@ GAP_STEPS = 5.0
 """A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed."""
 GAP_SECONDS = 0.025
 """See `GAP_STEPS` [s]; assumed."""
+LATE = 0.75
+"""Stamps that stray further may come in bursts [steps]; assumed."""
+AROUND, AROUND_SECONDS = 20, 0.05
+"""Rows before and after a row, and time [s], whose changes show its usual one; assumed."""
+WHOLE = (0.1, 0.03)
+"""Largest distance of a counted time from a whole number k of samples [samples], and per k;
+assumed."""
+AGREED = 0.02
+"""Largest part of a row's change, weighted and squared, that one time for all joints leaves [-];
+assumed."""
+SHOWN = 100.0
+"""Least ratio of signal to noise, squared, that shows how many samples passed [-]; assumed."""
+LEAST_NOISE = 1e-9
+"""Least noise of an angle [rad]; assumed: no encoder is better."""
+SLOWEST_COUNTED = 0.02
+"""Rows further apart do not show by their motion how many samples passed [s]; assumed."""
+REGULAR_SHARE = 0.95
+"""Least share of steps of whole samples behind stamps that come in bursts [-]; assumed."""
+LATE_ROWS = (5, 10, 20, 40)
+"""Rows after one that came late, of which one is in time again; assumed."""
+TURNED = 0.5
+"""Largest change of the speeds about a row over the speeds, where a row may tell its time [-];
+assumed: more is an arm that stops."""
 Array = NDArray[np.float64]
 
 
@@ -161,6 +189,7 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
     parts = [slice(a, b) for a, b in pairwise(bounds) if b - a > 1]
     steps = [np.diff(rows.t[p]) / step for p in parts]
     if all(np.abs(x - np.round(x)).max() < REGULAR for x in steps):
+        corrections += _recount(rows, step)
         return
     stretches = []
     for p in (p for p in parts if p.stop - p.start >= LEAST_ROWS):
@@ -188,7 +217,12 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
         off = off - uniform_filter1d(off, min(len(off), DRIFT_ROWS))
         stray = max(stray, float(np.percentile(np.abs(off), 99)))
     by_stamp, by_clock, off_clock = np.sqrt(misfit / sum(x.moves.sum() for x in stretches))
-    if by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock:
+    found = by_clock < BETTER * by_stamp and off_clock < ON_CLOCK and stray < 2 * clock
+    late = [] if corrections or stray < LATE * clock else _count(rows, step)
+    corrections += late
+    if late:
+        return
+    if found:
         for x, regular in zip(stretches, renewed, strict=True):
             rows.t[x.rows] = regular
         _order(rows)
@@ -209,34 +243,135 @@ def _rebuild(rows: Rows, corrections: list[Correction], warnings: list[str]) -> 
         )
 
 
+def _recount(rows: Rows, step: float) -> list[Correction]:
+    """Give rows whose stamps are whole steps the samples that passed by the motion; in place."""
+    more = np.zeros(len(rows.t))
+    for p in _recordings(rows, step):
+        logged = np.round(np.diff(rows.t[p]) / step)
+        passed, _, odd = _samples_passed(rows.data["q"][p], logged, step)
+        odd &= logged < GAP_STEPS  # a gap needs no exact time
+        more[p.start + 1 : p.stop] = np.where(odd, np.round(passed) - logged, 0.0)
+    changed = more != 0
+    if not changed.any():
+        return []
+    rows.t = rows.t + step * np.cumsum(more)
+    text = (
+        f"the stamps count rows, the angles do not follow them: at {int(changed.sum())} rows "
+        f"samples were lost or came late, up to {np.abs(more).max():.0f} at once; the motion gives "
+        f"the time, {step * more.sum():+.3g} s in all"
+    )
+    return [Correction(kind="clock", rows=int(changed.sum()), text=text)]
+
+
+def _count(rows: Rows, step: float) -> list[Correction]:
+    """Count the samples of rows that arrive late in bursts, if the angles are regular; in place."""
+    whole = seen = 0
+    counted, times = [], []
+    for p in _recordings(rows, step):
+        t = rows.t[p]
+        passed, evident, odd = _samples_passed(rows.data["q"][p], np.ones(len(t) - 1), step)
+        counts = np.where(odd, np.round(passed), 1.0)
+        whole += int((np.abs(passed - counts) < WHOLE[0] + WHOLE[1] * counts)[evident].sum())
+        seen += int(evident.sum())
+        # where nothing moves: what was late is made up for after some rows, what was lost is not
+        row = np.arange(len(t) - 1)
+        ahead = [np.minimum(row + 1 + x, len(t) - 1) for x in LATE_ROWS]
+        lost = np.min([np.round((t[i] - t[:-1]) / step) - (i - row) for i in ahead], axis=0)
+        counts += np.where(evident | (lost < 2), 0.0, lost)
+        counted.append(np.r_[0.0, np.cumsum(counts)])
+        times.append(t)
+    if seen < LEAST_ROWS or whole < REGULAR_SHARE * seen:
+        return []
+    clock = _nice(_pace(times, counted))
+    off = [t - k * clock for t, k in zip(times, counted, strict=True)]
+    for p, k, x in zip(_recordings(rows, step), counted, off, strict=True):
+        rows.t[p] = k * clock + np.median(x)
+    _order(rows)
+    each = np.abs(np.concatenate([x - np.median(x) for x in off]))
+    text = (
+        f"robot clock rebuilt: rows arrive up to {1e3 * each.max():.2g} ms late, in bursts; the "
+        f"angles follow a regular {1e3 * clock:.6g} ms clock in {whole / seen:.1%} of the steps"
+    )
+    return [Correction(kind="clock", rows=int((each > clock / 2).sum()), text=text)]
+
+
+def _recordings(rows: Rows, step: float) -> list[slice]:
+    """Rows of each recording that is long and fast enough to show its usual changes."""
+    if step > SLOWEST_COUNTED:
+        return []
+    cut = np.flatnonzero(rows.run[1:] != rows.run[:-1]) + 1
+    bounds = pairwise(np.r_[0, cut, len(rows.t)].astype(int))
+    return [slice(a, b) for a, b in bounds if b - a > 2 * AROUND]
+
+
+def _samples_passed(
+    q: Array, logged: Array, step: float
+) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Samples that passed from row to row by the motion of (T, n), ``step`` [s] apart.
+
+    ``logged`` (T-1,) are those by the stamps. Two joints or more must show it: one alone may have
+    slipped.
+
+    Returns:
+        (T-1,) each: how many, where two joints show it, and where the stamps say otherwise.
+    """
+    change = np.diff(q, axis=0)
+    # speeds before and after, so that a row in which much time passed is no part of either
+    half = 2 * int(np.clip(AROUND_SECONDS / step, 5, AROUND) // 4) + 1
+    near = median_filter(change, size=(half, 1), mode="nearest")
+    row, last = np.arange(len(change)), len(change) - 1
+    before = near[np.maximum(row - half // 2 - 1, 0)]
+    after = near[np.minimum(row + half // 2 + 1, last)]
+    usual = (before + after) / 2
+    moved = np.abs(change)
+    least = [float(x.min(initial=np.inf, where=x > 0)) / np.sqrt(12) for x in moved.T]
+    noise = np.maximum(1.4826 * np.median(np.abs(change - usual), axis=0) / np.sqrt(2), least)
+    noise = np.maximum(noise, LEAST_NOISE)
+    seen, size = np.square(usual / noise) / 2, np.square(change / noise) / 2
+    total = np.maximum(seen.sum(axis=1), 1e-300)
+    passed = (change * usual / (2 * noise**2)).sum(axis=1) / total
+    left = size.sum(axis=1) - passed**2 * total
+    count = np.round(passed)
+    evident = (total > SHOWN) & ((seen > SHOWN / 4).sum(axis=1) > 1)
+    whole = (np.abs(passed - count) < WHOLE[0] + WHOLE[1] * count) & (count >= 1)
+    turned = (np.square((after - before) / noise) / 2).sum(axis=1) > TURNED**2 * total
+    odd = evident & whole & (count != logged) & ~turned
+    return passed, evident, odd & (left < AGREED * size.sum(axis=1))
+
+
+def _pace(times: Sequence[Array], ticks: Sequence[NDArray[np.number]]) -> float:
+    """Return the time per tick [s] of all stretches, each from its own start."""
+    top, bottom = 0.0, 0.0
+    for t, k in zip(times, ticks, strict=True):
+        x = k - k.mean()
+        top += float(x @ (t - t.mean()))
+        bottom += float(x @ x)
+    return top / bottom
+
+
+def _nice(clock: float) -> float:
+    """Return a clock's step [s], of whole 50 µs where that agrees with it as crystals do."""
+    whole = round(clock / 5e-5) * 5e-5
+    return whole if whole > 0 and abs(clock / whole - 1) < CRYSTAL else clock
+
+
 def _clock(stretches: list[Stretch], guess: float) -> tuple[float, float, list[NDArray[np.int64]]]:
     """Step of the robot's clock, that of its ticks in logged time, s, and ticks of each row.
 
     The guess of the step is good to some per cent, s.
     """
-
-    def slope(ticks: list[NDArray[np.int64]]) -> float:
-        top, bottom = 0.0, 0.0
-        for stretch, k in zip(stretches, ticks, strict=True):
-            x = k - k.mean()
-            top += float(x @ (stretch.t - stretch.t.mean()))
-            bottom += float(x @ x)
-        return top / bottom
-
+    stamps = [x.t for x in stretches]
     times = [_sampled(x, guess) for x in stretches]
     # A step that is wrong by a hundredth still counts how many passed from row to row.
     counted = [np.r_[0, np.cumsum(np.round(np.diff(x) / guess))].astype(np.int64) for x in times]
-    clock = slope(counted) if sum(k[-1] for k in counted) > 0 else guess
+    clock = _pace(stamps, counted) if sum(k[-1] for k in counted) > 0 else guess
     ticks = counted
     for _ in range(MOST_ROUNDS):
         ticks = [_ticks(x, clock) for x in times]
-        before, clock = clock, slope(ticks)
+        before, clock = clock, _pace(stamps, ticks)
         if abs(clock / before - 1) < SETTLED:
             break
-    # robots have a clock of whole 50 µs: taken if it agrees with that as crystals do
-    whole = round(clock / 5e-5) * 5e-5
-    nice = whole > 0 and abs(clock / whole - 1) < CRYSTAL
-    return whole if nice else clock, clock, ticks
+    return _nice(clock), clock, ticks
 
 
 def _motion_time(t: Array, q: Array, step: float) -> tuple[Array, Array]:

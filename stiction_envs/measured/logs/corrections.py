@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from stiction_envs.errors import StictionError
 
@@ -28,6 +29,11 @@ MOST_MISSING_RUN = 5
 """Most missing values in a row that are interpolated; assumed."""
 MOST_MISSING = 0.01
 """Largest share of missing values of a column that are interpolated [-]; assumed."""
+LEAST_CHANGES = 20
+"""Fewest changes of a column that show for how many rows it holds a value [-]; assumed."""
+LEAST_STEPS = 3.0
+"""A held value changes by more than this many of its smallest steps, usually [-]; assumed: a
+smaller change repeats itself by chance."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
 Array = NDArray[np.float64]
@@ -42,8 +48,8 @@ class Correction:
     """Something that was corrected in a log."""
 
     kind: str
-    """``missing``, ``repeat``, ``frozen``, ``stale``, ``stamp``, ``clock``, ``epoch``, ``run``,
-    ``wrap`` or ``gap``."""
+    """``missing``, ``repeat``, ``frozen``, ``stale``, ``held``, ``stamp``, ``clock``, ``epoch``,
+    ``run``, ``wrap`` or ``gap``."""
     rows: int
     """Number of rows it concerns."""
     text: str
@@ -64,6 +70,8 @@ class Rows:
     """Number of the recording of each row, (T,)."""
     measured: tuple[str, ...] = CORE
     """Channels that are measured with every sample, where the log has them."""
+    held: int = 1
+    """Most rows for which a column usually holds one value."""
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop the rows where ``mask`` is False."""
@@ -217,6 +225,43 @@ def correct_stale(rows: Rows) -> list[Correction]:
     return corrections
 
 
+def spread_held(rows: Rows) -> list[Correction]:
+    """Columns that hold each value for two rows or more, as angles polled in turn, in place.
+
+    The rows where a value is new stay; a spline through them gives the others.
+    """
+    held: dict[str, list[int]] = {}
+    for name in rows.core():
+        for j, x in enumerate(rows.data[name].T):
+            change = _changes(x, rows.run)
+            new = np.r_[True, change > 0]
+            new[1:] |= rows.run[1:] != rows.run[:-1]
+            at = np.flatnonzero(new)
+            if len(at) < LEAST_CHANGES or np.median(change[change > 0]) < LEAST_STEPS:
+                continue
+            usual = int(np.median(np.diff(at)))
+            if usual < 2:
+                continue
+            # what rests for longer was read again, and had not changed
+            since = np.arange(len(new)) - at[np.cumsum(new) - 1]
+            new |= since > 2 * usual
+            new[-1] = True
+            rows.data[name][:, j] = _through(rows.t, x, new)
+            held.setdefault(name, []).append(usual)
+    corrections = []
+    for name, usual_rows in held.items():
+        rows.held = max(rows.held, *usual_rows)
+        many = (
+            f"{name} of {len(usual_rows)} joints" if len(usual_rows) > 1 else f"{name} of a joint"
+        )
+        text = (
+            f"each value of {many} stands for {max(usual_rows)} rows: only new ones are used, "
+            "with a spline between them"
+        )
+        corrections.append(Correction(kind="held", rows=len(rows.t), text=text))
+    return corrections
+
+
 def longest_run(flags: NDArray[np.bool_]) -> int:
     """Longest run of True."""
     return max((end - start for start, end in _runs(flags)), default=0)
@@ -239,7 +284,20 @@ def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool
     array = rows.data[name]
     good = kept & ~old
     for j in range(array.shape[1]):
-        array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
+        if name == "q":
+            array[:, j] = _through(rows.t, array[:, j], good)
+        else:  # noise would swing between its values
+            array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
+
+
+def _through(t: Array, x: Array, good: NDArray[np.bool_]) -> Array:
+    """``x`` (T,) where it is good, and a cubic through its good values elsewhere."""
+    rising = good & np.r_[True, np.diff(t) > 0]
+    out, old = x.copy(), ~good
+    out[old] = CubicSpline(t[rising], x[rising])(t[old])
+    first, last = np.flatnonzero(good)[[0, -1]]
+    out[:first], out[last + 1 :] = x[first], x[last]
+    return out
 
 
 def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:

@@ -28,6 +28,7 @@ from stiction_envs.measured.logs.corrections import (
     correct_stale,
     drop_repeats,
     fill_missing,
+    spread_held,
 )
 from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
@@ -85,7 +86,7 @@ def read_logs(
             warnings = check_units(rows, raw.place, limits)
             return warnings + check_channels(rows, raw.place, thresholds)
 
-        repeats = (drop_repeats, correct_stale)
+        repeats = (drop_repeats, correct_stale, spread_held)
         common, data = corrected(raw, limits, thresholds, check, correct=repeats)
         return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
 

@@ -33,6 +33,8 @@ class RobotLog:
     """Further channels: ``temperature`` [°C], ``tau_cmd`` [N·m], (T, n) each."""
     breaks: tuple[int, ...] = ()
     """First row of each segment but the first: where a gap or another recording begins."""
+    held: int = 1
+    """Most rows for which a channel holds one value: what is between them is interpolated."""
     corrections: tuple[Correction, ...] = ()
     """What was corrected."""
     warnings: tuple[str, ...] = ()

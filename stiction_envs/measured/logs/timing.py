@@ -127,6 +127,7 @@ def corrected(
         "corrections": tuple(corrections),
         "warnings": (*ignored(raw), *warnings, *late),
         "breaks": breaks,
+        "held": rows.held,
         "date": date,
     }
     return common, others

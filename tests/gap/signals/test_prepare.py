@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -247,3 +249,20 @@ def test_poses_are_static_and_not_filtered() -> None:
 def test_bad_arguments(bad: dict, says: str) -> None:
     with pytest.raises(StictionError, match=says):
         prepare(**{"logs": [noisy(1e-5, 0.05, seconds=2)], **bad})
+
+
+def test_no_cutoff_is_above_what_new_values_carry() -> None:
+    """Held values and gaps carry less than the rows seem to; the note says which it was."""
+    log = noisy(1e-6, 1e-3, rate=200.0)
+    free = prepare([log])
+    assert free.cutoff_hz > 5.0
+    held = prepare([dataclasses.replace(log, held=8)])
+    assert held.cutoff_hz == pytest.approx(2.5)
+    assert "0.1 of the 25 new values a second" in held.notes[0]
+    keep = np.ones(len(log.t), bool)
+    for start in range(100, len(keep), 300):
+        keep[start : start + 16] = False
+    rows = {name: getattr(log, name)[keep] for name in ("t", "q", "tau")}
+    assert prepare([dataclasses.replace(log, **rows)]).cutoff_hz == pytest.approx(
+        25 / 8.5, rel=0.01
+    )

@@ -9,11 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from stiction_envs.errors import StictionError
+from stiction_envs.gap.signals.dataset import NOT_MEASURED, assemble
+from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
-from stiction_envs.gap.signals.torque_sign import correct_sign, signs
+from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.robots import Arm
 from tests.gap.small_logs import RATE, hidden, panda, sliding
 
 ARM = panda()
@@ -77,9 +80,10 @@ def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0
 def test_a_right_sign_is_left_alone(good: JointLog) -> None:
     signals = prepare([good])
     logs, same = correct_sign([good], signals, ARM)
-    assert same is signals
+    assert same.segments is signals.segments
+    assert (same.torque_sign, same.findings) == (1, ())
     assert logs[0] is good
-    assert {s.vote for s in signs(signals, ARM)} <= {0, 1}
+    assert set(loads(signals, 0, ARM).sign) <= {0, 1}
 
 
 def test_torques_of_the_opposite_sign_are_inverted_and_told(good: JointLog) -> None:
@@ -134,11 +138,16 @@ def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
     assert "expected" in str(error.value)
 
 
-def test_a_joint_of_the_other_sign_is_refused(good: JointLog) -> None:
-    tau = np.array(good.tau)
+@pytest.mark.parametrize("masses", [1.0, 5.0])
+def test_a_joint_of_the_other_sign_is_inverted(good: JointLog, masses: float) -> None:
+    """The sign needs no right masses: real links may be five times as heavy as the model's."""
+    heavy = masses * good.tau
+    tau = np.array(heavy)
     tau[:, 1] *= -1
-    with pytest.raises(StictionError, match="tau2 has the opposite sign"):
-        correct_sign([with_torque(good, tau)], prepare([with_torque(good, tau)]), ARM)
+    log = with_torque(good, tau)
+    (log,), _ = correct_sign([log], prepare([log]), ARM)
+    np.testing.assert_array_equal(log.tau, heavy)
+    assert "torques of joint 2 have the opposite sign" in log.corrections[0].text
 
 
 def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
@@ -148,6 +157,82 @@ def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
     tau = -good.tau + 20 * load[:, None]
     log = with_torque(good, tau)
     assert correct_sign([log], prepare([log]), ARM)[0][0] is log
+
+
+# ---- units, channels, mounting, angles ----
+
+
+def shown(log: JointLog, arm: Arm = ARM) -> Loads:
+    return loads(prepare([log]), 0, arm)
+
+
+def test_a_factor_of_all_joints_is_another_unit(good: JointLog) -> None:
+    assert shown(good).unit == 1.0
+    found = shown(with_torque(good, 0.08 * good.tau))
+    assert found.unit == pytest.approx(0.08, rel=0.02)
+    assert found.factor[1] == pytest.approx(0.08, abs=found.width[1])
+    (text,) = found.findings
+    assert text.startswith("the torques are 0.08 times what gravity and inertia need")
+
+
+def test_a_payload_is_no_unit() -> None:
+    """A load that the model lacks makes other factors on each joint."""
+    found = shown(hidden(ARM, rub, true=panda(payload=(4.0, 0.0, 0.0, 0.1))))
+    assert found.factor[1] > 1.1
+    assert (found.unit, found.findings) == (1.0, [])
+
+
+@pytest.mark.parametrize("level", [0.0, 3.0])
+def test_what_follows_no_load_is_not_measured(good: JointLog, level: float) -> None:
+    rng = np.random.default_rng(0)
+    tau = np.array(good.tau)
+    tau[:, 3] = level + (0.02 * rng.normal(size=len(tau)) if level else 0.0)
+    log = with_torque(good, tau)
+    assert shown(log).measured.tolist() == [True, True, True, False, True, True, True]
+    _, signals = correct_sign([log], prepare([log]), ARM)
+    assert not signals.measured[3]
+    assert "the torque of joint 4 is not measured" in signals.findings[0]
+    # and has no weight
+    assert assemble(ARM, signals).noise[3] == NOT_MEASURED
+
+
+@pytest.mark.parametrize(
+    ("tilt", "says"),
+    [
+        ((np.pi, 0.0), "along +z of the base: mounted on a ceiling? `--tilt 3.14159 0`"),
+        ((0.0, np.pi / 2), "along +x of the base: mounted on a wall or a slope? `--tilt 0 1.5708`"),
+        ((0.0, 0.0), ""),
+    ],
+)
+def test_gravity_that_points_elsewhere_is_a_mounting(tilt: tuple[float, float], says: str) -> None:
+    """Friction and inertia have the right sign, so that the torques have, too."""
+    log = hidden(ARM, rub, true=panda(tilt=tilt))
+    found = shown(log)
+    assert [x for x in found.findings if says not in x or not says] == []
+    assert len(found.findings) == bool(says)
+    assert correct_sign([log], prepare([log]), ARM)[0][0] is log
+
+
+def test_torques_without_gravity_lack_it(good: JointLog) -> None:
+    gravity = gravity_torque(ARM.pinocchio(), good.q)
+    (text,) = shown(with_torque(good, good.tau - gravity)).findings
+    assert text.startswith("the torques lack gravity")
+
+
+@pytest.mark.parametrize("joint", [3, 4])
+@pytest.mark.parametrize("offset", [None, 1.2, -0.9])
+def test_an_angle_that_is_not_the_models_is_named(
+    good: JointLog, joint: int, offset: float | None
+) -> None:
+    q = np.array(good.q)
+    q[:, joint - 1] = -q[:, joint - 1] if offset is None else q[:, joint - 1] + offset
+    found = shown(dataclasses.replace(good, q=q)).angle
+    assert found is not None
+    assert found.joint == joint
+    if offset is None:
+        assert str(found).startswith(f"joint {joint} turns the other way")
+    else:
+        assert found.offset == pytest.approx(offset, abs=0.05)
 
 
 # ---- late ----

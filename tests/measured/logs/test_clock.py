@@ -69,3 +69,47 @@ def test_clocks_that_drift_apart_for_minutes() -> None:
     assert "regular 1 ms clock" in correction.text
     gained = float(correction.text.split("and gain ")[1].split(" millionths")[0])
     assert gained == pytest.approx(-80, abs=2)
+
+
+def lost_in_stretches(rows: int = 6000, seed: int = 1) -> np.ndarray:
+    """Rows of which 3 to 8 in a row are lost, at about one in a hundred."""
+    rng = np.random.default_rng(seed)
+    keep = np.ones(rows, bool)
+    for start in np.flatnonzero(rng.random(rows) < 0.01):
+        keep[start + 1 : start + 1 + rng.integers(3, 9)] = False
+    return keep
+
+
+def test_stamps_that_count_rows_hide_no_lost_samples() -> None:
+    """The stamps go on regularly where samples are lost: only the angles jump."""
+    rows, truth = swaying(500.0, 0.4, rows=6000, jitter=0.0)
+    rows.keep(keep := lost_in_stretches())
+    truth = truth[keep]
+    rows.t = np.arange(len(truth)) / 500.0
+    (correction,), warnings = correct_clock(rows)
+    assert (correction.kind, warnings) == ("clock", [])
+    assert "samples were lost" in correction.text
+    np.testing.assert_allclose(rows.t[30:-30] - rows.t[30], (truth - truth[30])[30:-30], atol=1e-9)
+
+
+def test_rows_that_arrive_late_in_bursts_keep_their_order_in_time() -> None:
+    rows, truth = swaying(500.0, 0.4, rows=6000, jitter=0.0)
+    rng = np.random.default_rng(2)
+    for start in np.flatnonzero(rng.random(6000) < 0.01):
+        burst = slice(start, min(start + int(rng.integers(4, 10)), 6000))
+        rows.t[burst] = rows.t[burst][-1] + 2e-5 * np.arange(len(rows.t[burst]))
+    rows.t = np.maximum.accumulate(rows.t) + 1e-7 * np.arange(6000)
+    (correction,), warnings = correct_clock(rows)
+    assert (correction.kind, warnings) == ("clock", [])
+    np.testing.assert_allclose(np.diff(rows.t), np.diff(truth), atol=1e-9)
+
+
+def test_an_arm_that_stops_and_starts_at_once_lost_no_samples() -> None:
+    """All joints change their speed in the same row: the time goes on."""
+    rows, truth = swaying(500.0, 0.4, rows=6000, jitter=0.0)
+    at = np.r_[np.arange(2000.0), np.full(500, 1999.0), 1999.0 + 2 * np.arange(1500)]
+    q = np.stack([np.interp(at, np.arange(6000), x) for x in rows.data["q"].T], axis=1)
+    q += 3e-6 * np.random.default_rng(3).normal(size=q.shape)
+    stopped = Rows(t=truth[:4000].copy(), data={"q": q, "tau": q.copy()}, run=np.zeros(4000, int))
+    assert correct_clock(stopped) == ([], [])
+    np.testing.assert_array_equal(stopped.t, truth[:4000])

@@ -138,6 +138,32 @@ def test_old_torques_are_interpolated(tmp_path: Path) -> None:
     assert np.allclose(found.tau[old], expected)
 
 
+def test_angles_polled_in_turn_are_used_when_they_are_new(tmp_path: Path) -> None:
+    """Each joint is read every fourth row; in between its last angle is written again."""
+    truth = sway(q_noise=1e-6)
+    log = {name: array.copy() for name, array in truth.items() if name != "dq"}
+    row = np.arange(len(log["t"]))
+    for j in range(N):
+        log["q"][:, j] = truth["q"][np.maximum((row - j) // 4 * 4 + j, 0), j]
+    held = np.abs(log["q"] - truth["q"]).max()
+    found = read(tmp_path, log)
+    assert corrected(found) == {"held": len(row)}
+    assert found.held == 4
+    assert "q of 3 joints stands for 4 rows" in found.corrections[0].text
+    assert np.abs(found.q - truth["q"])[10:-10].max() < 0.01 * held
+    np.testing.assert_array_equal(found.tau, truth["tau"])
+
+
+def test_coarse_encoders_hold_no_values(tmp_path: Path) -> None:
+    """Slow joints stay on one step of the encoder for several rows."""
+    log = sway(q_noise=0.0)
+    del log["dq"]
+    log["q"] = np.round(log["q"] / 3e-3) * 3e-3
+    found = read(tmp_path, log)
+    assert "held" not in corrected(found)
+    assert found.held == 1
+
+
 def test_single_missing_values_are_interpolated(tmp_path: Path) -> None:
     truth, log = sway(), sway()
     log["q"][[200, 201, 5000], 1] = np.nan

@@ -262,3 +262,18 @@ def test_real_servo_logs_are_read_whole(robot: str, joints: int, count: int, ste
         assert log.warnings == ()
         assert {c.kind for c in log.corrections} <= {"source"}
         assert log.breaks == ()
+
+
+@pytest.mark.parametrize(("late", "warned"), [(0.05, True), (-0.05, False), (0.0, False)])
+def test_commands_after_their_motion_are_found(tmp_path: Path, late: float, warned: bool) -> None:
+    """A command that comes later than what it commands has a wrong time."""
+    t = np.arange(1000) / 100
+    angle = np.outer(t, [0.7, 1.1]) + np.arange(2)
+    log = {
+        "t": t,
+        "q": 0.5 * np.sin(angle),
+        "q_cmd": 0.5 * np.sin(angle - late * np.array([0.7, 1.1])),
+    }
+    np.savez(tmp_path / "log.npz", **log)
+    (found,) = read_servo_logs([tmp_path / "log.npz"], 2)
+    assert any("q_cmd comes 50 ms after the motion" in x for x in found.warnings) == warned

@@ -28,6 +28,7 @@ from stiction_envs.gap.causes.base import (
     View,
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
@@ -37,7 +38,8 @@ USUAL = 0.1
 """Prior standard deviation of an offset, which must change torques visibly [rad]; assumed: a joint
 put back by eye after a repair."""
 MOST = 0.5
-"""Largest offset [rad]; assumed: a larger one is seen before anything is logged."""
+"""Largest offset that a tangent finds [rad]; assumed. Larger ones are found before
+(`signals.angles`)."""
 LEAST = 5e-4
 """Offset that does not count [rad]; assumed: the error of a careful calibration."""
 
@@ -53,18 +55,28 @@ class EncoderOffset(Cause):
     shown_at_rest: ClassVar[bool] = True
     acts_on: ClassVar[str] = ALL_OF_ONE
     adds_to: ClassVar[str] = ZERO
-    parameters: ClassVar = (Parameter("offset_rad", "rad", -MOST, MOST),)
+    parameters: ClassVar = (Parameter("offset_rad", "rad", -2 * np.pi, 2 * np.pi),)
     view: ClassVar = View(
         "−∂τ/∂q of the joint [N·m/rad]",
         lambda data, joint, shape: data.links.derived(_slopes)[:, joint, joint],
         note="a slope: the offset",
     )
 
+    def __init__(self, far: AngleError | None = None) -> None:
+        """Take the joint whose zero is known to be far off; None for none."""
+        self.far = far
+
+    def near(self, far: AngleError) -> EncoderOffset:
+        """Return the cause that also tries a zero that is far off."""
+        return EncoderOffset(far)
+
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return δ_0 [rad] that are tried: the tangent, and what the tangent alone would find.
 
         A link's centre that is free in three directions fits the curvature better than a tangent.
         """
+        if self.far is not None and self.far.offset and joint == self.far.joint - 1:
+            return [(self.far.offset,)]
         slope = data.links.derived(_slopes, *data.gravity_found)[:, :, joint]
         rows = data.block >= 0
         torque = (data.residual[rows] - data.residual[rows].mean(axis=0)) / data.noise
@@ -73,8 +85,9 @@ class EncoderOffset(Cause):
         return [(0.0,), (found,)] if LEAST < abs(found) < MOST else [(0.0,)]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return `USUAL`."""
-        return Prior(np.array([USUAL]))
+        """Return `USUAL`; a zero that is far off is another one, of a whole turn."""
+        far = self.far is not None and joint == self.far.joint - 1
+        return Prior(np.array([np.pi if far else USUAL]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Columns:
         """Return the torque per radian on all joints."""

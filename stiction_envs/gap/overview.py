@@ -1,0 +1,188 @@
+"""What a joint log is, and what it can show: the page to read before a diagnosis.
+
+    print(overview(log, arm))
+
+Rate and cutoff, the torques' units and signs, where gravity points, which joints rest or move
+together; and for each cause how much of its prior is left along this motion, if the arm has its
+usual friction and small errors. No cause is looked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.causes import TOLERANCES, registered
+from stiction_envs.gap.causes.base import THE_ARM
+from stiction_envs.gap.judge.problem import ARM
+from stiction_envs.gap.predictors.judged import plain_friction
+from stiction_envs.gap.predictors.torque import TorquePredictor
+from stiction_envs.gap.settings import gap_settings
+from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.loads import Loads, loads
+from stiction_envs.gap.signals.prepare import Signals, prepare
+from stiction_envs.gap.signals.spectra import effective_rate
+from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
+from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.reporting.markdown import joints as joint_list
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+MOST_SAMPLES = 1500
+"""Samples that are used [-]; assumed, to answer within a second."""
+TOGETHER = 0.98
+"""Least correlation of the speeds of joints that move together [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overview:
+    """What one log is; lists have a number for each joint."""
+
+    file: str
+    rows: int
+    seconds: float
+    rate_hz: float
+    effective_rate_hz: float
+    """Of new values, less in gaps."""
+    cutoff: str
+    """Of the filter, and why."""
+    span_rad: list[float]
+    needed_nm: list[float]
+    """What gravity and inertia need, root mean square."""
+    logged_nm: list[float]
+    """Logged torque, the same."""
+    factor: list[float]
+    """The second over the first, with friction, offset and rotor free."""
+    factor_ci95: list[tuple[float, float]]
+    about: list[str]
+    """Of each joint: rests, opposite sign, not measured, moves with others; or nothing."""
+    gravity: list[float]
+    """Its direction in the world."""
+    lag_s: float
+    """By which the torques come later than the angles."""
+    findings: list[tuple[str, str]]
+    """What is wrong, ``corrected`` or ``warning`` before each."""
+    left: dict[str, list[float]]
+    """Posterior over prior standard deviation of each cause on each joint, or on the arm [-]."""
+
+    def to_json(self) -> dict[str, object]:
+        """Return all fields."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        down = " ".join(f"{x:.2g}" for x in np.round(self.gravity, 2) + 0.0)
+        lines = [
+            f"{self.file}: {self.rows} rows, {self.seconds:.1f} s, {self.rate_hz:.4g} rows/s"
+            f" (new values: {self.effective_rate_hz:.4g}/s)",
+            self.cutoff,
+            f"gravity along {down}; torques "
+            + (f"{1e3 * self.lag_s:.0f} ms late" if self.lag_s else "in step with the angles"),
+            "",
+            f"{'joint':<8}{'turns by':>11}{'needs':>13}{'logged':>13}{'factor':>17}",
+        ]
+        each = zip(
+            self.span_rad, self.needed_nm, self.logged_nm, self.factor, self.factor_ci95,
+            self.about, strict=True,
+        )  # fmt: skip
+        for k, (span, needed, logged, factor, ci, about) in enumerate(each, start=1):
+            wide = (ci[1] - ci[0]) / 2
+            sure = wide < max(0.5, abs(factor) / 2)
+            number = f"{factor:.3f} ± {wide:.3f}" if sure else "not shown"
+            line = f"{k:<8}{span:>7.3g} rad{needed:>9.3g} N·m{logged:>9.3g} N·m{number:>17}"
+            lines.append(f"{line}  {about}".rstrip())
+        lines += ["", "part of the prior that is left, by joint (up to 0.5: the log shows it)"]
+        for name, parts in self.left.items():
+            lines.append(f"{name:<30}" + "".join(f"{x:>7.2f}" for x in parts))
+        return "\n".join(lines)
+
+
+def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
+    """Return what a log of an arm is, ``torque`` being the side of the gear it was measured on.
+
+    Raises:
+        StictionError: a log that is too short for a filter.
+    """
+    settings, first = gap_settings(), prepare([log])
+    found = loads(first, 0, arm)
+    (read,), signals = correct_torques(
+        [log], arm, lambda some: first if some[0] is log else prepare(some)
+    )
+    findings = [("corrected", c.text) for c in read.corrections[len(log.corrections) :]]
+    findings += [("warning", x) for x in (*read.warnings[len(log.warnings) :], *signals.findings)]
+    half = zip(found.factor - found.width, found.factor + found.width, strict=True)
+    return Overview(
+        file=Path(log.source).name,
+        rows=len(log.t),
+        seconds=float(log.t[-1] - log.t[0]),
+        rate_hz=1 / log.step,
+        effective_rate_hz=effective_rate([log]),
+        cutoff=signals.notes[0],
+        span_rad=np.ptp(log.q, axis=0).tolist(),
+        needed_nm=found.needed.tolist(),
+        logged_nm=found.logged.tolist(),
+        factor=found.factor.tolist(),
+        factor_ci95=[(float(a), float(b)) for a, b in half],
+        about=_about(log, signals, found),
+        gravity=found.gravity.tolist(),
+        lag_s=sum(lag_of([read]) or (0.0,)),
+        findings=findings,
+        left=_left(assemble(arm, _thinned(signals), torque=torque, settings=settings)),
+    )
+
+
+def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
+    """Return what is special about each joint."""
+    motion = gap_settings().motion
+    speed = np.concatenate([s.dq for s in signals.segments])
+    moves = np.ptp(log.q, axis=0) > motion.travel_span
+    alike = np.abs(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed)))) > TOGETHER
+    out = []
+    for j in range(log.n):
+        others = [k + 1 for k in range(log.n) if k != j and alike[j, k] and moves[j] and moves[k]]
+        said = [
+            "" if moves[j] else "rests",
+            "" if found.measured[j] else "torque not measured",
+            "opposite sign" if found.sign[j] < 0 else "",
+            f"moves with {joint_list(others)}" if others else "",
+        ]
+        out.append(", ".join(x for x in said if x))
+    return out
+
+
+def _thinned(signals: Signals) -> Signals:
+    """Return fewer samples of the same signals, `MOST_SAMPLES` or so."""
+    step = max(1, sum(len(s.t) for s in signals.segments) // MOST_SAMPLES)
+    if not np.isfinite(signals.dt):
+        return signals
+    segments = tuple(
+        replace(s, **{k: getattr(s, k)[::step].copy() for k in ("t", "q", "dq", "ddq", "tau")})
+        for s in signals.segments
+    )
+    every = signals.every * step
+    return replace(signals, segments=segments, dt=signals.dt * step, every=every)
+
+
+def _left(data: Data) -> dict[str, list[float]]:
+    """Return what is left of each linear cause's prior beside usual friction and small errors."""
+    causes = [c for c in registered() if c.is_linear]
+    if not np.isfinite(data.dt):
+        causes = [c for c in causes if c.shown_at_rest]
+    predictor = TorquePredictor(data, [TOLERANCES, *causes])
+    problem, usual = predictor.problem, plain_friction(predictor)
+    out = dict[str, list[float]]()
+    for cause in causes:
+        for joint in cause.joints(data):
+            if joint == ARM and cause.acts_on != THE_ARM:
+                continue
+            left = 1.0
+            same = (t for t in predictor.candidates if t[:2] == (cause.name, joint))
+            if term := next(same, None):
+                others = [t for t in usual if t[:2] != term[:2]]
+                number = len(problem.numbers[term])
+                variance = problem.covariance(problem.model([*others, term]))[-number, -number]
+                left = float(np.sqrt(variance) / problem.sd(term)[0])
+            out.setdefault(cause.name, []).append(min(left, 1.0))
+    return out

@@ -1,0 +1,411 @@
+"""What gravity and inertia need of each logged torque: its factor, its sign, and where gravity is.
+
+    loads(signals, log, arm) -> Loads;  Loads.findings -> sentences
+
+With everything free that a log may have wrong, the torque of a joint is
+
+    τ = c I + r q̈ + Σ_k γ_k g_k(q) + offset + d sign(q̇) + v q̇,
+
+I being the rest of inverse dynamics and g_k gravity's torque along x, y or z. Three things follow:
+
+- The sign. Friction and inertia resist: where γ is opposite to the gravity that is assumed, and
+  they are, too, the torque has the opposite sign, whatever the masses are.
+- The direction u of gravity, one for all joints: γ_j = k_j u with k_j > 0.
+- The factor between torque and load along u, with offset, friction and rotor free: 1; another
+  number, the same on all joints, in another unit; 0 with nothing else where nothing is measured.
+
+Offsets have a prior, so that a load that is only held shows its sign too. The error of the fit is
+correlated: rows within `APART` count as one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stiction_envs.gap.settings import GapSettings, gap_settings
+from stiction_envs.gap.signals.angles import AngleError, angle_error
+from stiction_envs.gap.signals.prepare import Signals
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
+from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.reporting.markdown import joints as joint_list
+from stiction_envs.robots import Arm
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+MOST_ROWS = 2000
+"""Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
+APART = 0.25
+"""Time between independent rows [s]; assumed."""
+OFFSET = 0.05
+"""Usual offset of a torque, or friction of a joint that only holds, over what the joint can bear
+[-]; assumed."""
+ROUNDING = 1e-10
+"""Part of a column's information that is added to it, against rounding [-]."""
+LEAST_NOISE = 1e-4
+"""Least error of a fit [N·m]; assumed."""
+FREE = 1e6
+"""Prior standard deviation of what is free, over its column's size [N·m]; assumed."""
+LEAST_LOAD = 0.5
+"""Least load that shows factor and sign, root mean square [N·m]; assumed."""
+CLEAR = 5.0
+"""Standard deviations from zero at which a coefficient has a sign [-]; assumed."""
+CORRELATED = 0.9
+"""Least correlation of what shows a sign with the torque, all else taken off [-]; assumed."""
+OTHER_UNIT = 2.0
+"""Factor, or one over it, from which on torques have another unit, if all joints have the same;
+times the ratio by which they differ [-]; assumed: a mass that is missing makes factors of 2 to
+3."""
+MOST_CLEAR = 20.0
+"""Standard deviations from which on a joint's resistance counts no more [-]; assumed."""
+ROUNDS = 20
+"""Rounds in which gravity's direction and the joints' factors are found in turn [-]."""
+SURE = 0.25
+"""Largest half width of a factor's interval, over the factor, for another unit [-]; assumed."""
+LEAST_FACTOR = 0.02
+"""Least factor of a load that is only held, which shows a sign [-]; assumed."""
+LEFT = 0.5
+"""Part of a joint's residual that another direction of gravity leaves at most [-]; assumed."""
+EXPLAINED = 0.4
+"""Largest error over a joint's load where another mounting explains all joints [-]; assumed."""
+MOUNTED = 0.5
+"""Angle between assumed and found gravity from which on the arm is mounted in another way [rad];
+assumed: a smaller one is a base that leans."""
+SILENT = 0.1
+"""Part of a torque's variance that motion and load explain in noise alone [-]; assumed."""
+RIGHT_ANGLE = 0.1
+"""Distance from a multiple of 90° below which a mounting angle is that [rad]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loads:
+    """What one log shows of the torques of n joints."""
+
+    arm: Arm
+    factor: Array
+    """(n,) logged torque over what gravity and inertia need [-]; NaN where they need nothing."""
+    width: Array
+    """(n,) half width of its 95 % interval [-]."""
+    needed: Array
+    """(n,) what gravity and inertia need, root mean square [N·m]."""
+    logged: Array
+    """(n,) logged torque, the same [N·m]."""
+    sign: NDArray[np.int64]
+    """(n,) 1 where the torque drives the joint, -1 where it is opposite, 0 where nothing shows."""
+    by_load: Flags
+    """(n,) whether a load that changes shows the sign."""
+    lacks_gravity: bool
+    """Whether gravity does not show, where friction or inertia does."""
+    measured: Flags
+    """(n,) False where the torque is noise, although motion and load need some."""
+    gravity: Array
+    """(3,) direction of gravity in the world that the torques fit best."""
+    angle: AngleError | None = None
+    """A joint whose angle is not the model's; the rest is as if it were."""
+    elsewhere: bool
+    """Whether that is far from the assumed one, and explains what the assumed one does not."""
+
+    @property
+    def unit(self) -> float:
+        """The factor that all joints share, where it is another unit's; else 1 [-]."""
+        sure = self.by_load & (self.needed > LEAST_LOAD)
+        sure &= self.width < SURE * np.abs(self.factor)
+        some = np.abs(self.factor[sure])
+        if len(some) < 2:
+            return 1.0
+        usual, spread = float(np.median(some)), float(some.max() / some.min())
+        return usual if max(usual, 1 / usual) > OTHER_UNIT * spread else 1.0
+
+    @property
+    def findings(self) -> list[str]:
+        """What is wrong with the torques or the mounting, a sentence each."""
+        out = []
+        if (unit := self.unit) != 1:
+            what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
+            out.append(
+                f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "
+                f"another unit, {what} torque_scale says the factor, and friction is in that unit"
+            )
+        if self.lacks_gravity:
+            out.append(
+                "the torques lack gravity, but not friction: does the controller compensate "
+                "gravity, and log the torque without it?"
+            )
+        if not self.measured.all():
+            dead = np.flatnonzero(~self.measured)
+            which = joint_list([int(j) + 1 for j in dead])
+            out.append(
+                f"the torque of {which} is not measured: {self.logged[dead].max():.2g} N·m, "
+                f"without a trace of up to {self.needed[dead].max():.2g} N·m that are due; left out"
+            )
+        if self.elsewhere:
+            out.append(self.mounting)
+        if self.angle is not None:
+            out.append(str(self.angle))
+        return out
+
+    @property
+    def mounting(self) -> str:
+        """Where gravity points, and the option for it."""
+        base = Rotation.from_euler("xy", self.arm.tilt).inv().apply(self.gravity)
+        axis = int(np.argmax(np.abs(base)))
+        sign = "+" if base[axis] > 0 else "-"
+        pitch = np.arcsin(np.clip(base[0], -1, 1))
+        roll = np.arctan2(-base[1], -base[2]) if abs(base[0]) < np.cos(RIGHT_ANGLE) else 0.0
+        angles = []
+        for angle in (roll, pitch):
+            right = np.round(2 * angle / np.pi) * np.pi / 2
+            angles.append(right if abs(angle - right) < RIGHT_ANGLE else angle)
+        tilt = " ".join(f"{abs(x) if abs(x) > 3.14 else x + 0.0:.6g}" for x in angles)
+        near = np.abs(base[axis]) > np.cos(2 * RIGHT_ANGLE)
+        where = f"along {sign}{'xyz'[axis]}" if near else f"along {np.round(base, 2).tolist()}"
+        how = "on a ceiling" if base[2] > 0.9 else "on a wall or a slope"
+        return f"gravity points {where} of the base: mounted {how}? `--tilt {tilt}`"
+
+
+class _Fit:
+    """Least squares with a prior for the last column, of an error that is correlated in time."""
+
+    def __init__(self, x: Array, y: Array, offset: float, apart: float) -> None:
+        size = np.maximum(_rms(x), 1e-9)
+        prior = np.r_[np.full(x.shape[1] - 1, FREE), offset]
+        z, self.rows = x / size, max(len(y) * min(1.0, apart / APART), 2.0)
+        self.left = max(float(y.std()), LEAST_NOISE)
+        for _ in range(3):
+            weight = self.rows / (len(y) * self.left**2)
+            least = 1 / prior**2 + ROUNDING * weight * len(y)
+            cov = np.linalg.inv(weight * z.T @ z + np.diag(least))
+            c = cov @ (weight * z.T @ y)
+            self.left = max(float(_rms(y - z @ c)), LEAST_NOISE)
+        self.c, self.cov = c / size, cov / np.outer(size, size)
+
+    def clear(self, weights: Array) -> float:
+        """Return a weighted sum of the coefficients over its standard deviation [-]."""
+        return float(weights @ self.c / np.sqrt(max(float(weights @ self.cov @ weights), 1e-30)))
+
+    def resistance(self, side: Array, dq: Array, ddq: Array, rest: Array) -> float:
+        """Return what inertia and friction resist over its deviation, the larger torque first."""
+        heavy = float(ddq @ rest) / max(float(ddq @ ddq), 1e-12)
+        inertia = np.array([0, 0, 0, heavy, 1, 0, 0, 0])
+        rubbing = np.array([0, 0, 0, 0, 0, np.abs(side).mean(), np.abs(dq).mean(), 0])
+        torques = rest * self.c[3] + ddq * self.c[4], side * self.c[5] + dq * self.c[6]
+        a, b = (float(_rms(x)) for x in torques)
+        return (a * self.clear(inertia) + b * self.clear(rubbing)) / max(a + b, 1e-12)
+
+
+def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = None) -> Loads:
+    """Return what a log (its number in the signals) shows of its torques."""
+    motion = (settings or gap_settings()).motion
+    rows = _rows(signals, log)
+    found = _loads(rows, arm, motion)
+    if found.elsewhere:
+        return found
+    q, dq, ddq, tau, apart = rows
+    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
+    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD)
+    if error is None:
+        return found
+    sign, shift = np.ones(arm.n), np.zeros(arm.n)
+    if error.offset is None:
+        sign[error.joint - 1] = -1
+    else:
+        shift[error.joint - 1] = error.offset
+    found = _loads((sign * q - shift, sign * dq, sign * ddq, tau, apart), arm, motion)
+    if error.offset is None:  # a joint whose axis is the other way has both signs opposite
+        found.sign[error.joint - 1] = abs(found.sign[error.joint - 1])
+    return replace(found, angle=error)
+
+
+def _others(dq: Array, ddq: Array, motion: MotionThresholds) -> Array:
+    """Return (T, 4) rotor, dry and viscous friction, and offset of a joint."""
+    return np.column_stack([ddq, np.tanh(dq / motion.reversal_speed), dq, np.ones(len(dq))])
+
+
+def _loads(
+    rows: tuple[Array, Array, Array, Array, float], arm: Arm, motion: MotionThresholds
+) -> Loads:
+    """Return what rows (`_rows`) show, if their angles are the model's."""
+    q, dq, ddq, tau, apart = rows
+    model, n = arm.pinocchio(), arm.n
+    pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)
+    down = down / np.linalg.norm(down)
+    rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
+    offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
+    sides = np.tanh(dq / motion.reversal_speed)
+    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
+
+    def fit(columns: Array, j: int) -> _Fit:
+        return _Fit(np.column_stack([columns, others[j]]), tau[:, j], float(offset[j]), apart)
+
+    def along(direction: Array) -> list[_Fit]:
+        return [fit(rest[:, j] + pulls[:, j] @ direction, j) for j in range(n)]
+
+    free = [fit(np.column_stack([pulls[:, j], rest[:, j]]), j) for j in range(n)]
+    usual, load = along(down), rest + pulls @ down
+    silent = np.array(
+        [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
+    )
+    factor, width = (np.array([x(f) for f in usual]) for x in (_factor, _width))
+    due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
+    moves = np.ptp(q, axis=0) > motion.travel_span
+    measured = ~(silent & due)
+    if not measured.all():
+        measured &= ~(silent & moves)
+    measured |= ~measured.any()  # noise alone is no log of which a part is missing
+    shown = measured & (load.std(axis=0) > LEAST_LOAD)
+    pulled = np.array([f.clear(np.r_[down, np.zeros(5)]) for f in free])
+    loaded = np.array([f.clear(np.eye(5)[0]) for f in usual])
+    loaded = np.where(_sure(pulled, free), pulled, loaded)
+    resisting = np.array(
+        [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
+    )
+    held = ~shown & measured & (np.abs(factor) > LEAST_FACTOR)
+    sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, held, free)
+    side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
+    found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
+    there = along(found)
+    before, after = (np.array([f.left for f in x]) for x in (usual, there))
+    elsewhere = bool(
+        np.arccos(np.clip(found @ down, -1, 1)) > MOUNTED
+        and (after[shown] < LEFT * before[shown]).any()
+        and (after[shown] < EXPLAINED * load.std(axis=0)[shown]).all()
+        and shown.any()
+        and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
+        and ks.max() < OTHER_UNIT * ks.min()
+    )
+    heavy = shown & ((pulls @ down).std(axis=0) > LEAST_LOAD)
+    weighs = np.array([float(down @ f.c[:3]) for f in free])
+    lacks_gravity = bool(
+        heavy.any()
+        and not (shown & _sure(pulled, free)).any()
+        and np.median(np.abs(weighs[heavy])) < SURE
+        and np.abs(resisting).max() > CLEAR
+        and not elsewhere
+    )
+    best = there if elsewhere else usual
+    if elsewhere:
+        clear = np.array([f.clear(np.eye(5)[0]) for f in there])
+        by_load = shown & _sure(clear, there)
+        sign = np.where(by_load, np.sign(clear), 0).astype(np.int64)
+    needed = rest + pulls @ (found if elsewhere else down)
+    return Loads(
+        arm=arm,
+        factor=np.array([_factor(f) for f in best]),
+        width=np.array([_width(f) for f in best]),
+        needed=_rms(needed),
+        logged=_rms(tau),
+        sign=sign,
+        by_load=by_load,
+        lacks_gravity=lacks_gravity,
+        measured=measured,
+        gravity=found if elsewhere else down,
+        elsewhere=elsewhere,
+    )
+
+
+def _factor(fit: _Fit) -> float:
+    """Return the first coefficient."""
+    return float(fit.c[0])
+
+
+def _width(fit: _Fit) -> float:
+    """Return half of the first coefficient's 95 % interval."""
+    return float(1.96 * np.sqrt(fit.cov[0, 0]))
+
+
+def _sure(clear: Array, fits: Sequence[_Fit]) -> Flags:
+    """Return whether values over their deviations (n,) are certain, and most of what is left."""
+    rows = np.array([f.rows for f in fits])
+    return (np.abs(clear) > CLEAR) & (clear**2 > CORRELATED**2 * (clear**2 + rows))
+
+
+def _signs(
+    loaded: Array, changing: Flags, resisting: Array, held: Flags, fits: Sequence[_Fit]
+) -> tuple[NDArray[np.int64], Flags]:
+    """Return (n,) signs, and where a load that changes shows them.
+
+    Args:
+        loaded: (n,) factor of the load over its standard deviation.
+        changing: (n,) whether the joint's load changes and shows a sign.
+        resisting: (n,) what friction and inertia resist over its standard deviation.
+        held: (n,) whether the joint's load is only held.
+        fits: of the joints.
+    """
+    sign = np.zeros(len(loaded), dtype=np.int64)
+    wrong, resists = changing & (loaded < 0), np.clip(resisting, -MOST_CLEAR, MOST_CLEAR)
+    if wrong.any():
+        # gravity alone is opposite where the arm is mounted in another way
+        alone = wrong[changing].all()
+        against = resists.sum() < CLEAR if alone else resists < CLEAR
+        sign[changing] = 1
+        if alone and against:
+            sign[:] = -1
+        elif not alone:
+            sign[wrong & against] = -1
+        return sign, changing
+    moving = _sure(resisting, fits)
+    if changing.any():
+        sign[changing] = 1
+        sign[~changing & moving & (resisting < 0)] = -1
+        return sign, changing
+    squares = float((np.sign(loaded) * loaded**2)[held].sum())
+    if abs(squares) > CLEAR**2:
+        sign[:] = int(np.sign(squares))
+        return sign, changing
+    if moving.any() and (np.sign(resisting[moving]) == np.sign(resisting[moving][0])).all():
+        sign[moving] = np.sign(resisting[moving])
+    return sign, changing
+
+
+def _direction(fits: Sequence[_Fit], sign: NDArray[np.int64], down: Array) -> Array:
+    """Return (3,) the direction of gravity that fits the free torques of all joints best."""
+    if not fits:
+        return down
+    pulls = [s * f.c[:3] for f, s in zip(fits, sign, strict=True)]
+    weights = [np.linalg.inv(f.cov[:3, :3]) for f in fits]
+    factors = np.ones(len(fits))
+    direction = down
+    for _ in range(ROUNDS):
+        each = list(zip(pulls, weights, factors, strict=True))
+        full = sum(k * k * w for _, w, k in each)
+        found = np.linalg.lstsq(full, sum(k * w @ p for p, w, k in each), rcond=None)[0]
+        direction = found / max(float(np.linalg.norm(found)), 1e-12)
+        factors = np.array(
+            [
+                max(direction @ w @ p, 0.0) / (direction @ w @ direction)
+                for p, w in zip(pulls, weights, strict=True)
+            ]
+        )
+        if not factors.any():
+            break
+    return np.asarray(direction)
+
+
+def _rows(signals: Signals, log: int) -> tuple[Array, Array, Array, Array, float]:
+    """Return angles, speeds, accelerations and torques of evenly spaced rows, and their time."""
+    parts = [s for s in signals.segments if s.log == log]
+    step = max(1, -(-sum(len(s.t) for s in parts) // MOST_ROWS))
+    q, dq, ddq, tau = (
+        np.concatenate([getattr(s, name)[::step] for s in parts])
+        for name in ("q", "dq", "ddq", "tau")
+    )
+    poses = all(s.static for s in parts) or not np.isfinite(signals.dt)
+    return q, dq, ddq, tau, APART if poses else signals.dt * step
+
+
+def _pulls(arm: Arm, q: Array) -> Array:
+    """Return (T, n, 3) gravity torque of the arm's gravity along x, y and z."""
+    model = arm.pinocchio().copy()
+    out, size = np.empty((*q.shape, 3)), np.linalg.norm(model.gravity.linear)
+    for k in range(3):
+        model.gravity.linear = size * np.eye(3)[k]
+        out[..., k] = gravity_torque(model, q)
+    return out
+
+
+def _rms(x: Array) -> Array:
+    return np.sqrt(np.mean(np.square(x), axis=0))
