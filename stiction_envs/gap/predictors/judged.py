@@ -166,7 +166,9 @@ def best_of(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Mod
     small = (min(STARTS[0], best.scales[0]), min(STARTS[0], best.scales[1]))
     if small != best.scales:
         problem.given(best.inflation, small)
-        best = max(best, _freed(predictor, best.terms), key=lambda m: m.worth)
+        found = _freed(predictor, best.terms)
+        if found.evidence > best.evidence and found.worth > best.worth:
+            best = found
     problem.given(best.inflation, best.scales)
     return best
 
