@@ -19,20 +19,26 @@ from stiction_envs.measured.logs.sources import Log
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm
 
+MOVED = 0.1
+"""Least range of a joint's angle that shows what its commands are [rad]; assumed."""
+LEAVES = 0.1
+"""Most that sums of commands leave of the squared distance between commands and angles [-];
+assumed."""
+
 
 def servo_nominal(nominal: object) -> str | Path:
-    """Return "rigid", "file" or the path of an earlier diagnosis.
+    """Return "rigid" or the path of an earlier diagnosis.
 
     Raises:
         StictionError: another nominal model.
     """
     if isinstance(nominal, str | Path):
-        if nominal in ("rigid", "file") or Path(nominal).suffix == ".toml":
+        if nominal == "rigid" or Path(nominal).suffix == ".toml":
             return nominal
     else:
         nominal = "parameters"
     raise StictionError(
-        f"nominal {nominal}: servo logs expect rigid, file, or the model.toml of an earlier one"
+        f"nominal {nominal}: servo logs expect rigid, or the model.toml of an earlier one"
     )
 
 
@@ -48,7 +54,7 @@ def servo_of(
 
     Args:
         arm: the rigid arm.
-        nominal: "rigid", "file", or the ``model.toml`` of an earlier diagnosis of servo logs.
+        nominal: "rigid", or the ``model.toml`` of an earlier diagnosis of servo logs.
         stiffness: one for all joints or one each [N·m/rad]; None where unknown.
         damping: likewise [N·m·s/rad].
         same: whether all joints have the same servo.
@@ -56,7 +62,7 @@ def servo_of(
     Raises:
         StictionError: numbers that cannot be, or a nominal model of other logs.
     """
-    if nominal not in ("rigid", "file"):
+    if nominal != "rigid":
         if stiffness is not None or damping is not None:
             raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
         return Servo(parameters=read_servo(Path(nominal), arm.n), same=same)
@@ -66,7 +72,6 @@ def servo_of(
         stiffness=_each(stiffness, "stiffness", arm.n),
         damping=_each(damping, "damping", arm.n),
         same=same,
-        arm=arm if nominal == "file" else None,
     )
 
 
@@ -106,8 +111,26 @@ def read_servo_files(
             raise StictionError(f"{log.source}: a log of torques: expected servo logs")
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
+        _refuse_differences(log)
         out.append(log)
     return out
+
+
+def _refuse_differences(log: ServoLog) -> None:
+    """Raise a StictionError where the sums of a log's commands, not the commands, are its angles.
+
+    It needs a joint that moves: by `MOVED` at least.
+    """
+    moved = np.ptp(log.q, axis=0) > MOVED
+    if not moved.any():
+        return
+    summed = log.q[0] + np.cumsum(log.q_cmd, axis=0)
+    off, off_sums = (np.mean((x - log.q) ** 2, axis=0)[moved] for x in (log.q_cmd, summed))
+    if (off_sums < LEAVES * off).all():
+        raise StictionError(
+            f"{log.source}: q_cmd are differences of angles from row to row: expected angles; "
+            "their sums from the first angle on follow the joints"
+        )
 
 
 def check_servo_logs(check: Sequence[ServoLog], diagnosed: Sequence[ServoLog]) -> None:

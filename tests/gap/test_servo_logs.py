@@ -31,7 +31,7 @@ def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
         ({"servo_stiffness": [1.0, 2.0, 3.0]}, "servo stiffness: 3 numbers: expected 1, or 2"),
         ({"servo_stiffness": [-1.0]}, "expected 0.05 to 20000 N·m/rad"),
         ({"servo_damping": [1.0]}, "servo damping: expected with a servo stiffness"),
-        ({"nominal": "shipped"}, "servo logs expect rigid, file, or the model.toml"),
+        ({"nominal": "shipped"}, "servo logs expect rigid, or the model.toml"),
         ({"drive": "magic"}, "unknown drive"),
     ],
 )
@@ -64,3 +64,21 @@ def test_logs_of_both_kinds_are_refused(tmp_path: Path, robot: Path) -> None:
 def test_a_servo_log_of_another_robot_is_refused(tmp_path: Path, robot: Path) -> None:
     with pytest.raises(StictionError, match="3 joints, but the robot has 2"):
         diagnose(_log(tmp_path / "log.csv", joints=3), robot)
+
+
+def test_commands_that_are_differences_are_refused(tmp_path: Path, robot: Path) -> None:
+    t = np.arange(0.0, 5.0, 0.02)
+    q = 0.3 * np.sin(np.outer(t, [1.0, 2.0]))
+    path = tmp_path / "log.csv"
+    path.write_text(log_csv(t, q_cmd=np.diff(q, axis=0, prepend=q[:1]), q=q))
+    with pytest.raises(StictionError, match="q_cmd are differences of angles from row to row"):
+        diagnose(path, robot, drive="position")
+
+
+def test_a_command_that_comes_after_the_motion_is_said(tmp_path: Path, robot: Path) -> None:
+    t = np.arange(0.0, 20.0, 0.02)
+    path = tmp_path / "log.csv"
+    late = 0.3 * np.sin(np.outer(t - 0.046, [1.0, 2.0]))
+    path.write_text(log_csv(t, q_cmd=late, q=0.3 * np.sin(np.outer(t, [1.0, 2.0]))))
+    notes = diagnose(path, robot).diagnosis.notes  # type: ignore[attr-defined]
+    assert "log.csv: the command comes 46 to 46 ms after the motion of 2 joints" in " ".join(notes)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,13 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
+EARLY = 0.025
+"""Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
+angles of a bus of six servos are 20 ms younger than their stamps."""
+AHEAD = np.arange(0.0, 0.2, 0.002)
+"""Such times that are tried [s]; assumed."""
+EARLY_LEAVES = 0.25
+"""Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,6 +138,25 @@ def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
     return out
 
 
+def _late_notes(logs: Sequence[ServoLog]) -> list[str]:
+    """Return what to say of logs whose commands come after the motion that should follow them."""
+    out = []
+    for log in logs:
+        left = np.zeros((len(AHEAD), log.n))
+        for s in log.segments:
+            for j in range(log.n):
+                t, command, q = log.t[s], log.q_cmd[s, j], log.q[s, j]
+                left[:, j] += [np.sum(np.square(np.interp(t + x, t, command) - q)) for x in AHEAD]
+        late = AHEAD[np.argmin(left, axis=0)]
+        early = 1e3 * late[(late > EARLY) & (left.min(axis=0) < EARLY_LEAVES * left[0])]
+        if len(early):
+            out.append(
+                f"{Path(log.source).name}: the command comes {early.min():.0f} to "
+                f"{early.max():.0f} ms after the motion of {len(early)} joints: check the stamps"
+            )
+    return out
+
+
 class _Joints:
     """The joints of one arm along its logs, and what is asked about each."""
 
@@ -166,7 +193,7 @@ class _Joints:
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.notes = _limit_notes(arm, logs)
+        self.notes = [*_limit_notes(arm, logs), *_late_notes(logs)]
 
     def with_other(
         self, arm: Arm | None = None, motions: list[JointMotion] | None = None
