@@ -35,6 +35,8 @@ DROP, LOADED_DROP = 0.2, 0.3
 """Share by which friction falls from stiction, without and with dependence on load [-]; assumed."""
 RAISED = 1.1
 """Stiction then, over the dry friction without a drop [-]; assumed."""
+WHOLE = 0.9
+"""Share of gravity from which on a controller compensates all of it [-]; assumed."""
 LOADED = 0.5
 """Part of the dry friction that comes from the load [-]; assumed."""
 TORQUE_LIMITS = (0.5, 0.8)
@@ -246,6 +248,8 @@ class Chooser:
         if self.q.judged and self._agrees():
             kept = []
         best = self.everything() if kept else self._as_it_is()
+        if kept:
+            best, kept = self._compensated(best, kept)
         losses = dict.fromkeys(kept, 0.0)
         while True:
             for cause in sorted(kept, key=losses.__getitem__):
@@ -262,6 +266,25 @@ class Chooser:
             else:
                 break
         return self._found(best, kept, {c: losses[c] for c in kept})
+
+    def _compensated(self, best: Fit, kept: list[str]) -> tuple[Fit, list[str]]:
+        """Return the fit with the stated servo, where all of gravity is compensated, if that does.
+
+        A joint that does not sag has it, or a servo many times as stiff as stated.
+        """
+        stiff, share = ("servo_stiffness", "damping"), "gravity_compensation_missing"
+        if not self.q.judged or share not in kept:
+            return best, kept
+        start = best.parameters
+        for cause in stiff:
+            start = self._without(start, cause)
+        start[INDEX["compensation"]] = 1.0
+        scale = start[INDEX["stiffness"]] / best.parameters[INDEX["stiffness"]]
+        start[[INDEX[k] for k in ("stiction", "armature")]] *= scale
+        rest = [c for c in kept if c not in stiff]
+        less = self._fit(start, rest, LESS)
+        whole = less["compensation"] > WHOLE and not self._needed(best, less)
+        return (less, rest) if whole else (best, kept)
 
     def _found(self, best: Fit, kept: Sequence[str], losses: dict[str, float]) -> JointCauses:
         """Return what is said of the best fit; of its lag where the parts of it are unknown."""

@@ -185,7 +185,8 @@ class _Joints:
         self.currents = rows(logs, currents)
         self.nominal = nominal_parameters(servo, self.motions, asked)
         self.scaled = [
-            sags(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)
+            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]), asked)
+            for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
         heads = [
             shown(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)

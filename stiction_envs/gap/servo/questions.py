@@ -122,12 +122,20 @@ def possible_causes(
     return tuple(cause for cause in out if cause not in unknown)
 
 
-def sags(motion: JointMotion, resolution: float, settings: ServoQuestionSettings) -> bool:
-    """Return whether the joint sags with gravity, so that gravity scales the servo's torque."""
+def sags(
+    motion: JointMotion,
+    resolution: float,
+    stiffness: float | None,
+    settings: ServoQuestionSettings,
+) -> bool:
+    """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
+
+    A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
+    """
     g, error = motion.gravity, motion.command - motion.q
     if np.abs(g).max() < settings.least_gravity:
         return False
-    sag = float(error @ g) / float(g @ g)
+    sag = float(error @ g) / float(g @ g) if stiffness is None else 1 / stiffness
     return bool(sag * np.sqrt(np.mean(g**2)) > settings.gravity_seen * resolution)
 
 

@@ -104,7 +104,8 @@ class HiddenServos:
         """Return why a cause cannot show on a joint (from 0), or nothing."""
         asked, motion = self.settings.servo.questions, self.motions[j]
         step = float(self.resolution[j])
-        scaled = sags(motion, step, asked)
+        known = None if self.servo.perfect else float(self.base[j, INDEX["stiffness"]])
+        scaled = sags(motion, step, known, asked)
         if self.servo.perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if self.servo.perfect and name in (
