@@ -9,10 +9,11 @@ import pytest
 
 from stiction_envs import diagnose
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.examples import log_csv
 from stiction_envs.hidden.servo_logs import HiddenServoLog, hide
+from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import TWO_LINKS, held, two_links
 
@@ -47,6 +48,28 @@ def test_where_nothing_is_hidden_nothing_is_named(arm: Arm) -> None:
 def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
     h = _hidden(arm, cause)
     assert h.hidden[0] in _named(diagnose_servo([h.log], arm, h.servo, threads=2))
+
+
+def test_a_controller_that_compensates_all_gravity_is_no_stiff_servo(arm: Arm) -> None:
+    h = _hidden(arm)
+    parameters = np.tile(absent(), (arm.n, 1))
+    friction = 0.02 * h.stiffness
+    for name, values in (
+        *(("stiffness", h.stiffness), ("damping", h.damping)),
+        *(("stiction", friction), ("compensation", 1.0)),
+    ):
+        parameters[:, INDEX[name]] = values
+    q = simulate(arm, parameters, h.log.t, h.log.q_cmd, h.log.q[0])
+    d = diagnose_servo([replace(h.log, q=q)], arm, h.servo)
+    assert _named(d) == {
+        (name, j) for name in ("gravity_compensation_missing", "coulomb_friction") for j in (1, 2)
+    }
+    for cause in d.causes:
+        for j, found in cause.parameters.items():
+            key, true = ("share", 1.0)
+            if cause.name == "coulomb_friction":
+                key, true = ("coulomb_nm", friction[j - 1])
+            assert found[key].value == pytest.approx(true, rel=0.1)
 
 
 def test_stiction_is_above_the_coulomb_level_as_in_logs_of_torque(arm: Arm) -> None:
