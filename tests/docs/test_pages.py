@@ -22,6 +22,9 @@ SPEC = importlib.util.spec_from_file_location("run_page", DOCS / "run_page.py")
 run_page = importlib.util.module_from_spec(SPEC)
 SPEC.loader.exec_module(run_page)
 PAGES = sorted(run_page.PICTURES)
+EXAMPLES = sorted((DOCS / "examples").glob("*.md"))
+SCREEN = 80
+"""Most lines of an example; assumed."""
 
 
 def run(page, folder):
@@ -60,6 +63,27 @@ def test_a_page_runs_and_prints_what_it_shows(page, tmp_path):
     for name, source in run_page.PICTURES[page].items():
         made, shown = (Image.open(x).size for x in (tmp_path / source, DOCS / name))
         assert made == shown, f"{name} is not what the page makes: python docs/make_pictures.py"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", EXAMPLES, ids=lambda page: page.stem)
+def test_an_example_runs_and_prints_what_it_shows(page, tmp_path):
+    done = run(page, tmp_path)
+    assert done.returncode == 0, f"{done.stdout[-3000:]}\n{done.stderr}"
+
+
+def test_an_example_is_short_answers_first_and_is_linked():
+    assert len(EXAMPLES) == 5
+    index = (DOCS / "index.md").read_text(encoding="utf-8")
+    for page in EXAMPLES:
+        text = page.read_text(encoding="utf-8")
+        title, _, answer = text.split("\n")[:3]
+        assert title.startswith('# "')
+        assert answer.startswith("**"), page.name
+        assert "**It is not** " in text, page.name
+        assert text.count("\n") <= SCREEN, page.name
+        assert f"(examples/{page.name})" in index
+        assert f"\nexamples/{page.stem}\n" in index
 
 
 def test_a_page_that_shows_what_is_not_printed_fails(tmp_path):
