@@ -44,8 +44,8 @@ PACKAGES = ("mujoco", "numpy", "scipy", "numba", "pin")
 LOGS = tuple(
     f"stiction_envs/{place}"
     for place in (
-        *("compiled.py", "friction", "gap", "measured", "method_settings.py"),
-        *("precomputed", "robots"),
+        *("compiled.py", "control", "dither", "experiments", "friction", "gap", "measured"),
+        *("method_settings.py", "plant", "precomputed", "robots"),
     )
 )
 """Code of the package that decides a diagnosis of joint logs."""

@@ -138,7 +138,7 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
     motion = gap_settings().motion
     speed = np.concatenate([s.dq for s in signals.segments])
     moves = np.ptp(log.q, axis=0) > motion.travel_span
-    alike = np.abs(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed)))) > TOGETHER
+    alike = np.abs(np.atleast_2d(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed))))) > TOGETHER
     out = []
     for j in range(log.n):
         others = [k + 1 for k in range(log.n) if k != j and alike[j, k] and moves[j] and moves[k]]

@@ -67,7 +67,7 @@ class LogDiagnosis(DiagnosisResult):
     def headline(self) -> str:
         """The verdict in sentences, and which links are too far off."""
         d = self.diagnosis
-        findings = [f"{x[0].upper()}{x[1:]}".rstrip(".") + "." for x in d.findings]
+        findings = [x[0].upper() + x[1:] + ("" if x[-1] in ".?" else ".") for x in d.findings]
         links = "" if d.set_up else far_links(d.links)
         return " ".join(x for x in (*findings, super().headline, links) if x)
 

@@ -72,7 +72,7 @@ LEFT = 0.5
 """Part of a joint's residual that another direction of gravity leaves at most [-]; assumed."""
 EXPLAINED = 0.4
 """Largest error over a joint's load where another mounting explains all joints [-]; assumed."""
-MOUNTED = 0.5
+MOUNTED = 0.7
 """Angle between assumed and found gravity from which on the arm is mounted in another way [rad];
 assumed: a smaller one is a base that leans."""
 SILENT = 0.1
