@@ -90,7 +90,7 @@ def angle_error(
     work, weight = model.createData(), 1 / now
     tip = np.array(
         [
-            pin.computeJointTorqueRegressor(model, work, *x)[:, -10:]
+            np.reshape(pin.computeJointTorqueRegressor(model, work, *x), (arm.n, -1))[:, -10:]
             for x in zip(q, dq, ddq, strict=True)
         ]
     )
