@@ -36,9 +36,6 @@ class MotionThresholds:
     """See `start_span`."""
     mover_ratio: Share
     """A joint slower than this part of the fastest is only shaken by the others [-]."""
-    moving_share: Share
-    """Least part of the samples in which a joint moves, or moves in both directions, where a
-    little motion is not informative [-]."""
 
 
 @dataclass(frozen=True, kw_only=True)

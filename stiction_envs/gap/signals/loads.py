@@ -350,7 +350,7 @@ def _signs(
     moving = _sure(resisting, fits)
     if changing.any():
         sign[changing] = 1
-        sign[~changing & moving & (resisting < 0)] = -1
+        sign[~changing & moving & (resisting < 0) & (loaded < CLEAR)] = -1
         return sign, changing
     squares = float((np.sign(loaded) * loaded**2)[held].sum())
     if abs(squares) > CLEAR**2:

@@ -10,7 +10,6 @@ from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
 from tests.cli.short_commands import EPISODES, TRAINING
-from tests.robots.test_overlapping_links import ARM
 from tests.tuning.policies.small import made_up
 from tuning.commands import evaluate
 from tuning.commands import train as command
@@ -94,15 +93,6 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     assert ran.code == 0
     assert ran.out.startswith("ppo, 64 steps: evaluated return ")
     assert [r["steps"] for r in rows(work / "parts" / "curve.csv")] == ["0", "32", "64"]
-
-
-def test_notes_on_an_arm_are_printed_once(cli, inputs):
-    (inputs / "bulge.xml").write_text(ARM.format(bulge=0.12))
-    (inputs / "start.csv").write_text("joint,frequency_hz,amplitude_nm\n1,30,0.1\n")
-    options = ["--algo", "a2c", "--steps", 64, "--start", "{start.csv}"]
-    ran = cli("train", "{bulge.xml}", "sje", *options)
-    assert ran.code == 2
-    assert [line.split(":")[0] for line in ran.lines] == ["note", "error"]
 
 
 BAD_TRAINING = {
