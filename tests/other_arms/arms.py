@@ -50,14 +50,15 @@ def file_of(name: str) -> Path:
 def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
     """Write what an arm with other links and with friction would log on the way of a trajectory.
 
-    Friction is a share of the torque limits, the links are those of `excited_logs.perturbed`.
+    Friction is a share of the torque limits that differs by joint, so that it is no gain of the
+    file's own; the links are those of `excited_logs.perturbed`.
     """
     way = np.loadtxt(trajectory, delimiter=",", skiprows=1)
     step = max(1, round(1 / rate / (way[1, 0] - way[0, 0])))
     ddq = np.gradient(way[:, 1 + arm.n :], way[:, 0], axis=0)[::step]
     t, q, dq = way[::step, 0], way[::step, 1 : 1 + arm.n], way[::step, 1 + arm.n :]
     rng = np.random.default_rng(0)
-    dry = 0.02 * np.minimum(arm.limits.torque, 100.0)
+    dry = 0.02 * np.minimum(arm.limits.torque, 100.0) * np.linspace(0.7, 1.3, arm.n)
     tau = (
         inverse_torque(perturbed(arm, 0.05, 1).model(), q, dq, ddq)
         + dry * direction(dq)
