@@ -27,18 +27,18 @@ assumed."""
 
 
 def servo_nominal(nominal: object) -> str | Path:
-    """Return "rigid" or the path of an earlier diagnosis.
+    """Return "rigid", "file" or the path of an earlier diagnosis.
 
     Raises:
         StictionError: another nominal model.
     """
     if isinstance(nominal, str | Path):
-        if nominal == "rigid" or Path(nominal).suffix == ".toml":
+        if nominal in ("rigid", "file") or Path(nominal).suffix == ".toml":
             return nominal
     else:
         nominal = "parameters"
     raise StictionError(
-        f"nominal {nominal}: servo logs expect rigid, or the model.toml of an earlier one"
+        f"nominal {nominal}: servo logs expect rigid, file, or the model.toml of an earlier one"
     )
 
 
@@ -54,7 +54,7 @@ def servo_of(
 
     Args:
         arm: the rigid arm.
-        nominal: "rigid", or the ``model.toml`` of an earlier diagnosis of servo logs.
+        nominal: "rigid", "file", or the ``model.toml`` of an earlier diagnosis of servo logs.
         stiffness: one for all joints or one each [N·m/rad]; None where unknown.
         damping: likewise [N·m·s/rad].
         same: whether all joints have the same servo.
@@ -62,7 +62,7 @@ def servo_of(
     Raises:
         StictionError: numbers that cannot be, or a nominal model of other logs.
     """
-    if nominal != "rigid":
+    if nominal not in ("rigid", "file"):
         if stiffness is not None or damping is not None:
             raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
         return Servo(parameters=read_servo(Path(nominal), arm.n), same=same)
@@ -72,6 +72,7 @@ def servo_of(
         stiffness=_each(stiffness, "stiffness", arm.n),
         damping=_each(damping, "damping", arm.n),
         same=same,
+        arm=arm if nominal == "file" else None,
     )
 
 
