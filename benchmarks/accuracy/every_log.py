@@ -24,6 +24,7 @@ from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.reporting.markdown import table_text
@@ -82,7 +83,8 @@ def parts(one: Row, folder: Path, arm: Arm) -> tuple[Sequence[Log], Sequence[Log
     paths = [folder / x for x in one["logs"]]
     if "check" in one:
         return paths, [folder / x for x in one["check"]]
-    logs = read_logs(paths, arm.n, limits=arm.limits)
+    naming = Naming(robot=arm.joint_names)
+    logs = read_logs(paths, arm.n, limits=arm.limits, naming=naming)
     cuts = [int(float(one["cut"]) * len(log.t)) for log in logs]
     return (
         [cut(log, slice(0, k)) for log, k in zip(logs, cuts, strict=True)],
