@@ -205,9 +205,7 @@ def _conclude(
     nominal_rms = np.sqrt(np.mean(np.square(data.residual[kept]), axis=0))
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
     some = data.measured
-    if (
-        percent_gained(nominal_rms[some], extended_rms[some]) <= 0
-    ):  # what predicts worse names nothing
+    if percent_gained(nominal_rms[some], extended_rms[some]) <= 0:  # it names nothing then
         judged = Judged(predictor, replace(judged.model, terms=()), [], np.zeros(0))
         extended_rms = nominal_rms
     terms, c = judged.terms, judged.coefficients

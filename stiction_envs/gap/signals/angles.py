@@ -14,13 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.robots import Arm
+from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
 MOST_ROWS = 200
@@ -87,13 +87,7 @@ def angle_error(
     one, zero = np.ones(arm.n), np.zeros(arm.n)
     now, load = errors(one, zero)
     # a load on the flange may explain as much
-    work, weight = model.createData(), 1 / now
-    tip = np.array(
-        [
-            np.reshape(pin.computeJointTorqueRegressor(model, work, *x), (arm.n, -1))[:, -10:]
-            for x in zip(q, dq, ddq, strict=True)
-        ]
-    )
+    weight, tip = 1 / now, torque_regressor(model, q, dq, ddq)[..., -10:]
     blocks = [np.column_stack([load[:, j], others[j]]) * weight[j] for j in range(arm.n)]
     shared = np.concatenate([tip[:, j] * weight[j] for j in range(arm.n)])
     x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
