@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.hidden.excited_logs import presliding
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
@@ -116,12 +116,32 @@ def test_a_heavy_payload_is_weighed_along_a_small_motion() -> None:
 
 
 def test_currents_in_place_of_torques_are_one_scale_of_all_joints() -> None:
+    """Friction is in N·m all the same."""
     made = recorded(ur10())
     made.tau *= 0.08
     causes = named(diagnose_logs([made.log(noise=0.01)], ur10()))
     assert {"torque_scale"} <= set(causes) <= {*FRICTION, "torque_scale"}
     assert causes["torque_scale"].joints == (1, 2, 3, 4, 5, 6)
-    holds(causes["torque_scale"], "scale", {0: 0.08}, within=0.05)
+    holds(causes["torque_scale"], "scale", {0: 0.08}, within=0.01)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY), within=0.1)
+    holds(causes["viscous_friction"], "viscous_nms", of_joints(SLOPE), within=0.1)
+
+
+@pytest.mark.slow
+def test_currents_of_three_sizes_of_gears_are_three_scales() -> None:
+    """The model file knows them: the same log does not differ from it."""
+    gears, made = np.array([12.5, 12.5, 11.0, 9.2, 9.2, 9.2]), recorded(ur10())
+    made.tau /= gears
+    log = made.log(noise=0.01)
+    found = diagnose_logs([log], ur10())
+    causes = named(found)
+    assert {"torque_scale"} <= set(causes) <= {*FRICTION, "torque_scale"}
+    scales = causes["torque_scale"].parameters
+    for j in range(3):  # the wrist's load is small
+        assert scales[j + 1]["scale"].value == pytest.approx(1 / gears[j], rel=0.02)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY[:4]), within=0.1)
+    again = diagnose_logs([log], ur10(), nominal=model_of(found))
+    assert (again.verdict, again.causes) == ("no discrepancy", ())
 
 
 @pytest.mark.slow

@@ -128,7 +128,7 @@ class Loads:
             what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
             out.append(
                 f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "
-                f"another unit, {what} torque_scale says the factor, and friction is in that unit"
+                f"another unit, {what} torque_scale says the factor"
             )
         if self.lacks_gravity:
             out.append(

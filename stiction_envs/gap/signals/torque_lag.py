@@ -154,8 +154,9 @@ def correct_torques(
     settings: GapSettings | None = None,
     known_sign: int = 0,
     known_lag: Lag | None = None,
+    known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, and correct the torques that lag.
+    """Correct torques of the opposite sign, in another unit, and that lag.
 
     Args:
         logs: of one robot.
@@ -164,6 +165,7 @@ def correct_torques(
         settings: constants of the method; None for those of ``settings.toml``.
         known_sign: as in `correct_sign`.
         known_lag: by an earlier diagnosis of the robot; None for none.
+        known_unit: as in `correct_sign`.
 
     Returns:
         Logs and their signals; each change is recorded as a correction.
@@ -171,7 +173,7 @@ def correct_torques(
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
     """
-    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign)
+    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign, known_unit)
     changed = False
     for i, log in enumerate(read):
         if log.static:
