@@ -40,6 +40,10 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 SAME_GAIN = 0.005
 """Error of a torque's factor that is not worth another search [-]; assumed."""
+OTHER_GAIN = 0.1
+"""Error of a gain from which on logs are converted by it, too [-]; assumed."""
+LEAST_GAIN = 0.02
+"""Gain below which nothing is measured [-]; assumed."""
 DRAWS = 1000
 """Number of draws of the posterior for intervals [-]; assumed."""
 NEGLIGIBLE = 0.1
@@ -198,7 +202,9 @@ def diagnose_logs(
         causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
     judged = judge(data, causes, say)
     gain = gains(judged.predictor, judged.terms, judged.coefficients)
-    if data.converted and np.abs(gain - 1).max() > SAME_GAIN:
+    off = np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN)
+    if (off & (gain > LEAST_GAIN)).any():  # friction was measured with the same gain
+        gain = np.where(gain > LEAST_GAIN, gain, 1.0)
         read, signals = converted(read, signals, signals.torque_unit * gain)
         base = compare(signals)
         judged = judge(baseline.extend(base), causes, say)

@@ -145,6 +145,19 @@ def test_currents_of_three_sizes_of_gears_are_three_scales() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("unit", [1000.0, 100 / np.array([87.0] * 4 + [12.0] * 3)])
+def test_other_units_are_converted(unit: Array | float) -> None:
+    """Torques in mN·m, or in percent of what each joint can bear."""
+    middle = np.array([0.1, -0.3, 0.2, -1.8, 0.3, 1.8, 0.4])
+    dry = np.array([0.6, 0.7, 0.5, 0.5, 0.4, 0.3, 0.3])
+    made = recorded(load_arm("panda"), dry, 0.6 * dry, middle=middle, reach=0.5)
+    made.tau *= unit
+    causes = named(diagnose_logs([made.log(noise=0.02 * unit)], "panda"))
+    assert set(causes) == {*FRICTION, "torque_scale"}
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(dry), within=0.1)
+
+
+@pytest.mark.slow
 def test_sensors_that_measure_nothing_are_left_out() -> None:
     """The torques of the wrist are noise: nothing is named on these joints, and all else is."""
     made = recorded(ur10(3.0))

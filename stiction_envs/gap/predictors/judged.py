@@ -133,18 +133,20 @@ def _clear(predictor: TorquePredictor, model: Model) -> Model:
 
 
 def _in_unit(predictor: TorquePredictor, model: Model) -> Model:
-    """Return the model with the torques' gain on the arm, or on each joint if gears differ.
+    """Return the model with the gain of torques in another unit, on the arm or on each joint.
 
     The logs were converted by a rough factor. The gain is in the model even where that is right.
     """
     problem = predictor.problem
-    rest = [t for t in model.terms if t.cause != TorqueScale.name]
-    gains = {t.joint: t for t in reversed(predictor.candidates) if t.cause == TorqueScale.name}
+    rest = [t for t in model.terms if t.cause != TorqueScale.name or not t.shape]
+    offered = [t for t in predictor.candidates if t.cause == TorqueScale.name and t.shape]
+    gains = {t.joint: t for t in reversed(offered)}
     each = [*rest, *(t for j, t in gains.items() if j != ARM)]
-    terms = [*rest, gains.get(ARM, each[-1])]
-    more = problem.score(each) - problem.score(terms)
-    if ARM not in gains or more > NAMED * (len(each) - len(terms)):
-        terms = each
+    terms = each
+    if ARM in gains:
+        arm = [*rest, gains[ARM]]
+        less = problem.score(each) - problem.score(arm)
+        terms = arm if less < NAMED * (len(each) - len(arm)) else each
     evidence = predictor.refresh(problem, terms)
     return Model(tuple(terms), problem.scales, problem.inflation.copy(), evidence)
 

@@ -43,9 +43,9 @@ def named_causes(
     predictor, model = judged.predictor, judged.model
     problem, search = predictor.problem, search_of(predictor)
     now, some = problem.score(model.terms), predictor.data.measured
-    nominal = _rms(predictor.data.logged_residual)
+    nominal, in_newton_metres = _rms(predictor.data.logged_residual), _rms(predictor.data.residual)
     full = _left(judged, judged.coefficients)
-    out = []
+    out, lost = [], {}
     for name in dict.fromkeys(t.cause for t in model.terms):
         mine = [t for t in model.terms if t.cause == name]
         rest = list(model.terms)
@@ -64,6 +64,8 @@ def named_causes(
             nats = _against_newton_metres(judged, mine)
         else:
             rivals = _rivals(search, model.terms, mine, now)
+        # a thousand times the torque, in mN·m, would make every other cause a minor one
+        lost[name] = percent_lost(*(x[some] for x in (without, full, in_newton_metres)))
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if any(t.joint == ARM for t in mine):
             joints = tuple(range(1, predictor.data.n + 1))
@@ -86,7 +88,7 @@ def named_causes(
             )
         )
     out.sort(key=lambda x: -x.gain_percent)
-    minor = [c for c in out[1:] if c.gain_percent < MINOR]
+    minor = [c for c in out[1:] if lost[c.name] < MINOR]
     return tuple(c for c in out if c not in minor), tuple(minor)
 
 
@@ -163,7 +165,7 @@ def _against_newton_metres(judged: Judged, gains: Sequence[Term]) -> float:
     covariance = problem.covariance(terms)
     start = np.cumsum([0, *(len(problem.numbers[t]) for t in terms)])
     at = [int(start[terms.index(t)]) for t in gains]
-    unit = np.array([t.shape[0] for t in gains])
+    unit = np.array([(t.shape or (1.0,))[0] for t in gains])
     away = judged.coefficients[at] - (1 / unit - 1)
     return float(away @ np.linalg.solve(covariance[np.ix_(at, at)], away) / 2)
 

@@ -53,7 +53,8 @@ class TorqueScale(Cause):
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the unit of the joint's torque, by which it was divided."""
-        return [(float(data.unit[joint % len(data.unit)]),)] if data.converted else [()]
+        unit = float(data.unit[joint % len(data.unit)])
+        return [()] if unit == 1 else [(unit,)]
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque and the load."""
