@@ -12,14 +12,11 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
+from tuning.names import EPISODES, PATHS, POLICIES
 
 if TYPE_CHECKING:
     from tuning.policies.task import Task
 
-# as the packages have them; written out, so that --help does not load the engine
-TRAJECTORIES = ("triangle", "pentagon", "random")
-NAMED = ("none", "gated", "random", "rule")
-EPISODES = 32  # as in tuning/policies/settings.toml
 GTE_ONLY = ("trajectory", "stiffness")
 
 
@@ -41,7 +38,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs="+",
         required=True,
         metavar="POLICY",
-        help=f"one or more of {', '.join(NAMED)}, a policy.zip of `stiction train`, or an "
+        help=f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
         "amplitude table (.csv); gated: the best gated table that is shipped",
     )
     parser.add_argument(
@@ -61,7 +58,7 @@ def add_task_options(parser: common.Parser) -> None:
     parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
     parser.add_argument(
         "--trajectory",
-        choices=TRAJECTORIES,
+        choices=PATHS,
         help="path of every episode (gte); random: drawn ones, others in training than in "
         "evaluation",
     )
@@ -192,7 +189,7 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     """Return the policies that are files, by a name of their own."""
     from tuning.policies.evaluation import gated_file
 
-    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in NAMED}
+    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}
     if "gated" in policies and (shipped := gated_file(robot)) is not None:
         files["gated"] = shipped
     return files
@@ -206,16 +203,8 @@ def show(result: JsonRecord) -> str:
     header, rows = means_table(summary)
     table = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [
-        "  ".join(
-            [
-                row[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
-            ]
-        )
-        for row in table
-    ]
-    episodes = next(iter(summary.values()))["episodes"]
-    return "\n".join(
-        [f"{result['environment']}, {episodes} episodes", *lines, f"written to {result['out']}"]
-    )
+    lines = [f"{result['environment']}, {next(iter(summary.values()))['episodes']} episodes"]
+    for name, *numbers in table:
+        cells = [x.rjust(width) for x, width in zip(numbers, widths[1:], strict=True)]
+        lines.append("  ".join([name.ljust(widths[0]), *cells]))
+    return "\n".join([*lines, f"written to {result['out']}"])

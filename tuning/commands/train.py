@@ -10,10 +10,7 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.reporting.json_text import JsonRecord
 from tuning.commands import evaluate
-
-# as the packages have them; written out, so that --help does not load them
-ALGORITHMS = ("sac", "ppo", "td3")
-CHECKPOINT_EVERY = 20_000
+from tuning.names import ALGORITHMS, CHECKPOINT_EVERY
 
 
 def add_parser(subparsers: common.Subparsers) -> None:

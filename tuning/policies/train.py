@@ -27,6 +27,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.atomic import naming
+from tuning.names import CHECKPOINT_EVERY
 from tuning.policies.algorithms import (
     CheckpointCallback,
     EvalCallback,
@@ -93,7 +94,7 @@ class Training:
     start: Sequence[AmplitudeRow] = ()
     """Amplitudes that the policy starts with, for every observation; gates are ignored. Without
     them: half of the highest amplitudes and frequencies."""
-    checkpoint_every: int = 20_000
+    checkpoint_every: int = CHECKPOINT_EVERY
     """Steps between two checkpoints."""
     settings: PolicySettings
 
@@ -134,11 +135,11 @@ class Training:
     def _learn(self, out: Path, progress: Progress | None) -> int | None:
         """Train the rest; return the steps that were done before, None for none."""
         own, run = settings_of(self.algorithm, self.settings), self.settings.run
-        env = make_env(self.task, own.envs, run, own.gamma)
+        env = make_env(self.task, own.envs, run, own)
         evaluations = _Evaluations(self, out, progress)
         place = newest(out / CHECKPOINTS)
         if place is None:
-            model = make_model(own, env, self.seed)
+            model = make_model(self.algorithm, own, env, self.seed)
             if self.start:
                 begin_with(model, first_action(self.task, self.start), self.settings.start)
         else:
@@ -164,7 +165,7 @@ class _Evaluations(EvalCallback):
 
     def __init__(self, training: Training, out: Path, progress: Progress | None) -> None:
         own, run = settings_of(training.algorithm, training.settings), training.settings.run
-        env = make_env(training.task, run.evaluation_episodes, run, own.gamma)
+        env = make_env(training.task, run.evaluation_episodes, run, own)
         # it takes over the training's normalisation
         env.training, env.norm_reward = False, False
         super().__init__(

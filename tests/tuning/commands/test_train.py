@@ -6,18 +6,17 @@ import shlex
 
 import pytest
 
+from stiction_envs.envs.agents import AGENTS
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
 from tests.cli.short_commands import EPISODES, TRAINING
 from tests.tuning.policies.small import made_up
-from tuning.commands import evaluate
-from tuning.commands import train as command
+from tuning import names
 
 pytest.importorskip("stable_baselines3")
-from tuning.policies import algorithms, evaluation, task
+from tuning.policies import algorithms
 from tuning.policies import train as training
-from tuning.policies.settings import policy_settings
 
 QUICK = shlex.split(EPISODES)
 
@@ -131,8 +130,8 @@ BAD_POLICIES = {
     "gte --policy best": "unknown policy 'best': expected one of none, gated, random, rule",
     "gte --policy policy.zip": "policy.zip: no such file",
     "gte --policy none none": "expected each once",
-    "gte --policy {iiwa.zip}": "GTE environment of iiwa7: expected one for the GTE environment",
-    "sje --policy {gte.zip}": "expected one for the SJE environment of panda",
+    "gte --policy {iiwa.zip}": "GTE-v0 of iiwa7: expected one for GTE-v0 of panda",
+    "sje --policy {gte.zip}": "expected one for SJE-v0 of panda",
     "gte --policy {gte.zip}": "policy for other observations",
     "gte --policy {table.csv}": "joint 7: 50 N·m",
 }
@@ -171,11 +170,7 @@ def test_a_table_of_means_is_shown_and_the_gated_table_is_an_input(cli, work):
 
 
 def test_names_are_those_of_the_packages():
-    """They are written out: `--help` loads neither environments nor Stable-Baselines3."""
-    defaults = policy_settings().evaluation
-    assert command.ALGORITHMS == algorithms.ALGORITHMS
-    assert training.Training.checkpoint_every == command.CHECKPOINT_EVERY
-    assert evaluate.EXPERIMENTS == task.EXPERIMENTS
-    assert evaluate.NAMED == evaluation.NAMED
-    assert (*TRAJECTORIES, RANDOM) == evaluate.TRAJECTORIES
-    assert defaults.episodes == evaluate.EPISODES
+    """The commands have them without loading environments or Stable-Baselines3."""
+    assert tuple(algorithms.ALGORITHMS) == names.ALGORITHMS
+    assert set(names.POLICIES) <= {*AGENTS, "gated"}
+    assert (*TRAJECTORIES, RANDOM) == names.PATHS

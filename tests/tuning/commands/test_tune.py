@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError
 from tests.cli.test_identify import check_sources
 from tests.robots.arms import chain
-from tuning.commands import tune as tune_command
+from tuning import names
 from tuning.protocol import tune as tuner
-from tuning.search import bounds, options
-from tuning.study import samplers
 
 ROOT = Path(__file__).parents[3]
 SEARCH = ["--protocol", "search"]
@@ -110,13 +109,8 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
     assert "aliases to 50 Hz" in line
 
 
-def test_names_written_out_for_help_are_the_packages_own():
-    assert tune_command.SAMPLERS == samplers.SAMPLERS
-    assert tune_command.OBJECTIVES == options.OBJECTIVES
-    assert tune_command.COMPENSATIONS == options.COMPENSATIONS
-    assert set(tune_command.TREATMENTS) == set(options.TREATMENTS)
-    assert tune_command.PRICES == options.PRICES
-    assert set(tune_command.FREE) == set(bounds.OPTIONS)
+def test_names_of_compensations_are_those_of_the_laws():
+    assert tuple(LAWS) == names.KINDS
 
 
 def test_options_that_contributing_names_exist(cli):
@@ -138,12 +132,12 @@ def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
     result = json.loads(ran.out)
     assert result["command"] == "tune"
     assert [r["joint"] for r in result["final"]] == [1, 2]
-    names = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
-    before = {name: (work / "found" / name).read_bytes() for name in names}
+    files = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
+    before = {name: (work / "found" / name).read_bytes() for name in files}
     with (work / "found" / "trials.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 6
     assert cli(*argv).code == 0  # it goes on where it was: at its end
-    assert before == {name: (work / "found" / name).read_bytes() for name in names}
+    assert before == {name: (work / "found" / name).read_bytes() for name in files}
     ran = cli("sje", "two.xml", "--dither", "found/final.yaml", "--iterations", 1, "--out", "ros")
     assert ran.code == 0
     ran = cli("sje", "two.xml", "--dither", "found/final.csv", "--iterations", 1, "--out", "csv")
@@ -162,7 +156,7 @@ def test_several_treatments_are_handed_over(cli, work, monkeypatch):
     ran = cli(*argv, "--out", "found", "--threads", 1)
     assert ran.code == 0, ran.err
     kinds = [p.parent.name for p in sorted((work / "found").glob("*/final.csv"))]
-    assert kinds == sorted(options.TREATMENTS["observer"])
+    assert kinds == sorted(names.TREATMENTS["observer"])
     path = ["--trajectory", "triangle", "--stiffness", 200, 20, 0, "--iterations", 1]
     for kind in kinds:
         rows = []

@@ -11,7 +11,8 @@ import pytest
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, read_sje, write_amplitudes
-from tuning.search.options import TREATMENTS, Options
+from tuning.names import TREATMENTS
+from tuning.search.options import Options
 from tuning.search.search import search
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}

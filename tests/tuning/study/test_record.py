@@ -19,8 +19,8 @@ from tests.tuning.study.searches import (
     search,
     trials,
 )
+from tuning.names import SAMPLERS
 from tuning.study.record import Outcome, Record, run
-from tuning.study.samplers import SAMPLERS
 
 
 @pytest.fixture(autouse=True)
