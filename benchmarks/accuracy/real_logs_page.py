@@ -35,7 +35,6 @@ CHECKS = {
         ("runs with a clock of their own", "recordings in one file"),
     ),
     "iiwa14 poses": (("torque has the opposite sign", "opposite sign"),),
-    "tx40": (("7.4 s of motion, then rest", "the arm rests in"),),
 }
 """What a README says, and the tool's words for it."""
 
@@ -61,7 +60,6 @@ def joints(rows: dict[str, Row]) -> list[tuple[str, int, Row]]:
     return [
         *(("panda", j, rows["panda"]) for j in rows["panda"]["shown"]),
         *(("iiwa14", j, sweeps[k]) for j, k in iiwa),
-        *(("tx40", j, rows["tx40"]) for j in rows["tx40"]["shown"]),
     ]
 
 
@@ -70,15 +68,15 @@ def _summary(rows: dict[str, Row]) -> tuple[str, dict[str, float]]:
     cells, below = [], {}
     for robot, j, row in joints(rows):
         rms = {k: v[j - 1] for k, v in row["rms"].items()}
-        offset = rms.get("coulomb_viscous_offset")
-        tool, best = rms["extended"], min(rms["coulomb_viscous"], offset or np.inf)
+        offset = rms["coulomb_viscous_offset"]
+        tool, best = rms["extended"], min(rms["coulomb_viscous"], offset)
         below[f"{robot} {j}"] = 100 * (1 - tool / best)
         cells.append(
             [
                 f"{robot} {j}",
                 short(rms["rigid"]),
                 short(rms["coulomb_viscous"]),
-                short(offset) if offset is not None else "in C+V",
+                short(offset),
                 f"**{short(tool)}**",
                 short(row["noise"][j - 1]),
                 f"{number(100 * (1 - tool / rms['coulomb_viscous']), 0)} %",
@@ -137,7 +135,6 @@ def _poses(row: Row) -> str:
         "offset": "offset per joint",
         "offset_scale": "offset and scale per joint",
         "extended": "tool",
-        "any_masses": "offsets, and any masses of all links",
     }
     cells = [[text, *(short(x) for x in row["rms"][key])] for key, text in names.items()]
     cells.append(["noise: poses taken twice", *(short(x) for x in row["noise"])])
@@ -153,7 +150,7 @@ RIGID, USUAL, TOOL = "#c2590c", "0.45", "#1f5fa8"
 def draw(rows: dict[str, Row], folder: Path) -> None:
     """Draw all pictures."""
     _overview(rows, folder / "real_logs.png")
-    for robot in ("panda", "iiwa14", "tx40"):
+    for robot in ("panda", "iiwa14"):
         mine = [(j, row) for r, j, row in joints(rows) if r == robot]
         _residuals(robot, mine, folder / f"real_logs_{robot}.png")
 
@@ -164,7 +161,7 @@ def _overview(rows: dict[str, Row], path: Path) -> None:
     all_of = joints(rows)
     for k, (_, j, row) in enumerate(all_of):
         rms = {name: v[j - 1] for name, v in row["rms"].items()}
-        usual = min(rms["coulomb_viscous"], rms.get("coulomb_viscous_offset", np.inf))
+        usual = min(rms["coulomb_viscous"], rms["coulomb_viscous_offset"])
         axes.vlines(k, rms["extended"], rms["rigid"], color="0.8", lw=2, zorder=1)
         for y, colour, mark, text in (
             (rms["rigid"], RIGID, "o", "rigid"),

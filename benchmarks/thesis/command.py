@@ -61,34 +61,13 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
     return {"command": "reproduce", "seed": args.seed, **found}
 
 
-def inputs_of(*own: Path) -> dict[str, Path]:
-    """Return the files a run depends on: arms, friction, protocols, measured tables, ``own``."""
-    from stiction_envs.friction.parameters import friction_path
-    from stiction_envs.measured import thesis_robots
-    from stiction_envs.measured.thesis_tables import THESIS_TABLES
-    from stiction_envs.reporting.provenance import package_folder
-    from stiction_envs.robots.registry import robot_files
-
-    package = package_folder()
-    found = {path.stem: path for path in own}
-    for robot in thesis_robots():
-        files = robot_files(robot)
-        found[robot], found[f"{robot}_table"] = files["robot"], files["robot_table"]
-        found[f"{robot}_friction"] = friction_path(robot)
-    found["protocol"] = package / "experiments" / "sje" / "sje.toml"
-    found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
-    found["controller"] = package / "control" / "gte.toml"
-    names = [f"table_{number.replace('.', '_')}" for number in THESIS_TABLES]
-    return found | {name: package / "measured" / "thesis" / f"{name}.csv" for name in names}
-
-
 def _items(args: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.thesis.catalogue import chosen, reproduce
     from benchmarks.thesis.studies import Options
 
     items = chosen(args.only)
     name = "-".join(args.only).replace(".", "_") or "thesis"
-    folder = common.output_folder(args, name, inputs_of())
+    folder = common.output_folder(args, name, {})
     options = Options(
         seed=args.seed,
         iterations=args.iterations,
@@ -105,8 +84,8 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.thesis.nested_models import fit, models, page
 
     fit.optimiser()  # before anything is written
-    inputs = inputs_of(Path(fit.__file__).with_name("dither_fit.toml"))
-    folder = common.output_folder(args, GAP, inputs, resumable=True)
+    settings = {"dither_fit": Path(fit.__file__).with_name("dither_fit.toml")}
+    folder = common.output_folder(args, GAP, settings, resumable=True)
     seeds = [args.seed + k for k in models.SEEDS]
     with common.working(), Progress("steps") as progress, folder:
         nested = models.NestedModels(folder.path, seeds=seeds, processes=args.threads)

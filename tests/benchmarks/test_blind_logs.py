@@ -24,8 +24,6 @@ def row(*hidden: str, named: tuple[str, ...] = (), second: float = 0.1, **more: 
         "verdict": "explained",
         "named": list(named),
         "joints": [[1]] * len(named),
-        "confused_with": [[]] * len(named),
-        "unclear": -1,
         "right_joint": [x in named for x in hidden],
         "inside": {f"{x}.value": True for x in hidden},
         "held_out_nm": [0.1] * 7,

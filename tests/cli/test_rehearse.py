@@ -13,7 +13,7 @@ from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
 from tests.gap.small_logs import dry, hidden, write_csv
 
-FILES = {"rehearsal.csv", "rehearsal_runs.json", "provenance.json"}
+FILES = {"rehearsal.csv", "rehearsal_runs.jsonl", "provenance.json"}
 COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
 
 

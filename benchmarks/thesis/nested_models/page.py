@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.thesis.nested_models import figures
 from benchmarks.thesis.nested_models.cells import FREQUENCIES, JOINTS, cells
-from benchmarks.thesis.nested_models.models import NestedModel, preferred
+from benchmarks.thesis.nested_models.models import NestedModel
 from benchmarks.thesis.nested_models.scores import (
     ARM,
     SAME_LOSS,
@@ -105,8 +105,6 @@ def page(s: ModelScores) -> str:
         same_loss=SAME_LOSS,
         same_range=SAME_RANGE,
         identification=_identification(s),
-        ramp_rates=_ramp_rates(s),
-        preferred=preferred(s.models["elasto-plastic"], s.models["drift"]),
     )
 
 
@@ -184,17 +182,3 @@ def _identification(s: ModelScores) -> str:
         good = f"{found[0].seeds} of {seeds}"
         rows.append([str(j), *(texts.get(n, "–") for n in PARAMETERS), good])
     return table_text(["joint", *PARAMETERS.values(), "seeds as good"], rows)
-
-
-def _ramp_rates(s: ModelScores) -> str:
-    rates = s.ramp_rates()
-    loss = {r: float(s.models[k].loss or 0.0) for r, k in rates.items()}
-    best = min(loss, key=loss.__getitem__)
-    rows = []
-    for r, k in rates.items():
-        gap, error = preferred(s.models[rates[best]], s.models[k])
-        worse = "yes" if r != best and gap >= error else "no"
-        over, mean = signed(loss[r] - loss[best]), f"{number(s.scores[k].mean, 2)} %"
-        rows.append([f"{r:g}", number(loss[r]), over, worse, mean])
-    header = ["ramp rate [N·m/s]", "loss of the fit", "over the best"]
-    return table_text([*header, "clearly worse than the best", "held-out mean error"], rows)

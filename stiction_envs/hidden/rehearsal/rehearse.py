@@ -18,12 +18,10 @@ dry friction, as much as the log shows, which a rigid nominal model lacks: that 
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -36,7 +34,7 @@ from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.gap.settings import GapSettings, gap_settings
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Run, Subject, measure
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
@@ -49,7 +47,7 @@ from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.method_settings import override
-from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -82,17 +80,19 @@ class Plan:
             kept: file in which finished jobs are kept; what is there already is not done again.
                 None keeps nothing.
         """
-        say = progress or (lambda *_: None)
-        runs: dict[str, list[Run]] = {}
-        if kept is not None and kept.exists():
-            runs = json.loads(kept.read_text("utf-8"))
-        asked = [job for job in self.jobs if not job.why_not]
-        missing = [job for job in asked if job.key not in runs]
-        for job, found in _measured(missing, self.subject, self.seed, threads):
-            runs[job.key] = found
-            if kept is not None:
-                write_json(kept, runs)
-            say(f"hid {job.key} in the log", len(runs) / len(asked))
+        asked = {job.key: job for job in self.jobs if not job.why_not}
+
+        def tell(key: str, done: int, count: int) -> None:
+            if progress is not None:
+                progress(f"hid {key} in the log", done / count)
+
+        runs = KeptRows(kept).fill(
+            asked,
+            partial(measure, subject=self.subject, seed=self.seed),
+            processes=threads or os.cpu_count() or 1,
+            tell=tell,
+            begin=partial(_begin, registered()),
+        )
         order = list(dict.fromkeys(job.cause for job in self.jobs))
         rows = [
             row_of(job, row, [] if job.why_not else runs[job.key])
@@ -104,32 +104,9 @@ class Plan:
             robot=self.robot,
             rows=tuple(sorted(rows, key=lambda r: (order.index(r.cause), r.joint))),
             named_without=tuple(x[0] for x in runs[NOTHING][0]["named"]),
-            runs={job.key: runs[job.key] for job in asked},
+            runs=runs,
             provenance=self.provenance,
         )
-
-
-def _measured(
-    jobs: list[Job], subject: Subject, seed: int, threads: int
-) -> Iterator[tuple[Job, list[Run]]]:
-    """Yield the runs of each job when they are done, in processes of one thread each."""
-    processes = min(threads or os.cpu_count() or 1, len(jobs))
-    if processes < 2:
-        yield from ((job, measure(job, subject, seed)) for job in jobs)
-        return
-    pool = ProcessPoolExecutor(
-        processes, get_context("spawn"), initializer=_begin, initargs=(registered(),)
-    )
-    before = os.environ.get("OPENBLAS_NUM_THREADS")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
-    try:
-        waiting = {pool.submit(measure, job, subject, seed): job for job in jobs}
-        for one in as_completed(waiting):
-            yield waiting[one], one.result()
-    finally:
-        if before is None:
-            del os.environ["OPENBLAS_NUM_THREADS"]
-        pool.shutdown(cancel_futures=True)  # after an interruption none begins anything
 
 
 def _begin(causes: Sequence[Cause]) -> None:

@@ -12,7 +12,6 @@ import pytest
 
 from benchmarks.thesis import catalogue, command, studies
 from benchmarks.thesis.catalogue import ITEMS, chosen
-from benchmarks.thesis.command import inputs_of
 from benchmarks.thesis.items import needs_of
 from benchmarks.thesis.lsm import FrictionCurve
 from benchmarks.thesis.nested_models import figures, models
@@ -133,10 +132,6 @@ def test_what_is_called_fitted_is_what_the_friction_was_fitted_to():
     assert len(FITTED) == 1
 
 
-def test_inputs_are_there():
-    assert all(path.is_file() for path in inputs_of().values())
-
-
 @pytest.mark.slow
 def test_the_whole_thesis(thesis, work, simulated):
     ran = thesis("--iterations", 2, "--json")
@@ -189,11 +184,9 @@ def test_gap_goes_on_where_it_was_interrupted(thesis, work, monkeypatch):
     done = [x for x in fitted if x != "interrupted"]
     assert done == [k for k in kept if kept[k].found and not k.startswith("arm")]
     pictures = {"ladder.png", "iiwa.png", *(f"joint_{j}.png" for j in range(1, 8))}
-    files = {*pictures, "gap.md", "report.html", "ladder.json", "provenance.json"}
+    files = {*pictures, "gap.md", "report.html", "ladder.jsonl", "provenance.json"}
     assert {p.name for p in (work / "a").iterdir()} == files
     assert "stiction as a band" in ran.out
-    found = json.loads((work / "a" / "provenance.json").read_text())
-    assert {"dither_fit", "panda_friction", "table_4_6"} <= set(found["inputs"])
     # other seeds are another run
     assert thesis("gap", "--out", "a", "--seed", 1).code == 2
 

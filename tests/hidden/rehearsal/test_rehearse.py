@@ -23,6 +23,7 @@ from stiction_envs.hidden.rehearsal.torques import hideable
 from stiction_envs.hidden.servo_effects import EFFECTS as SERVO_EFFECTS
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw
 from stiction_envs.hidden.worlds import World
+from stiction_envs.reporting.kept_rows import KeptRows
 from tests.gap.small_logs import dry, found, hidden, only, write_csv
 
 FEW = ("coulomb_friction", "gravity_compensation_missing")
@@ -102,18 +103,18 @@ def test_finished_jobs_are_not_done_again(planned, rehearsed, tmp_path, monkeypa
     """Interrupted in the second job; then the file, the rows and the runs are those of one run."""
     kept, asked, whole = tmp_path / RUNS, [], module.measure
 
-    def interrupted(job, *rest):
+    def interrupted(job, **rest):
         asked.append(job.key)
         if len(asked) == 2:
             raise KeyboardInterrupt
-        return whole(job, *rest)
+        return whole(job, **rest)
 
     monkeypatch.setattr(module, "measure", interrupted)
     with pytest.raises(KeyboardInterrupt):
         planned.run(kept=kept)
     again = planned.run(kept=kept)
     assert asked == [NOTHING, "coulomb_friction", *FEW]
-    assert again.runs == rehearsed.runs == json.loads(kept.read_text())
+    assert again.runs == rehearsed.runs == KeptRows(kept).every
     assert again.rows == rehearsed.rows
 
 
