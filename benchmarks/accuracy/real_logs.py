@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,9 +56,7 @@ def iiwa_sweep(joint: int) -> Row:
 def iiwa_poses() -> Row:
     _, poses = iiwa_logs()
     d = diagnose_logs([poses], "iiwa14", torque="link")
-    row = row_of(d, range(1, 8))
-    row["rms"] |= {k: v.tolist() for k, v in of_poses(d).items()}
-    return row
+    return row_of(d, range(1, 8))
 
 
 def iiwa_together() -> Row:
@@ -102,9 +99,6 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
         "blocks": data.blocks,
         "rows": len(data.t),
         "causes": d.to_json()["causes"],
-        "corrections": [[Path(x.source).name, c.text] for x in d.logs for c in x.corrections],
-        "warnings": [[Path(x.source).name, w] for x in d.logs for w in x.warnings],
-        "notes": list(d.notes),
         "samples": samples,
     }
 
@@ -145,18 +139,6 @@ def usual(d: Diagnosis) -> dict[str, np.ndarray]:
             data, [np.hstack([x, one]) for x in friction], data.residual
         ),
     }
-
-
-def of_poses(d: Diagnosis) -> dict[str, np.ndarray]:
-    """Return (n,) what nothing, offsets, and offsets with scales leave in poses [N·m]."""
-    data = d.data
-    one = np.ones((len(data.t), 1))
-    columns = {
-        "rigid": [one[:, :0]] * data.n,
-        "offset": [one] * data.n,
-        "offset_scale": [np.hstack([one, data.nominal[:, [j]]]) for j in range(data.n)],
-    }
-    return {name: held_out(data, x, data.residual) for name, x in columns.items()}
 
 
 def main() -> None:

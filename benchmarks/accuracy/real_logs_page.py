@@ -20,23 +20,6 @@ SWEEP_JOINTS = (1, 2, 3, 5, 6, 7)
 """Joints of the iiwa 14 that have a log of their own."""
 ENDINGS = re.compile(r"_(nm_per_rad|nm_per_s|per_rev|kgm2|nms|nm|rad|kg|m|s)$")
 """Units at the ends of parameters' names."""
-CHECKS = {
-    "panda": (
-        ("1131 repeated rows", "1131 rows repeated"),
-        ("120 rows with an old q", "old q"),
-        ("PC clock; robot samples on whole milliseconds", "regular 1 ms clock"),
-        ("dq lags the derivative of q by 5 ms", "dq lags the derivative of q by 5"),
-        ("q may be the desired position", "may be the commanded position"),
-    ),
-    "iiwa14 joint2": (
-        ("torque has the opposite sign", "opposite sign"),
-        ("channels not time-aligned", "later than the angles"),
-        ("dq is low-passed by the driver", "low-passed, half its power"),
-        ("runs with a clock of their own", "recordings in one file"),
-    ),
-    "iiwa14 poses": (("torque has the opposite sign", "opposite sign"),),
-}
-"""What a README says, and the tool's words for it."""
 
 
 def page(rows: dict[str, Row]) -> dict[str, Any]:
@@ -49,7 +32,6 @@ def page(rows: dict[str, Row]) -> dict[str, Any]:
         "worse": [name for name, percent in below.items() if percent < 0],
         "below": [min(below.values()), max(below.values())],
         "cases": {name: _case(name, row) for name, row in rows.items()},
-        "poses": _poses(rows["iiwa14 poses"]),
     }
 
 
@@ -104,11 +86,6 @@ def _case(name: str, row: Row) -> dict[str, Any]:
                 ", ".join(cause["confused_with"]),
             ]
         )
-    said = [text for _, text in (*row["corrections"], *row["warnings"])] + row["notes"]
-    checks = [
-        [readme, next((s for s in said if word in s), "**not found**")]
-        for readme, word in CHECKS.get(name, ())
-    ]
     return {
         "name": name,
         "verdict": row["verdict"],
@@ -117,7 +94,6 @@ def _case(name: str, row: Row) -> dict[str, Any]:
         "cutoff": f", cutoff {row['cutoff_hz']:.3g} Hz" if np.isfinite(row["cutoff_hz"]) else "",
         "seconds": row["seconds"],
         "causes": table_text(["cause", "joints", "gain", "parameters", "or"], cells),
-        "checks": table_text(["the README says", "the tool says"], checks) if checks else "",
     }
 
 
@@ -127,19 +103,6 @@ def _parameter(key: str, p: dict[str, Any]) -> str:
     unit = parameter_units().get(key, "")
     bound = " (on its bound)" if p["on_bound"] else ""
     return f"{ENDINGS.sub('', key) if unit else key} {text} {unit}".rstrip() + bound
-
-
-def _poses(row: Row) -> str:
-    names = {
-        "rigid": "rigid",
-        "offset": "offset per joint",
-        "offset_scale": "offset and scale per joint",
-        "extended": "tool",
-    }
-    cells = [[text, *(short(x) for x in row["rms"][key])] for key, text in names.items()]
-    cells.append(["noise: poses taken twice", *(short(x) for x in row["noise"])])
-    head = ["poses", *(f"joint {j + 1}" for j in range(7))]
-    return table_text(head, cells)
 
 
 # ---- pictures ------------------------------------------------------------------------------------

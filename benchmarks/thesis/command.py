@@ -97,12 +97,10 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
 def show(result: JsonRecord) -> str:
     """Return the results as readable tables."""
     if "items" in result:
-        lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]
+        lines = [
+            f"{key.replace('-', ' '):<12} {x['compared']}" for key, x in result["items"].items()
+        ]
         return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
-    found = result[GAP]
-    floor = {"name": "the thesis repeated", **found["repeats"]}
     lines = [f"{'held-out error [% of base torque]':<38}{'mean':>6}{'median':>8}"]
-    lines += [
-        f"{r['name']:<38}{r['mean']:>6.1f}{r['median']:>8.1f}" for r in (*found["models"], floor)
-    ]
+    lines += [f"{name:<38}{mean:>6.1f}{median:>8.1f}" for name, mean, median in result[GAP]]
     return "\n".join([*lines, "", f"written to {result['out']}"])

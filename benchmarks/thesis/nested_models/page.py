@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -51,12 +50,15 @@ PARAMETERS = {
 }
 
 
-def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any]:
-    """Write `gap.md`, `report.html` and their pictures; return the errors [% of base torque].
+def write_page(folder: Path, models: Mapping[str, NestedModel]) -> list[tuple[str, float, float]]:
+    """Write `gap.md`, `report.html` and their pictures.
 
     Args:
         folder: where; it exists.
         models: by key, as `NestedModels.models` when all are fitted.
+
+    Returns:
+        Name, mean and median error [% of base torque] of every model, and of the thesis's repeats.
     """
     scores = ModelScores(models, cells())
     figures.models(scores, folder / "ladder.png")
@@ -67,19 +69,8 @@ def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any
     write_text_atomic(folder / "gap.md", text)
     title = "The thesis's dithered torques, model by model"
     write_text_atomic(folder / "report.html", to_html(text.splitlines(), folder, title))
-    return {
-        "repeats": {"mean": scores.floor[0], "median": scores.floor[1]},
-        "models": [
-            {
-                "key": key,
-                "name": x.name,
-                "mean": x.mean,
-                "ci95": [x.low, x.high],
-                "median": x.median,
-            }
-            for key, x in scores.scores.items()
-        ],
-    }
+    found = [(x.name, x.mean, x.median) for x in scores.scores.values()]
+    return [*found, ("the thesis repeated", *scores.floor)]
 
 
 def page(s: ModelScores) -> str:

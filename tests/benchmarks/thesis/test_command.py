@@ -98,11 +98,11 @@ def test_a_figure_and_a_table_write_exactly_their_files_and_a_page(thesis, work,
     assert ran.code == 0
     assert set(below(work / "a")) == {*PAGES, "figures/figure_2_3.png", "tables/table_4_5.csv"}
     curve, table = json.loads(ran.out)["items"].values()
-    assert "up to 10.0 % off its law" in curve["sentence"]
+    assert curve["compared"] == "10.0 % off its law"
     for name in ("report.md", "index.html"):
         text = (work / "a" / name).read_text("utf-8")
-        assert curve["sentence"] in text
-        assert table["sentence"] in text
+        assert curve["compared"] in text
+        assert table["compared"] in text
         assert "Left out" not in text
     links = re.findall(r'(?:src|href)="([^"]{0,80})', text)
     assert len(links) == 5
