@@ -34,13 +34,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="steps of all arms together, each one control interval long (default: 0.1 s)",
     )
     parser.add_argument(
-        "--start",
-        type=Path,
-        metavar="TABLE.csv",
-        help="amplitude table that the policy starts with, without its gates (default: half "
-        "of the highest amplitudes and frequencies)",
-    )
-    parser.add_argument(
         "--settings",
         type=Path,
         metavar="FILE.toml",
@@ -64,11 +57,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Train; write policy, curve, evaluation, plots and provenance."""
-    from stiction_envs.measured import AmplitudeRow, read_amplitudes
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.evaluation import evaluate_all
-    from tuning.policies.report import draw_curve, write_report
+    from tuning.policies.report import draw_curve
     from tuning.policies.settings import policy_settings
 
     arm = common.read_arm(args)
@@ -78,10 +70,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         options = {"trajectory": "random", **test.arguments.get("fixed_options", {})}
         task = replace(test, arguments={**test.arguments, "fixed_options": options})
     settings = override(policy_settings(), args.settings)
-    start: list[AmplitudeRow] = []
-    if args.start is not None:
-        start = read_amplitudes(args.start, n_joints=arm.n)
-    inputs = {**common.model_files(args), "settings": args.settings, "start": args.start}
+    inputs = {**common.model_files(args), "settings": args.settings}
     inputs["compensation"] = evaluate.compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     plan = training.Training(
@@ -89,7 +78,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         algorithm=args.algo,
         steps=args.steps,
         seed=args.seed,
-        start=start,
         checkpoint_every=args.checkpoint_every,
         settings=settings,
     )
@@ -111,7 +99,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
             experiment=args.experiment,
         )
-        write_report(folder.path, task, arm, args.algo, trained, evaluated)
     return {
         "command": "train",
         "seed": args.seed,

@@ -22,7 +22,6 @@ from tuning.policies.settings import (
     AlgorithmSettings,
     PolicySettings,
     RunSettings,
-    StartSettings,
 )
 from tuning.policies.task import Task
 
@@ -101,26 +100,6 @@ def make_model(
     kind: SB3 = ALGORITHMS[algorithm]
     model: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
     return model
-
-
-def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: StartSettings) -> None:
-    """Make an untrained model's mean action (nearly) independent of the observation.
-
-    Args:
-        model: of `make_model`.
-        action: (2n,) in [-1, 1].
-        settings: limits of the weights and of the action.
-    """
-    layers, output = _layers(model)
-    inside = np.clip(action, -settings.most, settings.most)
-    bias = np.arctanh(inside) if output == "tanh" else action
-    with torch.no_grad():
-        layers[-1].weight *= settings.slope
-        layers[-1].bias.copy_(torch.as_tensor(bias))
-    if isinstance(model, PPO):
-        model.policy.log_std.data.fill_(settings.log_std)
-    if isinstance(model, TD3):
-        model.actor_target.load_state_dict(model.actor.state_dict())
 
 
 def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgorithm:

@@ -10,7 +10,6 @@ from typing import Any
 from stiction_envs.method_settings import (
     Count,
     Positive,
-    Share,
     load_settings,
 )
 
@@ -45,18 +44,6 @@ class RunSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StartSettings:
-    """A policy that starts from an amplitude table."""
-
-    slope: Positive
-    """Initial variation of the network's output, over that of an untrained network [-]."""
-    most: Share
-    """Bound of its action where a tanh limits it, in [-1, 1] of the range."""
-    log_std: float
-    """Logarithm of PPO's initial standard deviation, in [-1, 1] of the action's range."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class EvaluationSettings:
     """Episodes on which policies are compared."""
 
@@ -76,8 +63,6 @@ class PolicySettings:
     """Twin delayed deterministic policy gradient (Fujimoto et al. 2018)."""
     run: RunSettings
     """Evaluations, limits."""
-    start: StartSettings
-    """Trainings that start from a table."""
     evaluation: EvaluationSettings
     """Comparisons."""
 

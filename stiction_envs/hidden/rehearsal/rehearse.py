@@ -128,16 +128,16 @@ def rehearse(
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
-        data: a joint log or servo log, or several, as of `diagnose`.
+        data: as of `plan`, and so are the other arguments.
         robot: name, model file or arm.
         causes: names of the causes to hide; None for all that are registered.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: of `diagnose`; see `plan`.
+        options: of `diagnose`.
 
     Raises:
-        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
+        StictionError: as of `plan`.
     """
     planned = plan(data, robot, causes=causes, progress=progress, **options)
     return planned.run(threads=threads, progress=progress)
@@ -163,7 +163,7 @@ def plan(
             ``poses`` or ``method``.
 
     Raises:
-        StictionError: as `rehearse`.
+        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
     """
     for name in ("check", "poses", "method"):
         if name in options:

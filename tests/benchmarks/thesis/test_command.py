@@ -12,13 +12,10 @@ import pytest
 
 from benchmarks.thesis import catalogue, command, studies
 from benchmarks.thesis.catalogue import ITEMS, chosen
-from benchmarks.thesis.items import needs_of
 from benchmarks.thesis.lsm import FrictionCurve
 from benchmarks.thesis.nested_models import figures, models
-from benchmarks.thesis.nested_models.cells import FITTED
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.parameters import friction_text
 from stiction_envs.measured import thesis_table
 from stiction_envs.measured.thesis_tables import THESIS_TABLES
 from tests.benchmarks.thesis import made_up
@@ -80,16 +77,6 @@ def test_an_id_names_both_kinds_in_the_order_of_the_thesis():
     assert keys == ["table-4.6", "figure-4.6", "figure-F.1"]
 
 
-def test_items_need_only_what_they_show_and_share_it():
-    assert needs_of(chosen(["2.3"])) == {"curve": ["panda"]}
-    (ramps,) = needs_of(chosen(["C.3"])).values()
-    assert {(robot, job.configuration.joint) for robot, job in ramps} == {("panda", 3)}
-    (dithered,) = needs_of(chosen(["D.3"])).values()
-    assert (len(ramps), len(dithered)) == (4, 8)  # the change is against the base torque
-    assert {t for t, _ in needs_of(chosen(["F.1"]))["gte"]} == {"triangle"}
-    assert len(needs_of(chosen(["4.3", "C.3"]))["sje"]) == 56
-
-
 # ---- what is written -----------------------------------------------------------------------------
 
 
@@ -125,11 +112,6 @@ def test_numbers_of_future_work_are_in_their_sources():
     assert len(found) == 15
     for value, source in found:
         assert value in (ROOT / source).read_text("utf-8"), (value, source)
-
-
-def test_what_is_called_fitted_is_what_the_friction_was_fitted_to():
-    assert friction_text("panda")["provenance"]["fit"].endswith(f"Tables 4.3 and {FITTED[0]} only")
-    assert len(FITTED) == 1
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import pytest
 from benchmarks.thesis import lsm
 from benchmarks.thesis.catalogue import chosen
 from benchmarks.thesis.items import Found
-from benchmarks.thesis.lines import compare_curve
 from benchmarks.thesis.lsm import Line
 from benchmarks.thesis.paths import (
     compare_errors,
@@ -118,17 +117,6 @@ def test_ramps_measure_how_far_they_are_from_print():
     assert ramps.compare(far, far) == "20.0 % off (calibrated); 1 never moved"
 
 
-def test_dithered_ramps_compare_the_change_with_print():
-    ramps = Ramps("panda", 6, "final")
-    base = ramp_group()
-    shaken = [
-        measurement(job, m.mean * (1 + r.change_pct / 100), 4)
-        for job, m, r in zip(ramps.jobs(), base, ramps.printed(), strict=True)
-    ]
-    assert "one by one 0.0 points apart" in ramps.compare(shaken, base)
-    assert ramps.compare(base, base).startswith("0.0 % (print −8")
-
-
 # ---- lines ---------------------------------------------------------------------------------------
 
 
@@ -194,26 +182,6 @@ def test_links_of_a_known_mass(tmp_path):
     assert float(value["3", "viscous"]["difference"]) == 0.0
     bad, _, _ = written("table-4.1", found(-3.0), tmp_path)
     assert bad == "7 of 7 links cannot exist; −21 kg (print 1014)"
-
-
-def test_a_curve_off_its_law():
-    two = np.ones(2)
-    curve = lsm.FrictionCurve(
-        robot="panda",
-        stiction=0.7 * two,
-        coulomb=0.6 * two,
-        stribeck=0.003 * two,
-        viscous=0.1 * two,
-        speed=np.array([-0.1, 0.1]),
-        torque=np.zeros(2),
-    )
-    assert curve.law(0.0) == 0.0
-    assert curve.law(1e-9) == pytest.approx(0.7)
-    assert curve.law(-1.0) == pytest.approx(-0.7)
-    right = dataclasses.replace(curve, torque=curve.law(curve.speed))
-    assert compare_curve(right) == "0.0 % off its law"
-    wrong = dataclasses.replace(right, torque=0.8 * right.torque)
-    assert compare_curve(wrong) == "20.0 % off its law"
 
 
 # ---- paths ---------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.settings import gap_settings
@@ -103,11 +102,6 @@ def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenS
     assert [job.cause for job in asked.jobs if not job.why_not] == ["nothing", "coulomb_friction"]
     assert {r.cause for r in quick.rows} == {"servo_stiffness", "payload"}
     assert all(math.isnan(r.smallest_found) for r in quick.rows)
-
-
-def test_a_cause_of_other_logs_is_one_line(arm: Arm, seen: HiddenServoLog) -> None:
-    with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
-        plan([seen.log], arm, causes=["viscous_friction"])
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     ran = train("--out", "out", "--json")
     assert ran.code == 0
     result = json.loads(ran.out)
-    files = {"policy.zip", "evaluation.csv", "curve.csv", "curve.png", "report.md", "report.html"}
+    files = {"policy.zip", "evaluation.csv", "curve.csv", "curve.png"}
     assert {p.name for p in (work / "out").iterdir()} - {"tensorboard"} == files | {NAME}
     assert [r["steps"] for r in rows(work / "out" / "curve.csv")] == ["0", "32", "64"]
     assert result["steps"] == 64

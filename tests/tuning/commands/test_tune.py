@@ -8,8 +8,6 @@ from pathlib import Path
 import pytest
 
 from stiction_envs.control.laws import LAWS
-from stiction_envs.errors import StictionError
-from tests.cli.test_identify import check_sources
 from tests.robots.arms import chain
 from tuning import names
 from tuning.protocol import tune as tuner
@@ -24,19 +22,6 @@ def finished(folder) -> tuner.Tuning:
     """Return a result of the protocol without running it."""
     summary = {"robot": "two", "final": [], "mean_reduction_percent": None}
     return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
-
-
-def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, mine, monkeypatch):
-    class Calibrated(Exception):
-        pass
-
-    def stop(*arguments, **options):
-        raise Calibrated
-
-    monkeypatch.setattr(tuner, "ThesisTuner", stop)
-    with pytest.raises(Calibrated):
-        tuner.tune(two, table=base, friction=mine, out=work / "t", scatter=False)
-    check_sources(work / "t" / "friction.toml")
 
 
 def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
@@ -69,11 +54,6 @@ def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
     assert "or force" in other.err
 
 
-def test_a_scale_beyond_its_bounds_is_refused(refused, two):
-    line = refused("tune", two, *TUNE[:-1], 7, "--out", "t")
-    assert "scale 7.0: expected above 0 up to 5" in line
-
-
 def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
     monkeypatch.setattr("tuning.study.tuning_run.Record", lambda *_, **__: None)
     monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
@@ -84,20 +64,6 @@ def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
         found = (work / name / "provenance.json").read_text()
         assert "postgresql+psycopg://tuner:***@host/x" in found
         assert "s3cret" not in found
-
-
-def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
-    """Bad input that is found after work has begun gives exit code 1; finished files stay."""
-
-    def refuse(tuner, *_):
-        (tuner.out / "base.csv").write_text("done")
-        raise StictionError("study 'two' is\nof another run")
-
-    monkeypatch.setattr(tuner, "run_protocol", refuse)
-    ran = cli("tune", two, *TUNE, "--out", "t")
-    assert ran.code == 1
-    assert ran.lines == ["error: study 'two' is of another run"]
-    assert (work / "t" / "base.csv").read_text() == "done"
 
 
 def test_tune_warns_of_aliases_once(cli, monkeypatch):

@@ -37,13 +37,6 @@ def test_a_row_of_a_batch_is_the_policy_alone_bit_for_bit():
     assert np.array_equal(batch[5:9], policy.predict(x[5:9])[0])
 
 
-def test_the_lowest_action_is_exactly_no_dither():
-    policy = made_up(output="clip")
-    policy.biases[1][:] = -1e3
-    action, _ = policy.predict(np.zeros(3))
-    assert np.array_equal(action, policy.low)
-
-
 def test_what_was_saved_is_loaded(tmp_path):
     policy = made_up()
     policy.save(tmp_path / "policy.zip")
@@ -173,12 +166,3 @@ def test_no_zip_at_all(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(StictionError, match=r"policy\.zip"):
         Policy.load(path)
-
-
-def test_damaged_bytes_are_noticed(tmp_path):
-    made_up().save(tmp_path / "policy.zip")
-    data = bytearray((tmp_path / "policy.zip").read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    (tmp_path / "policy.zip").write_bytes(bytes(data))
-    with pytest.raises(StictionError):
-        Policy.load(tmp_path / "policy.zip")
