@@ -78,13 +78,6 @@ def add_task_options(parser: common.Parser) -> None:
         "final.csv or final.yaml",
     )
     parser.add_argument(
-        "--friction-factor",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="true stiction and load coefficient over those that scale bounds, observations and "
-        "rewards (default: 1)",
-    )
-    parser.add_argument(
         "--env",
         nargs="+",
         default=[],
@@ -104,7 +97,7 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     from tuning.policies.task import Task
 
     arguments = dict(_named(text) for text in args.env)
-    for name in ("payload", "chain", "friction", "friction_factor"):
+    for name in ("payload", "chain", "friction"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:

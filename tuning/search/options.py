@@ -10,24 +10,15 @@ from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREA
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a search, besides arm and bounds."""
+    """Options of a search, besides arm and bounds: see the arguments of `search`."""
 
     objective: str = "sje"
-    """One of `OBJECTIVES`."""
     sampler: str | None = None
-    """One of `SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
     pareto: str | None = None
-    """Second objective, one of `PRICES`; None: one objective. Shaking is a constraint
-    unless it is this objective."""
     free: tuple[str, ...] = ()
-    """Some of `FREE`: parameters to search besides amplitude and frequency."""
     compensation: str = "none"
-    """Friction compensation of the GTE to search too, one of `COMPENSATIONS`."""
     treatment: str | None = None
-    """One of `TREATMENTS`: each of them is searched alone, and they are compared; None: dither,
-    and compensation as above."""
     evaluations: int | None = None
-    """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
 
     def __post_init__(self) -> None:
         for name, choices in (

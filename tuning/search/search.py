@@ -72,7 +72,8 @@ def search(
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
             "both": the second starts from the table of the first. None: "gte" for a treatment.
         sampler: one of `names.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
-        pareto: second objective, of `names.PRICES`; None for one objective.
+        pareto: second objective, of `names.PRICES`; None for one objective. Shaking is a constraint
+            unless it is this objective.
         free: of "waveform" and "offset": what is searched besides amplitude and frequency.
         compensation: of the GTE, one of `names.COMPENSATIONS`: searched together with dither.
         treatment: one of `names.TREATMENTS`: each is searched alone with the same budget and

@@ -28,8 +28,8 @@ FEW = ("coulomb_friction", "gravity_compensation_missing")
 
 @pytest.fixture(scope="module")
 def planned(two):
-    """A log of 15 s with dry friction, in which two causes are to be hidden."""
-    return plan(hidden(two, dry), two, causes=FEW)
+    """A log of 10 s with dry friction, in which two causes are to be hidden."""
+    return plan(hidden(two, dry, seconds=10.0), two, causes=FEW)
 
 
 @pytest.fixture(scope="module")

@@ -24,36 +24,6 @@ def finished(folder) -> tuner.Tuning:
     return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
 
 
-def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
-    """The same run continues in its folder, with any number of threads."""
-
-    def some_work(tuner, *_):
-        (tuner.out / "half.csv").write_text("half")
-        raise KeyboardInterrupt
-
-    calls = []
-
-    def the_rest(tuner, *_):
-        calls.append(tuner)
-        return finished(tuner.run.folder)
-
-    monkeypatch.setattr(tuner, "run_protocol", some_work)
-    ran = cli("tune", two, *TUNE, "--out", "t")
-    assert ran.code == 1
-    assert "run the same command again" in ran.err
-    assert len(ran.lines) == 1
-    monkeypatch.setattr(tuner, "run_protocol", the_rest)
-    assert cli("tune", two, *TUNE, "--out", "t", "--threads", 1).code == 0
-    assert (work / "t" / "half.csv").read_text() == "half"
-    (one,) = calls
-    assert one.frequencies == (15.0,)
-    assert one.experiment.scatter is False
-    assert one.experiment.threads == 1
-    other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
-    assert other.code == 2
-    assert "or force" in other.err
-
-
 def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
     monkeypatch.setattr("tuning.study.tuning_run.Record", lambda *_, **__: None)
     monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))

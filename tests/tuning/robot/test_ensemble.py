@@ -15,7 +15,7 @@ from tests.tuning.robot.made_up import (
     posterior_of,
     read,
 )
-from tuning.robot.ensemble import plausible
+from tuning.search.frictions import plausible
 
 FLAT = np.full(4, 0.8)
 LOW_FIRST, LOW_LAST = np.array([0.5, 0.7, 0.9, 1.1]), np.array([1.1, 0.9, 0.7, 0.5])

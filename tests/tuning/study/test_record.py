@@ -125,21 +125,6 @@ def test_a_study_about_something_else_is_refused(about, message, tmp_path):
     assert file.read_bytes() == before
 
 
-def test_a_study_that_optuna_made_is_refused(tmp_path):
-    place = f"sqlite:///{tmp_path}/study.db"
-    theirs = optuna.create_study(storage=place, study_name="small-random")
-    theirs.optimize(lambda trial: trial.suggest_float("x", 0, 1), n_trials=1)
-    with pytest.raises(StictionError, match="was not made by stiction tune"):
-        search(place, "random")
-
-
-def test_a_study_killed_before_its_fingerprint_is_taken_up(tmp_path):
-    place = f"sqlite:///{tmp_path}/study.db"
-    optuna.create_study(storage=place, study_name="small-random").set_user_attr("robot", "small")
-    run([search(place, "random", evaluations=3)], evaluate)
-    assert len(search(place, "random").record.trials) == 3
-
-
 def test_a_trial_of_somebody_else_is_refused(tmp_path):
     place = f"sqlite:///{tmp_path}/study.db"
     s = search(place, "random", evaluations=3)
