@@ -18,6 +18,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
+from stiction_envs.reporting.atomic import naming
+
 Job = TypeVar("Job")
 Tell = Callable[[str, int, int], None]
 """Called with a finished key, the number of finished jobs, and the number of all."""
@@ -53,9 +55,11 @@ class KeptRows:
         """Keep a row."""
         self.every[key] = row
         if self._path is not None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"key": key, "code": self._code, "row": row}) + "\n")
+            line = json.dumps({"key": key, "code": self._code, "row": row}) + "\n"
+            with naming(self._path):
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                with self._path.open("a", encoding="utf-8") as file:
+                    file.write(line)
 
     def fill(
         self,
@@ -103,7 +107,7 @@ class KeptRows:
         begin: Callable[[], None] | None,
         keep: Callable[[Iterator[Any]], None],
     ) -> None:
-        """Measure in processes that know what this one knows."""
+        """Measure in several processes at the same time."""
         before = os.environ.get("OPENBLAS_NUM_THREADS")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
         pool = ProcessPoolExecutor(

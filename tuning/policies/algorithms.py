@@ -59,6 +59,10 @@ def settings_of(algorithm: str, settings: PolicySettings) -> AlgorithmSettings:
     for name in found.arguments:
         if name not in known:
             raise unknown(f"argument of {algorithm}", name, known)
+    for name in ("n_steps", "learning_starts"):
+        if type(found.arguments.get(name, 1)) is not int:
+            value = found.arguments[name]
+            raise StictionError(f"{algorithm}: {name} is {value!r}: expected a whole number")
     return found
 
 
@@ -91,6 +95,9 @@ def make_model(
 
     From here on torch uses one thread: its sums depend on the number of threads, and small networks
     are not faster with more.
+
+    Raises:
+        StictionError: an argument that Stable-Baselines3 does not take.
     """
     torch.set_num_threads(1)
     arguments: dict[str, SB3] = dict(settings.arguments)
@@ -98,7 +105,11 @@ def make_model(
         spread = np.full(env.action_space.shape or (), arguments["action_noise"])
         arguments["action_noise"] = NormalActionNoise(np.zeros_like(spread), spread)
     kind: SB3 = ALGORITHMS[algorithm]
-    model: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    try:
+        model: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    except Exception as error:  # what Stable-Baselines3 and torch raise of a wrong argument
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise StictionError(f"arguments of {algorithm}: {why}") from error
     return model
 
 

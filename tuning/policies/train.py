@@ -15,6 +15,7 @@ from __future__ import annotations
 import csv
 import os
 import shutil
+import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -96,8 +97,13 @@ class Training:
         least, why = least_steps(settings_of(self.algorithm, self.settings))
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        env = self.task.make(1)
-        drawn, first = getattr(env.core, "random_paths", 0), self.settings.evaluation.test_paths
+        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        env = make_env(self.task, min(2, own.envs), run, own)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of fewer arms than there will be
+            make_model(self.algorithm, own, env, self.seed)
+        core = env.unwrapped.env.unwrapped.core  # type: ignore[attr-defined]
+        drawn, first = getattr(core, "random_paths", 0), self.settings.evaluation.test_paths
         env.close()
         if drawn > first:
             raise StictionError(

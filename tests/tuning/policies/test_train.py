@@ -152,6 +152,10 @@ def test_another_network_is_refused():
             "unknown argument of ppo 'speed': expected one of policy",
         ),
         (
+            {"settings": small_settings(**{"ppo.arguments.batch_size": "many"})},
+            "arguments of ppo: ",
+        ),
+        (
             {"task": Task(robot="panda", experiment="gte", arguments={"random_paths": 1001})},
             "random_paths 1001: expected at most 1000: policies are evaluated on the others",
         ),
