@@ -5,7 +5,6 @@ Logs of one robot are read one after another, and none of them twice.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_finite, check_pace, check_speeds, check_time
-from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
+from stiction_envs.measured.logs.clock import SLOWEST, correct_clock, find_gaps, usual_step
 from stiction_envs.measured.logs.corrections import CORE, Correction, Rows, fill_missing
 from stiction_envs.measured.logs.formats.base import RawLog
 from stiction_envs.measured.logs.robot_log import RobotLog
@@ -68,7 +67,7 @@ def corrected(
     *,
     measured: tuple[str, ...] = CORE,
     correct: Sequence[Callable[[Rows], list[Correction]]] = (),
-    slowest: float = math.inf,
+    slowest: float = SLOWEST,
 ) -> tuple[dict[str, Any], dict[str, Array]]:
     """Correct a log: one rising time, no missing values, a regular clock; find its segments.
 
@@ -100,8 +99,7 @@ def corrected(
     warnings += check(rows)
     for change in correct:
         corrections += change(rows)
-    more, late = correct_clock(rows, slowest)
-    corrections += more
+    corrections += correct_clock(rows, slowest)
     step = usual_step(rows)
     breaks = _segments(rows, step, corrections)
     bounds = list(pairwise((0, *breaks, len(rows.t))))
@@ -114,7 +112,7 @@ def corrected(
     data = {k: v[part] for k, v in rows.data.items()}
     longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=measured)
     try:
-        late += check_pace(longest, step, limits)
+        late = check_pace(longest, step, limits)
         late += check_speeds(longest, step, motion)
     except StictionError as error:
         raise StictionError(f"{raw.source}: {error}") from None

@@ -43,9 +43,8 @@ def wrong_steps(rows: Rows, truth: np.ndarray, drift: float = 0.0) -> float:
 def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float) -> None:
     """Lines through fast motion are too flat, by up to 2 %: the step must not be so."""
     rows, truth = swaying(rate, motion_hz, jitter=jitter)
-    corrections, warnings = correct_clock(rows)
+    corrections = correct_clock(rows)
     assert [m.kind for m in corrections] == ["clock"]
-    assert warnings == []
     assert wrong_steps(rows, truth) == 0
 
 
@@ -53,7 +52,7 @@ def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float
 def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
     """Its step comes from the stamps, which are all that can say it."""
     rows, truth = swaying(rate, 1.0, lost=lost, drift=3e-5)
-    corrections, _ = correct_clock(rows)
+    corrections = correct_clock(rows)
     assert [m.kind for m in corrections] == ["clock"]
     assert wrong_steps(rows, truth, 3e-5) < 0.005
     steps = np.round(np.diff(rows.t) * rate)
@@ -63,8 +62,7 @@ def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
 def test_clocks_that_drift_apart_for_minutes() -> None:
     """80 ppm over 200 s are sixteen steps: still the robot's clock, and the drift is told."""
     rows, truth = swaying(1000.0, 0.3, rows=200_000, jitter=0.4, lost=0.06, drift=-8e-5)
-    (correction,), warnings = correct_clock(rows)
-    assert warnings == []
+    (correction,) = correct_clock(rows)
     assert wrong_steps(rows, truth) < 1e-4
     assert "regular 1 ms clock" in correction.text
     gained = float(correction.text.split("and gain ")[1].split(" millionths")[0])
@@ -86,8 +84,8 @@ def test_stamps_that_count_rows_hide_no_lost_samples() -> None:
     rows.keep(keep := lost_in_stretches())
     truth = truth[keep]
     rows.t = np.arange(len(truth)) / 500.0
-    (correction,), warnings = correct_clock(rows)
-    assert (correction.kind, warnings) == ("clock", [])
+    (correction,) = correct_clock(rows)
+    assert correction.kind == "clock"
     assert "samples were lost" in correction.text
     np.testing.assert_allclose(rows.t[30:-30] - rows.t[30], (truth - truth[30])[30:-30], atol=1e-9)
 
@@ -99,8 +97,8 @@ def test_rows_that_arrive_late_in_bursts_keep_their_order_in_time() -> None:
         burst = slice(start, min(start + int(rng.integers(4, 10)), 6000))
         rows.t[burst] = rows.t[burst][-1] + 2e-5 * np.arange(len(rows.t[burst]))
     rows.t = np.maximum.accumulate(rows.t) + 1e-7 * np.arange(6000)
-    (correction,), warnings = correct_clock(rows)
-    assert (correction.kind, warnings) == ("clock", [])
+    (correction,) = correct_clock(rows)
+    assert correction.kind == "clock"
     np.testing.assert_allclose(np.diff(rows.t), np.diff(truth), atol=1e-9)
 
 
@@ -111,5 +109,5 @@ def test_an_arm_that_stops_and_starts_at_once_lost_no_samples() -> None:
     q = np.stack([np.interp(at, np.arange(6000), x) for x in rows.data["q"].T], axis=1)
     q += 3e-6 * np.random.default_rng(3).normal(size=q.shape)
     stopped = Rows(t=truth[:4000].copy(), data={"q": q, "tau": q.copy()}, run=np.zeros(4000, int))
-    assert correct_clock(stopped) == ([], [])
+    assert correct_clock(stopped) == []
     np.testing.assert_array_equal(stopped.t, truth[:4000])
