@@ -9,7 +9,7 @@ usual friction and small errors. No cause is looked for.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -67,10 +67,6 @@ class Overview:
     """What is wrong, ``corrected`` or ``warning`` before each."""
     left: dict[str, list[float]]
     """Posterior over prior standard deviation of each cause on each joint, or on the arm [-]."""
-
-    def to_json(self) -> dict[str, object]:
-        """Return all fields."""
-        return asdict(self)
 
     def __str__(self) -> str:
         down = " ".join(f"{x:.2g}" for x in np.round(self.gravity, 2) + 0.0)

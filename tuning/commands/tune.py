@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
@@ -43,7 +42,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda",
         interrupted="what was measured is kept; run the same command again to go on",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
@@ -178,7 +176,7 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
@@ -208,7 +206,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             threads=args.threads,
             progress=progress.set,
         )
-    return {"command": "tune", "out": str(folder.path), **result.to_json()}
+    return common.answer(args, result, folder.path)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -235,7 +233,7 @@ def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) 
     )
 
 
-def _search(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
+def _search(args: argparse.Namespace, arm: Arm) -> common.Answer:
     from tuning.search.search import search
 
     given = {
@@ -271,11 +269,12 @@ def _search(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
             threads=args.threads,
             progress=say,
         )
-    return {"command": "tune", "out": str(folder.path), **result.to_json()}
+    return common.answer(args, result, folder.path)
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
+def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
     from stiction_envs.reporting.output_folder import default_folder
+    from tuning.robot.report import describe
     from tuning.robot.session import Session
 
     out = args.out or default_folder("ask", arm.name)
@@ -298,15 +297,5 @@ def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
             told = {"told": state.told}
         if args.ask is not None:
             state = Session(arm, **options).ask(args.ask)
-    return {"command": "tune", "out": str(out), **state.to_json(), **told}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    if "ask" in result:
-        from tuning.robot.report import describe as describe_robot
-
-        return f"{describe_robot(result)}\nwritten to {result['out']}"
-    from tuning.protocol.tune import describe
-
-    return f"{describe(result)}\nwritten to {result['out']}"
+    values = {"command": "tune", "out": str(out), **state.to_json(), **told}
+    return common.Answer(values, f"{describe(values)}\nwritten to {out}")

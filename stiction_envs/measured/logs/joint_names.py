@@ -12,8 +12,12 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypedDict
 
 from stiction_envs.errors import StictionError, unknown
+
+if TYPE_CHECKING:
+    from stiction_envs.robots import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,15 +32,41 @@ class Naming:
     """Joints that the robot's model holds still: their place among its joints and them, from 0, and
     their name."""
     joints: tuple[str, ...] = ()
-    """Names in the log of joints 1 to n; () to find them."""
+    """Names in the log of joints 1 to n; () to find them (`find_joints`)."""
     topic: str | None = None
     """Of a ROS bag, where it has several; None for the only one."""
     units: str | None = None
-    """What its angles are measured in, of `units.UNITS`; None for rad, or what the log shows."""
+    """What its angles are measured in: rad, deg, percent (of calibrated ranges) or ticks (encoder
+    steps); None for rad, or what the log shows (`units`)."""
     calibration: str | os.PathLike[str] | None = None
     """File of lerobot with the ranges of the motors, for percent and encoder steps."""
     columns: tuple[str, ...] = ()
-    """Names of a table's columns: all in their order, or ``OURS=NAME`` (`aliases.our_names`)."""
+    """Names of a table's columns: all in their order, or some as ``OURS=NAME``; () where the names
+    are ours or well known (`aliases.our_names`)."""
+
+
+class Reading(TypedDict, total=False):
+    """What a person says of how to read logs; `Naming` describes the fields."""
+
+    joints: Sequence[str]
+    topic: str | None
+    units: str | None
+    calibration: str | os.PathLike[str] | None
+    columns: Sequence[str]
+
+
+def naming_of(arm: Arm | None, reading: Reading) -> Naming:
+    """Return what an arm (None where no robot is known) and a person say of the joints of logs."""
+    return Naming(
+        robot=() if arm is None else arm.joint_names,
+        whole=() if arm is None else arm.whole,
+        held=() if arm is None else arm.stated.held,
+        joints=tuple(reading.get("joints", ())),
+        topic=reading.get("topic"),
+        units=reading.get("units"),
+        calibration=reading.get("calibration"),
+        columns=tuple(reading.get("columns", ())),
+    )
 
 
 def check_unnamed(where: str, naming: Naming) -> None:
