@@ -110,6 +110,7 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 
+@pytest.mark.slow
 def test_compensation_of_a_file(cli, work, path):
     """What the tuner writes, alone and with its dither, is what Python makes of it, to the bit."""
     path.write_text("x,y,z\n0.02,0,0\n")
@@ -130,6 +131,7 @@ def test_compensation_of_a_file(cli, work, path):
     assert [tuple(r.values()) for r in read(work / "kind" / "runs.csv")] == rows["final.yaml"]
 
 
+@pytest.mark.slow
 def test_same_run_gives_the_same_bytes(cli, work, path, table):
     own = ["--trajectory", path, *QUICK, "--dither", table, "--seed", 4]
     for name, options in (("a", []), ("b", ["--threads", 1])):
@@ -138,6 +140,7 @@ def test_same_run_gives_the_same_bytes(cli, work, path, table):
     assert files[0] == files[1]
 
 
+@pytest.mark.slow
 def test_arm_of_two_joints(cli, work, two, path):
     """Singular all the time: said, and no NaN."""
     ran = cli("gte", two, "--trajectory", path, *QUICK, "--out", "a")

@@ -189,8 +189,6 @@ def test_a_format_from_outside_is_read_by_library_and_commands(cli, inputs, two,
         with pytest.raises(StictionError, match="expected"):
             registry.register(Semicolons() if path == semi else MINE)
         assert cli("check", path, "--robot", two).code == 0
-        ran = cli("diagnose", path, "--robot", two, "--out", path.stem, "--force")
-        assert ran.code == 0, ran.err
 
 
 # ---- servo logs, and angles in other units -------------------------------------------------------

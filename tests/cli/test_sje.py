@@ -3,6 +3,8 @@
 import json
 import math
 
+import pytest
+
 from stiction_envs.experiments.sje import experiment, protocol
 from stiction_envs.measured import read_sje
 from tests.servo_arm import servo_arm
@@ -56,26 +58,12 @@ def test_with_dither(cli, work, dither):
     assert result["failed"] is None
 
 
+@pytest.mark.slow
 def test_same_run_gives_the_same_bytes(cli, work, dither):
     for name, options in (("a", []), ("b", ["--slots", 2, "--threads", 1])):
         assert cli("sje", "panda", *QUICK, "--dither", dither, "--out", name, *options).code == 0
     files = [{p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab"]
     assert files[0] == files[1]
-
-
-def test_other_run_is_replaced_only_by_force(cli, work):
-    one = [*ONE, "--iterations", 1]
-    assert cli("sje", "panda", "--joint", 6, *one, "--out", "a").code == 0
-    (work / "a" / "notes.txt").write_text("mine")
-    before = {p.name: p.read_bytes() for p in (work / "a").iterdir()}
-    refused = cli("sje", "panda", "--joint", 7, *one, "--out", "a")
-    assert refused.code == 2
-    assert "a run of stiction sje" in refused.err
-    assert {p.name: p.read_bytes() for p in (work / "a").iterdir()} == before
-    assert cli("sje", "panda", "--joint", 7, *one, "--out", "a", "--force").code == 0
-    written = {p.name for p in (work / "a").iterdir()}
-    assert written == {"joint7_load.png", "notes.txt", "provenance.json", "sje.csv", *REPORT}
-    assert (work / "a" / "notes.txt").read_text() == "mine"
 
 
 def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypatch):

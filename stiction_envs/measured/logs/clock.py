@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from stiction_envs.measured.logs.corrections import Correction, Rows
+from stiction_envs.measured.logs.corrections import Correction, RawLog
 
 REGULAR = 1e-3
 """Stamps are a clock already if their steps are whole ones but for this share [-]; assumed."""
@@ -67,7 +67,7 @@ assumed: more is an arm that stops."""
 Array = NDArray[np.float64]
 
 
-def usual_step(rows: Rows) -> float:
+def usual_step(rows: RawLog) -> float:
     """Median time between rows that are apart in time, s; NaN for a single row."""
     step = np.diff(rows.t)[rows.run[1:] == rows.run[:-1]]
     step = step[step > 0]
@@ -84,7 +84,7 @@ def _gap(step: float) -> float:
     return max(GAP_STEPS * step, GAP_SECONDS)
 
 
-def correct_clock(rows: Rows, slowest: float = SLOWEST) -> list[Correction]:
+def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
 
     Args:
@@ -112,12 +112,12 @@ def correct_clock(rows: Rows, slowest: float = SLOWEST) -> list[Correction]:
     return corrections
 
 
-def _not_rising(rows: Rows) -> NDArray[np.bool_]:
+def _not_rising(rows: RawLog) -> NDArray[np.bool_]:
     """Whether the next row of a recording has no later time: (T-1,)."""
     return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
 
 
-def _spread_equal(rows: Rows) -> Correction:
+def _spread_equal(rows: RawLog) -> Correction:
     """A clock coarser than the samples: rows with one stamp spaced evenly up to the next stamp."""
     new = np.r_[True, (np.diff(rows.t) > 0) | (np.diff(rows.run) != 0)]
     first = np.flatnonzero(new)
@@ -140,7 +140,7 @@ def _spread_equal(rows: Rows) -> Correction:
     return Correction(kind="stamp", rows=int(len(rows.t) - len(first)), text=text)
 
 
-def _add_lost(rows: Rows, parts: list[slice], step: float) -> list[Correction]:
+def _add_lost(rows: RawLog, parts: list[slice], step: float) -> list[Correction]:
     """Give rows whose stamps are whole steps the samples that passed by the motion; in place."""
     more = np.zeros(len(rows.t))
     for p in parts:
@@ -160,7 +160,7 @@ def _add_lost(rows: Rows, parts: list[slice], step: float) -> list[Correction]:
     return [Correction(kind="clock", rows=int(changed.sum()), text=text)]
 
 
-def _count(rows: Rows, parts: list[slice], step: float) -> list[Correction]:
+def _count(rows: RawLog, parts: list[slice], step: float) -> list[Correction]:
     """Count the samples that passed from row to row, if the angles are regular; in place."""
     whole = seen = 0
     counted, groups = np.zeros(len(rows.t)), np.zeros(len(rows.t), np.int64)
@@ -204,7 +204,7 @@ def _count(rows: Rows, parts: list[slice], step: float) -> list[Correction]:
     return [Correction(kind="clock", rows=len(rows.t), text=text)]
 
 
-def _recordings(rows: Rows) -> list[slice]:
+def _recordings(rows: RawLog) -> list[slice]:
     """Return the rows of each recording that is long enough to show its usual changes."""
     cut = np.flatnonzero(rows.run[1:] != rows.run[:-1]) + 1
     bounds = pairwise(np.r_[0, cut, len(rows.t)].astype(int))

@@ -1,4 +1,4 @@
-"""Pictures of joints: of logs, of poses without time, of servo logs with contact."""
+"""Pictures of joints of servo logs with contact."""
 
 from __future__ import annotations
 
@@ -8,13 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.gap.report.figures import draw_joint
-from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.series import Series
 from stiction_envs.gap.report.servo_result import ServoResult
-
-
-def as_poses(s: Series) -> Series:
-    return replace(s, time=np.arange(float(len(s.time))), at_rest=True)
 
 
 def drawn(s: Series, joint: int, plots: Path) -> bytes:
@@ -22,16 +17,6 @@ def drawn(s: Series, joint: int, plots: Path) -> bytes:
     text = draw_joint(s, joint, plots)
     assert text.startswith(f"![joint {joint + 1}](plots/joint_{joint + 1}.png)")
     return (plots / f"joint_{joint + 1}.png").read_bytes()
-
-
-def test_a_joint_is_drawn_alike_each_time(tmp_path: Path, torques: LogDiagnosis) -> None:
-    s = torques.series()
-    assert drawn(s, 0, tmp_path) == drawn(s, 0, tmp_path) != drawn(s, 1, tmp_path)
-
-
-def test_poses_are_dots_over_their_number(tmp_path: Path, torques: LogDiagnosis) -> None:
-    s = torques.series()
-    assert drawn(s, 0, tmp_path) != drawn(as_poses(s), 0, tmp_path)
 
 
 def test_the_residual_leaves_out_contact_and_the_caption_says_so(

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from stiction_envs.measured.logs.clock import correct_clock
-from stiction_envs.measured.logs.corrections import Rows
+from stiction_envs.measured.logs.corrections import RawLog
+
+
+def log_of(t: np.ndarray, q: np.ndarray) -> RawLog:
+    data = {"q": q, "tau": q.copy()}
+    return RawLog(source="made", place=str, t=t, data=data, run=np.zeros(len(t), int))
 
 
 def swaying(
@@ -17,7 +22,7 @@ def swaying(
     jitter: float = 0.1,
     lost: float = 0.0,
     drift: float = 0.0,
-) -> tuple[Rows, np.ndarray]:
+) -> tuple[RawLog, np.ndarray]:
     """Seven joints that sway, stamped with a jitter in steps; and the true times of the rows."""
     rng = np.random.default_rng(0)
     t = np.arange(rows) / rate
@@ -28,10 +33,12 @@ def swaying(
     keep[0] = True
     stamp = t * (1 + drift) + jitter / rate * (2 * rng.random(rows) - 1)
     t, q, stamp = t[keep], q[keep], stamp[keep]
-    return Rows(t=stamp, data={"q": q, "tau": q.copy()}, run=np.zeros(len(t), int)), t
+    return RawLog(
+        source="x", place=str, t=stamp, data={"q": q, "tau": q.copy()}, run=np.zeros(len(t), int)
+    ), t
 
 
-def wrong_steps(rows: Rows, truth: np.ndarray, drift: float = 0.0) -> float:
+def wrong_steps(rows: RawLog, truth: np.ndarray, drift: float = 0.0) -> float:
     """Share of steps that are not the true ones; the ends have nothing to compare with."""
     off = np.abs(np.diff(rows.t) - np.diff(truth) * (1 + drift)) > 2e-4 * np.median(np.diff(truth))
     return float(off[30:-30].mean())
@@ -108,6 +115,12 @@ def test_an_arm_that_stops_and_starts_at_once_lost_no_samples() -> None:
     at = np.r_[np.arange(2000.0), np.full(500, 1999.0), 1999.0 + 2 * np.arange(1500)]
     q = np.stack([np.interp(at, np.arange(6000), x) for x in rows.data["q"].T], axis=1)
     q += 3e-6 * np.random.default_rng(3).normal(size=q.shape)
-    stopped = Rows(t=truth[:4000].copy(), data={"q": q, "tau": q.copy()}, run=np.zeros(4000, int))
+    stopped = RawLog(
+        source="x",
+        place=str,
+        t=truth[:4000].copy(),
+        data={"q": q, "tau": q.copy()},
+        run=np.zeros(4000, int),
+    )
     assert correct_clock(stopped) == []
     np.testing.assert_array_equal(stopped.t, truth[:4000])

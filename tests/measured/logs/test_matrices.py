@@ -59,12 +59,6 @@ def test_tables_without_names(tmp_path: Path) -> None:
     refuses(lambda: drive_of(tmp_path / "log.mat"), "neither torques .*columns OURS=NAME")
 
 
-def test_fields_of_an_array_are_columns(tmp_path: Path) -> None:
-    names = ["time", *(f"pos_{j}" for j in range(7)), *(f"torque_{j}" for j in range(7))]
-    np.save(tmp_path / "log.npy", np.rec.fromarrays([T[:, 0], *Q.T, *TAU.T], names=names))
-    assert_read(read(tmp_path / "log.npy"))
-
-
 def hdf5(path: Path) -> Path:
     """Write as MATLAB's ``-v7.3``: HDF5 behind 512 bytes, matrices turned, text as numbers."""
     h5py = pytest.importorskip("h5py")
@@ -102,7 +96,7 @@ def test_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             refuses(lambda: read(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")
 
 
-@fuzz(150)
+@fuzz(60)
 @given(st.sampled_from(["log.mat", "packed.mat", "log.npy"]), st.data())
 def test_fuzz_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
     path = tmp_path / name
