@@ -39,9 +39,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help=f"whose logs these are, for units and limits: {common.robot_help()}",
     )
     common.add_chain_option(parser)
-    common.add_bag_options(parser)
+    common.add_reading_options(parser)
     common.add_drive_option(parser)
-    common.add_units_options(parser)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 

@@ -1,4 +1,4 @@
-"""What the commands share: parser, options, input files, errors."""
+"""Shared parts of the commands: parser, options, input files, errors."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNO
 IDEAL = "ideal"
 """Senses where none are given."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
-"""Of the main parser; argparse has no public name for them."""
+"""Subparsers of the main parser; argparse has no public name for the class."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command prints at its end."""
+    """Output of a command at its end."""
 
     values: dict[str, object]
     """For ``--json``; ``failed`` among them is the reason for exit code 1."""
@@ -207,7 +207,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         help="side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
         "log says, else motor)",
     )
-    add_bag_options(parser)
+    add_reading_options(parser)
     parser.add_argument(
         "--cutoff",
         type=number(0, above=True),
@@ -216,8 +216,8 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
     )
 
 
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that select joints and a topic of a ROS bag."""
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of how logs are read: fields of `Reading`."""
     parser.add_argument(
         "--joints",
         nargs="+",
@@ -229,10 +229,6 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
     )
-
-
-def add_units_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what the angles of logs are measured in."""
     parser.add_argument(
         "--units",
         choices=("rad", "deg", "percent", "ticks"),
@@ -256,14 +252,14 @@ def add_units_options(parser: argparse.ArgumentParser) -> None:
 
 
 def reading(args: argparse.Namespace) -> Reading:
-    """Return how logs are read: `add_bag_options` and `add_units_options`."""
+    """Return how logs are read: the options of `add_reading_options`."""
     from stiction_envs.measured.logs.joint_names import Reading
 
     return cast("Reading", {name: getattr(args, name) for name in Reading.__annotations__})
 
 
 def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the file of `add_units_options` by the name of its argument, where one is given.
+    """Return the calibration file by the name of its argument, where one is given.
 
     Raises:
         StictionError: it is not there.

@@ -43,7 +43,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="logs that take no part: does the model that is found hold there?",
     )
     common.add_drive_option(parser)
-    common.add_units_options(parser)
     parser.add_argument(
         "--servo-stiffness",
         nargs="+",

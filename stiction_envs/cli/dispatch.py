@@ -34,7 +34,7 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
 class Command(Protocol):
-    """What a command's module has."""
+    """Interface of a command's module."""
 
     def add_parser(self, subparsers: Subparsers) -> None:
         """Add the command's parser."""

@@ -19,7 +19,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_log_options(parser, logs="+")
-    common.add_units_options(parser)
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 

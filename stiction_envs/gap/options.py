@@ -48,8 +48,8 @@ class LogOptions(Reading, total=False):
     the robot's own file), "shipped" (with our friction), a TOML (friction, or an earlier
     ``model.toml``), or parameters; None for `diagnose.default_nominal`."""
     drive: str | None
-    """What drives the joints, "torque" or "position"; None takes what a log has, and torque where
-    it has both."""
+    """Drive of the joints, "torque" or "position"; None takes the drive that a log shows, and
+    torque where it shows both."""
     servo_stiffness: Sequence[float] | None
     """Stiffness of position servos [N·m/rad], one or one per joint; None where unknown: the
     simulation that is judged then follows its commands exactly."""
@@ -112,12 +112,12 @@ class Options:
     """Arguments of `diagnose`."""
 
     given: list[Log]
-    """Its ``data``, as a list."""
+    """Argument ``data`` of `diagnose`, as a list."""
     check: list[Log]
     poses: Sequence[str | Path]
     robot: str | Path | Arm
     nominal: str | Path | FrictionParameters | Nominal
-    """That of `more`, or the default."""
+    """Nominal model of `more`, or the default."""
     more: LogOptions
     """All other options."""
     threads: int

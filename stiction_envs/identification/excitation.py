@@ -63,7 +63,7 @@ class Excitation(Result):
     condition: float
     """Condition number κ of the scaled regressor along one period."""
     condition_si: float
-    """The same in SI units, not scaled."""
+    """Condition number in SI units, not scaled."""
     random_condition: Array
     """(R,) κ of random motions inside the same limits."""
     columns: tuple[str, ...]
@@ -74,7 +74,7 @@ class Excitation(Result):
     """Least distance to the floor and between links [m], 0.5 at most."""
     notes: tuple[str, ...]
     rate_hz: float
-    """Of the samples of ``trajectory.csv`` [Hz]."""
+    """Rate of the samples of ``trajectory.csv`` [Hz]."""
     provenance: Provenance
 
     @property

@@ -61,7 +61,7 @@ __all__ = ["Identification", "identify"]
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
-"""Of all logs together; assumed. Longer logs are thinned out after the filter."""
+"""Samples of all logs together; assumed. Longer logs are thinned out after the filter."""
 POOR = 0.02
 """Largest error of torque over the torque limit of a well excited parameter [-]; assumed."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
@@ -74,7 +74,7 @@ class Identification(Result):
     """The result; arrays are float64."""
 
     nominal: Arm
-    """What the logs were compared with."""
+    """Arm that the logs were compared with."""
     base: BaseSet
     """Which sums of parameters the torques show, friction among them."""
     values: Array

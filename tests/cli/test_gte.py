@@ -164,12 +164,12 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
     protocol = gte_protocol.load_gte_protocol().replace(patience=1.0)
     monkeypatch.setattr(experiment, "load_gte_protocol", lambda: protocol)
     path.write_text("x,y,z\n0.06,0,0\n")
-    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 2]
+    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
     ran = cli("gte", "panda", *own, "--out", "a", "--json")
     assert ran.code == 1
     assert len(ran.lines) == 1
-    assert "2 iterations never reached their last goal" in ran.lines[0]
-    assert json.loads(ran.out)["runs"][0]["unfinished"] == 2
+    assert "1 iterations never reached their last goal" in ran.lines[0]
+    assert json.loads(ran.out)["runs"][0]["unfinished"] == 1
     assert (work / "a" / "errors.csv").is_file()
 
 

@@ -39,10 +39,10 @@ HEADLINES = {
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DiagnosisResult(Result):
-    """What a simulation gets wrong about measured data."""
+    """Diagnosis of measured data: everything that a simulation gets wrong about them."""
 
     data: ClassVar[str]
-    """What was measured: "logs", "servo logs" or "torque tables"."""
+    """Kind of data: "logs", "servo logs" or "torque tables"."""
     diagnosis: Judgement
     nominal_name: str
     """The nominal model: "rigid", "shipped", a file's name, or "given"."""
@@ -92,7 +92,7 @@ class DiagnosisResult(Result):
 
     @property
     def checked(self) -> str:
-        """What logs say that took no part, sentences; empty without such logs."""
+        """Result of logs that took no part, sentences; empty without such logs."""
         return ""
 
     @property

@@ -1,4 +1,4 @@
-"""What gravity and inertia need of each logged torque: its factor, its sign, and where gravity is.
+"""Logged torques against gravity and inertia: factor and sign of each joint, gravity's direction.
 
     loads(signals, log, arm) -> Loads;  Loads.findings -> sentences
 
@@ -75,7 +75,7 @@ RIGHT_ANGLE = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
-    """What one log shows of the torques of n joints."""
+    """Findings about the torques of n joints in one log."""
 
     arm: Arm
     factor: Array
@@ -114,7 +114,7 @@ class Loads:
 
     @property
     def findings(self) -> list[str]:
-        """What is wrong with the torques or the mounting, a sentence each."""
+        """Defects of the torques or of the mounting, a sentence each."""
         out = []
         if (unit := self.unit) != 1:
             what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"

@@ -41,14 +41,14 @@ class Finding:
     where: str
     """Row or cell; empty for the file as a whole."""
     kind: str
-    """Of a table's defect: see `Defect.kind`. Of a log: ``corrected`` when it is read, ``warning``
+    """For a table: see `Defect.kind`. For a log: ``corrected`` when it is read, ``warning``
     if it cannot be. ``unreadable``: nothing can be done with the file. ``remark``: not wrong."""
     message: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Findings(Result):
-    """What is wrong in some files."""
+    """Defects of some files."""
 
     files: tuple[str, ...]
     findings: tuple[Finding, ...]

@@ -282,7 +282,7 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
 
 
 def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[str]:
-    """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
+    """Compare the logged dq with the derivative of q: unit, sign, lag; and q with both.
 
     Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
 
@@ -316,23 +316,14 @@ def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[st
         (scale, turned), *_ = np.linalg.lstsq(both, dq, rcond=None)
         left = dq - both @ (scale, turned)
         if scale and left.var() < 0.1 * dq.var():
-            corner = _corner(speeds[:, j], grid["dq"][:, j], abs(scale), rate)
-            found.append((scale, -turned / scale, corner))
+            found.append((scale, -turned / scale))
     warnings = _speed_findings(np.array(found), step) if found else []
     return warnings + (_commanded_angles(grid, rate, movers) if "tau" in grid else [])
 
 
-def _corner(v: Array, dq: Array, scale: float, rate: float) -> float:
-    """Lowest frequency at which dq has lost half the power of v, Hz; inf where it has not."""
-    f, _, cross, speed, coherent = _spectra(v, dq, rate)
-    damped = (f > 0) & (coherent > 0.8) & (np.abs(cross) < np.sqrt(0.5) * scale * speed)
-    twice = np.flatnonzero(damped[1:] & damped[:-1])
-    return float(f[twice[0]]) if len(twice) else np.inf
-
-
 def _speed_findings(found: Array, step: float) -> list[str]:
     warnings = []
-    scale, lag, corner = (float(x) for x in np.median(found, axis=0))
+    scale, lag = (float(x) for x in np.median(found, axis=0))
     if abs(abs(scale) * _DEGREE - 1) < 0.2:
         raise StictionError(
             f"dq is {abs(scale):.3g} times the derivative of q, which looks like degrees per "
@@ -345,10 +336,8 @@ def _speed_findings(found: Array, step: float) -> list[str]:
     spread = float(np.median(np.abs(found[:, 1] - lag)))
     if abs(lag) > max(0.75 * step, 3 * spread):
         side = "lags" if lag > 0 else "leads"
-        text = f"dq {side} the derivative of q by {1e3 * abs(lag):.3g} ms"
-        if np.isfinite(corner):
-            text += f" and is low-passed, half its power lost near {corner:.2g} Hz"
-        warnings.append(f"{text}: speeds are taken from q")
+        text = f"dq {side} the derivative of q by {1e3 * abs(lag):.3g} ms: speeds are taken from q"
+        warnings.append(text)
     return warnings
 
 
@@ -358,8 +347,8 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.in
     for j in movers:
         v = np.gradient(grid["q"][:, j], 1 / rate)
         dq, tau = grid["dq"][:, j], grid["tau"][:, j]
-        f, p_dq, _, p_v, _ = _spectra(v, dq, rate)
-        with_dq, with_v = _spectra(dq, tau, rate)[4], _spectra(v, tau, rate)[4]
+        f, p_v, p_dq, _ = _spectra(v, dq, rate)
+        with_dq, with_v = _spectra(dq, tau, rate)[3], _spectra(v, tau, rate)[3]
         low = 2.0
         while 2 * low <= 0.3 * rate:
             band = (f >= low) & (f < 2 * low)
@@ -393,10 +382,9 @@ def _even(rows: RawLog, step: float) -> dict[str, Array]:
 
 
 def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:
-    """Frequencies [Hz], spectra of y, of x with y, of x, and coherence of x and y."""
+    """Return frequencies [Hz], spectra of x and of y, and their coherence."""
     length = int(min(len(x) // 4, 2 * rate)) // 2 * 2
     f, p_x = welch(x, rate, nperseg=length)
     p_y = welch(y, rate, nperseg=length)[1]
     cross = csd(x, y, rate, nperseg=length)[1]
-    coherent = np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)
-    return f, p_y, cross, p_x, coherent
+    return f, p_x, p_y, np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)

@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")
-"""The same of a servo log."""
+"""Channels that a servo log measures with every sample."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,22 +22,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Naming:
-    """What is known about the joints of a log: names, and units of their angles."""
+    """Facts about the joints of a log: names, and units of their angles."""
 
     robot: tuple[str, ...] = ()
-    """Of the robot's joints, base to flange."""
+    """Names of the robot's joints, base to flange."""
     whole: tuple[str, ...] = ()
-    """Of all joints in the order of the robot's file, where `robot` is a chain of it; else ()."""
+    """Names of all joints in the order of the robot's file, where `robot` is a chain; else ()."""
     held: tuple[tuple[int, str], ...] = ()
     """Joints that the robot's model holds still: their place among its joints and them, from 0, and
     their name."""
     joints: tuple[str, ...] = ()
     """Names in the log of joints 1 to n; () to find them (`find_joints`)."""
     topic: str | None = None
-    """Of a ROS bag, where it has several; None for the only one."""
+    """Topic of a ROS bag that has several; None for the only one."""
     units: str | None = None
-    """What its angles are measured in: rad, deg, percent (of calibrated ranges) or ticks (encoder
-    steps); None for rad, or what the log shows (`units`)."""
+    """Unit of the log's angles: rad, deg, percent (of calibrated ranges) or ticks (encoder steps);
+    None for rad, or the unit that the log shows (`units`)."""
     calibration: str | os.PathLike[str] | None = None
     """File of lerobot with the ranges of the motors, for percent and encoder steps."""
     columns: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ class Naming:
 
 
 class Reading(TypedDict, total=False):
-    """What a person says of how to read logs; `Naming` describes the fields."""
+    """Instructions of a person on how to read logs; `Naming` describes the fields."""
 
     joints: Sequence[str]
     topic: str | None

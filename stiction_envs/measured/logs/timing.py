@@ -1,4 +1,4 @@
-"""What all logs go through: one rising time for all recordings of a file, and segments of it.
+"""Corrections of all logs: one rising time for all recordings of a file, and segments of it.
 
 Logs of one robot are read one after another, and none of them twice.
 """

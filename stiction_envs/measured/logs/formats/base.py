@@ -39,7 +39,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What to read of a log file."""
+    """Request to read a log file."""
 
     n_joints: int
     """Joints of the robot."""
@@ -55,7 +55,7 @@ class LogFormat(ABC):
     """One kind of file."""
 
     ends: ClassVar[tuple[str, ...]]
-    """Of the names of such files, with the dot."""
+    """Ends of the names of such files, with the dot."""
     has_units: ClassVar[bool] = False
     """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
 
