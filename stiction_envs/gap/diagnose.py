@@ -282,10 +282,7 @@ def _read(
     motion: MotionThresholds,
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
-    n = arm.n
-    limits = arm.limits
-    files = [x for x in given if isinstance(x, str | Path)]
-    read = read_logs(files, n, limits=limits, naming=naming, motion=motion) if files else []
-    from_files = iter(read)
-    logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
+    n, limits = arm.n, arm.limits
+    torques = [x for x in given if isinstance(x, str | Path | JointLog)]
+    logs = read_logs(torques, n, limits=limits, naming=naming, motion=motion) if torques else []
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]

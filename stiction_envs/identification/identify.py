@@ -274,10 +274,7 @@ def identify(
     naming = naming_of(arm, reading)
     read: list[JointLog] = []
     for log in given:
-        if isinstance(log, JointLog):
-            read.append(log)
-        else:
-            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
+        read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
     file = naming.calibration

@@ -56,7 +56,7 @@ an SO-101 at 50 Hz two seemed to jitter by 2 and 7 ms, their stamps by 0.7 ms.""
 
 
 def read_logs(
-    paths: Sequence[Path],
+    logs: Sequence[Path | JointLog],
     n_joints: int,
     *,
     limits: Limits | None = None,
@@ -66,7 +66,7 @@ def read_logs(
     """Read, check and correct the joint logs of one robot.
 
     Args:
-        paths: one or more of the files of `formats.registry`.
+        logs: one or more files of `formats.registry`, or logs that were read.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
         naming: names of its joints, for kinds of files that have them.
@@ -83,11 +83,11 @@ def read_logs(
         common, data = corrected(raw, limits, motion, checks, correct=correct)
         return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
 
-    return read_each(paths, read)
+    return read_each(logs, read)
 
 
 def read_servo_logs(
-    paths: Sequence[Path],
+    logs: Sequence[Path | ServoLog],
     n_joints: int,
     *,
     limits: Limits | None = None,
@@ -110,7 +110,7 @@ def read_servo_logs(
             extra=data,
         )
 
-    return read_each(paths, read)
+    return read_each(logs, read)
 
 
 def read_poses(

@@ -44,23 +44,28 @@ IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 
 
-def read_each(paths: Sequence[Path], read: Callable[[Path], LogT]) -> list[LogT]:
-    """Return the logs of ``paths``, each read by ``read``.
+def read_each(given: Sequence[Path | LogT], read: Callable[[Path], LogT]) -> list[LogT]:
+    """Return logs in their order: files, each read by ``read``, and logs in memory.
 
     Raises:
-        StictionError: no path, two logs with the same numbers, or what ``read`` raises.
+        StictionError: no log, two files with the same numbers, or an error of ``read``.
     """
-    if not paths:
+    if not given:
         raise StictionError("no log given: expected one or more files")
     logs: list[LogT] = []
-    for path in paths:
-        log = read(path)
-        for other in logs:
+    from_files: list[LogT] = []
+    for x in given:
+        if isinstance(x, RobotLog):
+            logs.append(x)
+            continue
+        log = read(x)
+        for other in from_files:
             # but for their times
             pairs = zip(other.arrays[1:], log.arrays[1:], strict=True)
             if all(a is b or np.array_equal(np.array(a), np.array(b)) for a, b in pairs):
                 raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
         logs.append(log)
+        from_files.append(log)
     return logs
 
 
