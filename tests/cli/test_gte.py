@@ -149,15 +149,6 @@ def test_arm_of_two_joints(cli, work, two, path):
     assert all(math.isfinite(float(r["rms"])) for r in read(work / "a" / "errors.csv"))
 
 
-def test_goals_not_reached_are_counted(cli, work, path):
-    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
-    path.write_text("x,y,z\n0.06,0,0\n0,0.06,0\n")
-    ran = cli("gte", "panda", *own, "--out", "a")
-    assert ran.code == 0
-    assert "2 goals left beyond the tolerance" in ran.out
-    assert read(work / "a" / "runs.csv")[0]["goals_missed"] == "2"
-
-
 def test_unfinished_runs_fail(cli, work, path, monkeypatch):
     """A generator that waits for ever, and an arm that cannot come: exit code 1, files written."""
     monkeypatch.setattr(experiment, "MotionLimits", partial(MotionLimits, patience=math.inf))

@@ -107,11 +107,6 @@ def test_a_gate_of_nothing_is_no_gate(tmp_path, empty):
     assert gated.gate_velocity == 0.05
 
 
-def test_no_dither_on_a_joint_may_have_no_frequency(tmp_path):
-    path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm\n7,0,0\n")
-    assert read_amplitudes(path, n_joints=7, controller_rate_hz=200) == [AmplitudeRow(7, 0, 0)]
-
-
 HEAD = "joint,frequency_hz,amplitude_nm\n"
 WIDE = "joint,frequency_hz,amplitude_nm,waveform,offset_nm\n"
 BAD_AMPLITUDES = {

@@ -11,7 +11,7 @@ import pytest
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown
 from stiction_envs.gap.links import LinkErrors
 from stiction_envs.gap.report.log_result import LogDiagnosis, far_links
-from stiction_envs.gap.report.page import cause_table, not_shown, rivals, unit_of
+from stiction_envs.gap.report.page import cause_table, not_shown, rivals
 
 
 def estimate(value: float, half: float) -> Estimate:
@@ -67,21 +67,6 @@ def test_values_of_every_kind(parameters: dict[str, Estimate], cell: str) -> Non
         "120",
         "none |",
     ]
-
-
-@pytest.mark.parametrize(
-    ("key", "unit"),
-    [
-        ("stiffness_nm_per_rad", "N·m/rad"),
-        ("armature_kgm2", "kg·m²"),
-        ("limit_rad_s", "rad/s"),
-        ("delay_s", "s"),
-        ("scale", ""),
-        ("stiction_nm joint 3", "N·m"),
-    ],
-)
-def test_a_parameter_s_name_says_its_unit(key: str, unit: str) -> None:
-    assert unit_of(key) == unit
 
 
 def test_what_was_not_shown_has_its_numbers() -> None:

@@ -31,13 +31,12 @@ def assert_read(log: JointLog) -> None:
         np.testing.assert_array_equal(got, expected)
 
 
-@pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize(
-    "content",
+    ("content", "packed"),
     [
-        {"t": T, "q": Q, "dq": DQ, "tau": TAU},
-        {"time": T[:, 0], "position": Q.T, "effort": TAU.T, "name": "a motion"},
-        {"out": {"t": T, "q": Q, "tau": TAU, "note": {"who": "x"}}},
+        ({"t": T, "q": Q, "dq": DQ, "tau": TAU}, False),
+        ({"time": T[:, 0], "position": Q.T, "effort": TAU.T, "name": "a motion"}, True),
+        ({"out": {"t": T, "q": Q, "tau": TAU, "note": {"who": "x"}}}, True),
     ],
     ids=["matrices", "rows", "structure"],
 )
