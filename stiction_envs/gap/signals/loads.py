@@ -64,6 +64,9 @@ ROUNDS = 20
 """Rounds in which gravity's direction and the joints' factors are found in turn [-]."""
 SURE = 0.25
 """Largest half width of a factor's interval, over the factor, for another unit [-]; assumed."""
+LEFT = 0.5
+"""Part of a joint's residual that another direction of gravity leaves at most [-]; assumed: a
+spring, too, is explained by another mounting, but leaves more."""
 MOUNTED = 0.7
 """Angle between assumed and found gravity from which on the arm is mounted in another way [rad];
 assumed: a smaller one is a base that leans."""
@@ -260,8 +263,10 @@ def _loads(
     side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)
+    before, after = (np.array([f.left for f in x]) for x in (usual, there))
     elsewhere = bool(
         np.arccos(np.clip(found @ down, -1, 1)) > MOUNTED
+        and (after[shown] < LEFT * before[shown]).any()
         and shown.any()
         and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
