@@ -1,8 +1,10 @@
-"""What the package raises: `StictionError`, of which `ExperimentError` is one kind."""
+"""Errors of the package: `StictionError`, of which `ExperimentError` is one kind."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 
 class StictionError(ValueError):
@@ -39,3 +41,13 @@ def unknown(what: str, value: object, expected: Iterable[object]) -> StictionErr
 def missing_extra(what: str, package: str, extra: str) -> StictionError:
     """Error for ``what`` needs a ``package`` that only an ``extra`` installs."""
     return StictionError(f"{what} needs {package}: pip install 'stiction-envs[{extra}]'")
+
+
+@contextmanager
+def opening(path: str | os.PathLike[str], expected: str) -> Iterator[None]:
+    """Raise a StictionError in place of the OSError of a file that cannot be opened or read."""
+    try:
+        yield
+    except OSError as error:
+        reason = (error.strerror or str(error) or "cannot be read").lower()
+        raise StictionError(f"{os.fspath(path)}: {reason}: expected {expected}") from None

@@ -28,7 +28,6 @@ def add_parser(subparsers: Any) -> None:
         example="python -m benchmarks.thesis --only 4.6 F.1 --out runs/some",
         interrupted="run the same command again; gap goes on with the models that it had fitted",
         run=run,
-        show=show,
     )
     parser.prog = "python -m benchmarks.thesis"
     parser.add_argument(
@@ -53,12 +52,12 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Fit the nested models, or draw the thesis's tables and figures; write provenance."""
     if args.target and args.only:
         raise StictionError(f"--only {' '.join(args.only)}: expected without a target ({GAP})")
     found = _gap(args) if args.target else _items(args)
-    return {"command": "reproduce", "seed": args.seed, **found}
+    return common.Answer({"command": "reproduce", "seed": args.seed, **found}, show(found))
 
 
 def _items(args: argparse.Namespace) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
-"""Of `identification.MODELS`."""
+"""Colours of `identification.MODELS`."""
 
 
 def plot_excitation(

@@ -94,7 +94,7 @@ class AmplitudeRow:
 
 SJE_COLUMNS = tuple(f.name for f in fields(SJERow))
 BASE_COLUMNS = (*SJE_COLUMNS[:4], "tau_base_Nm")
-"""Of thesis table 4.3: robot, joint, pose and direction, and their base torque."""
+"""Columns of thesis table 4.3: robot, joint, pose and direction, and their base torque."""
 _ALL = tuple(f.name for f in fields(AmplitudeRow))
 AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL = _ALL[:3], _ALL[3:]
 

@@ -32,6 +32,7 @@ def call(log, two):
     return ("diagnose", "--rehearse", log, "--robot", two, *causes)
 
 
+@pytest.mark.slow
 def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     ran = cli(*call, "--out", "a")
     assert ran.code == 0, ran.err

@@ -38,10 +38,8 @@ def written(monkeypatch):
     return written
 
 
-@pytest.mark.parametrize(
-    "command",
-    [pytest.param(SJE, id="sje"), pytest.param(GTE, id="gte", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
 def test_results_are_the_same_bytes_with_and_without(cli, work, written, dither, command):
     command = [*command, "--dither", dither, "--seed", 3]
     assert cli(*command, "--out", "a").code == 0

@@ -30,7 +30,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction evaluate panda gte --policy none gated runs/train-panda/policy.zip",
         interrupted="nothing was written; run the same command again",
         run=run,
-        show=show,
     )
     add_task_options(parser)
     parser.add_argument(
@@ -137,7 +136,7 @@ def _named(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.evaluation import check, evaluate_all
 
@@ -160,7 +159,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         )
     with common.working(), folder:
         evaluated.save(folder.path)
-    return {
+    values = {
         "command": "evaluate",
         "seed": args.seed,
         "out": str(folder.path),
@@ -168,6 +167,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         "summary": evaluated.summary(),
         "rows": list(evaluated.rows),
     }
+    return common.Answer(values, show(values))
 
 
 def compensation_file(args: argparse.Namespace) -> Path | None:

@@ -22,7 +22,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction train panda gte --algo ppo --steps 300000 --out runs/train-panda",
         interrupted="the last checkpoint is kept; run the same command again to go on from it",
         run=run,
-        show=show,
     )
     evaluate.add_task_options(parser)
     parser.add_argument("--algo", required=True, metavar="|".join(ALGORITHMS), help="how it learns")
@@ -55,7 +54,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Train; write policy, curve, evaluation, plots and provenance."""
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
@@ -99,7 +98,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
             experiment=args.experiment,
         )
-    return {
+    values = {
         "command": "train",
         "seed": args.seed,
         "out": str(folder.path),
@@ -112,6 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         "best_steps": trained.best.steps,
         "summary": evaluated.summary(),
     }
+    return common.Answer(values, show(values))
 
 
 def show(result: JsonRecord) -> str:

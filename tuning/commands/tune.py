@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
@@ -35,7 +34,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda",
         interrupted="what was measured is kept; run the same command again to go on",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
@@ -170,7 +168,7 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
@@ -179,7 +177,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     tune_it = _search if args.protocol == "search" else _thesis
     with Progress() as progress:
         result = tune_it(args, arm, progress)
-    return {"command": "tune", "out": str(result.folder), **result.to_json()}
+    return common.answer(args, result, result.folder)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -243,8 +241,9 @@ def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
     )
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
+def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
     from stiction_envs.reporting.output_folder import default_folder
+    from tuning.robot.report import describe
     from tuning.robot.session import Session
 
     out, told = args.out or default_folder("ask", arm.name), {}
@@ -256,13 +255,5 @@ def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
             told = {"told": state.told}
         if args.ask is not None:
             state = Session(arm, **options).ask(args.ask)
-    return {"command": "tune", "out": str(out), **state.to_json(), **told}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from tuning.protocol.tune import describe
-    from tuning.robot.report import describe as describe_robot
-
-    text = (describe_robot if "ask" in result else describe)(result)
-    return f"{text}\nwritten to {result['out']}"
+    values = {"command": "tune", "out": str(out), **state.to_json(), **told}
+    return common.Answer(values, f"{describe(values)}\nwritten to {out}")

@@ -35,7 +35,7 @@ FAR = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogDiagnosis(DiagnosisResult):
-    """What a simulation gets wrong about joint logs."""
+    """Diagnosis of joint logs."""
 
     data = "logs"
     diagnosis: Diagnosis

@@ -18,7 +18,7 @@ from stiction_envs.robots import Arm
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TableResult(DiagnosisResult):
-    """What a simulation gets wrong about torque tables."""
+    """Diagnosis of torque tables."""
 
     data = "torque tables"
     diagnosis: TableDiagnosis

@@ -44,7 +44,7 @@ LEAST_LAG = 0.1
 """Least sum of delay and time constant that is corrected where a load shows it [s]; assumed: the
 cause `actuator_delay` covers shorter ones."""
 LEAST_FRICTION_LAG = 0.01
-"""The same where only friction shows the lag, which that cause does not cover [s]; assumed."""
+"""Least sum where only friction shows the lag, which that cause does not cover [s]; assumed."""
 RESIDUAL_LEFT = 0.5
 """Largest remaining part of the residual for a lag to be corrected [-]; assumed."""
 DELAYS = np.arange(0.0, 0.1501, 0.01)
@@ -78,7 +78,7 @@ class TorqueLag:
     before: float
     """Residual of the joint after the fit, as logged [N·m]."""
     after: float
-    """The same with δ and T [N·m]."""
+    """Residual with δ and T [N·m]."""
     loaded: bool
     """Whether a load shows it; else reversals at several speeds show it."""
     certain: bool

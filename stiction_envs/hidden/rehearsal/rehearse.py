@@ -42,7 +42,7 @@ from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
 from stiction_envs.hidden.servo_effects import EFFECTS, effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import naming_of
 from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
@@ -160,7 +160,7 @@ def plan(
             looked for.
         progress: called with what is done and the part of the whole, 0.
         options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
-            ``poses`` or ``method``.
+            ``poses``.
 
     Raises:
         StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
@@ -172,13 +172,7 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    naming = Naming(
-        joints=tuple(options.get("joints", ())),
-        topic=options.get("topic"),
-        units=options.get("units"),
-        calibration=options.get("calibration"),
-        columns=tuple(options.get("columns", ())),
-    )
+    naming = naming_of(None, options)
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
         effect_of(name) if kind == POSITION else cause_named(name)
