@@ -12,12 +12,11 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from stiction_envs.experiments import poses
 from stiction_envs.experiments.gte import random_paths
 from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES, episode_settings
-from stiction_envs.experiments.settings import experiment_settings
-from stiction_envs.experiments.sje import poses
 from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import configurations
@@ -52,7 +51,7 @@ def entries(robot: str, paths: Sequence[int] = ()) -> dict[str, tuple[str, str]]
     return {
         f"{robot}: poses [rad] and signed loads [N·m]": (
             "poses",
-            poses.fingerprint(sje.sticking.arm, experiment_settings().poses),
+            poses.fingerprint(sje.sticking.arm),
         ),
         f"{robot}: base torques [N·m]": (sje_base.KIND, sje_base.fingerprint(sje)),
         f"{robot}: errors, duration, shaking without dither [m, rad, s]": (

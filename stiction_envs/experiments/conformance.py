@@ -16,7 +16,7 @@ MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (sources
 
 ``engine="warp"`` asks the same inside another engine (`engines`). There a robot's name means what
 ``stiction export ROBOT --engine warp`` writes, ramps are left out unless their rates are given, and
-an engine of float32 may move by ``still_single`` instead of 1e-6 rad.
+an engine of float32 may move by 1e-5 rad instead of 1e-6.
 """
 
 from __future__ import annotations
@@ -32,10 +32,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.conformance_report import JointResult, Report
+from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
-from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.reporting.provenance import provenance
@@ -48,6 +47,9 @@ from stiction_envs.robots.user_arm import compile_file
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+USUAL = ConformanceSettings()
+STILL_SINGLE = 1e-5
+"""Largest motion of a joint that holds in an engine of float32 [rad]; assumed."""
 _SILENT = 30  # actuator group that is switched off
 
 
@@ -80,7 +82,7 @@ def conformance(
         chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
             other joints are locked; None for all hinges.
         threads: threads, 0 for all processors.
-        settings: constants of the test; None for those of ``settings.toml``.
+        settings: numbers of the test; None for `USUAL`.
         progress: called with the tests done and their number.
 
     Raises:
@@ -90,9 +92,8 @@ def conformance(
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
     where = engine_named(engine)
-    s = settings or experiment_settings().conformance
-    if where.single:
-        s = dataclasses.replace(s, still=s.still_single)
+    s = settings or USUAL
+    s = dataclasses.replace(s, still=STILL_SINGLE) if where.single else s
     stock = where is ENGINES["mujoco"]
     if rates is None:
         rates = s.ramp_rates if stock else ()
@@ -144,7 +145,7 @@ def conformance(
             "rates": list(rates),
             **({} if chain is None else {"chain": list(chain)}),
             **({} if stock else {"engine": {"name": where.name, **where.versions()}}),
-            "settings": s.used(),
+            "settings": dataclasses.asdict(s),
         },
         seed=0,
         inputs={} if path is None else robot_files(path),

@@ -29,6 +29,7 @@ from stiction_envs.experiments.observation import (
     observation_bounds,
     observation_names,
 )
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.randomise import (
     check_spreads,
     draw,
@@ -37,7 +38,6 @@ from stiction_envs.experiments.randomise import (
     true_friction,
 )
 from stiction_envs.experiments.rig import Rig, count_blocks
-from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, check_torque_driven
 from stiction_envs.plant import CONTROL_DT

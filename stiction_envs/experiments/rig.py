@@ -13,8 +13,7 @@ from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.base import Experiment, joint_number
-from stiction_envs.experiments.servos import Servos
-from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.experiments.servos import Approach, Servos
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
@@ -39,7 +38,7 @@ class Rig:
         experiment: Experiment,
         nsim: int,
         *,
-        approach: Protocol,
+        approach: Approach,
         parameters: FrictionParameters | None = None,
         columns: int | None = None,
         closed_loop: bool = False,
@@ -62,7 +61,7 @@ class Rig:
             threads=experiment.threads,
             closed_loop=closed_loop,
         )
-        self.approach_protocol = approach
+        self.approach_numbers = approach
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
@@ -103,7 +102,7 @@ class Rig:
 
     def _draw_pose_and_friction(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return by how much a pose is missed (n,) [rad], and factors of the dry friction (n,)."""
-        p = self.approach_protocol
+        p = self.approach_numbers
         shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -FARTHEST, FARTHEST)
         change = np.clip(p.friction_scatter * rng.normal(size=self.n), -STRONGEST, STRONGEST)
         return shift, 1.0 + change

@@ -8,11 +8,11 @@ import pytest
 
 from stiction_envs.envs.agents import (
     AGENTS,
+    RULE_FACTOR,
     ConstantTable,
     GatedTable,
     NoDither,
     TorqueRule,
-    agent_settings,
 )
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
@@ -80,7 +80,7 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
         return float(agent.predict(row)[0][0])
 
     assert amplitude(0.0) == 0.0
-    most = agent_settings().rule_factor * 0.5
+    most = RULE_FACTOR * 0.5
     assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * most)
     assert amplitude(0.5) == pytest.approx(most)
     assert amplitude(3.0, 0.2) == pytest.approx(most * np.exp(-1), rel=1e-5)

@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.observation import Group, action_bounds, observed_action, pack
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
 

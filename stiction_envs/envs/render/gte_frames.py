@@ -32,7 +32,7 @@ from stiction_envs.experiments.gte.protocol import Case, Run, Stiffness
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.rows import case_name
 from stiction_envs.experiments.observation import STICTION_FACTOR, largest_stiction
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.plant import CONTROL_DT
 
 if TYPE_CHECKING:

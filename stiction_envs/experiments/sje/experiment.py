@@ -22,7 +22,7 @@ from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
     LOADS,

@@ -62,7 +62,7 @@ class Push(Rig):
             joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
         """Dither of each joint that has one."""
-        self.threshold = self.approach_protocol.threshold
+        self.threshold = protocol.threshold
         """Distance after which the joint has let go [rad]."""
         # whole controller cycles, none longer than the plant leaves its friction alone
         self.block = max(1, SLOW_STEPS // self.interface.hold_steps) * self.interface.hold_steps

@@ -18,8 +18,8 @@ from stiction_envs.compiled import compiled
 from stiction_envs.dither.kernels import add_sines
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.base import Experiment
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.rig import Rig, minimum_jerk
-from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
