@@ -20,6 +20,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stiction_envs.envs.page import whole_page
 from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
 from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
@@ -53,9 +54,10 @@ class _Experiment:
     """Renderers by the number of their tile."""
 
     def __init_subclass__(cls) -> None:
-        """Show every argument with its default in the signature of a class."""
+        """Show every argument with its default in the signature of a class; complete its page."""
         if not hasattr(cls, "episodes"):
             return
+        cls.__doc__ = whole_page(cls.__doc__ or "", cls.episodes)
         known = [
             inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
             for f in fields(cls.episodes.arguments)
