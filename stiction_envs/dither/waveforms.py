@@ -50,7 +50,7 @@ class Waveform(ABC):
     cycles: ClassVar[int] = 1
     """Period, in periods 1/f of the dither frequency."""
     sinusoidal: ClassVar[bool] = False
-    """Whether w(θ) = sin θ: dither of such waveforms only is computed by `dither.kernels`."""
+    """Whether w(θ) = sin θ: dither of such waveforms only is computed by compiled code."""
 
     @abstractmethod
     def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:

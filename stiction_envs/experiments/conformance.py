@@ -31,7 +31,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
@@ -104,11 +104,12 @@ def conformance(
     bare = _bare(_compiled(model, chain))
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     read, stiffness = _friction(bare, hinges)
-    level = read if stiction is None else np.asarray(stiction, dtype=float)
-    if level.shape != hinges.shape:
-        raise StictionError(f"stiction has shape {level.shape}, the model {len(hinges)} hinges")
-    if not (np.isfinite(level).all() and (level >= 0).all()):
-        raise StictionError(f"stiction {level.tolist()} N·m must be finite and not negative")
+    level = read
+    if stiction is not None:
+        expected = f"finite numbers from 0 N·m, one for each of {len(hinges)} hinges"
+        level = checked_array(stiction, "stiction", hinges.shape, expected=expected)
+    if (level < 0).any():
+        raise StictionError(f"stiction {level.tolist()} N·m: expected finite numbers from 0")
     tested = level > 0
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
@@ -385,9 +386,7 @@ def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
         middle = np.array(model.qpos0)
         middle[adr] = model.jnt_range[limited].mean(axis=1)
         return middle
-    q = np.asarray(qpos, dtype=float)
-    if q.shape != (model.nq,) or not np.isfinite(q).all():
-        raise StictionError(f"qpos must be {model.nq} finite numbers")
+    q = checked_array(qpos, "qpos", (model.nq,))
     for joint, at in zip(limited, adr, strict=True):
         low, high = model.jnt_range[joint]
         if not low <= q[at] <= high:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.observation import (
     Checked,
@@ -332,13 +332,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         """
         if not np.all(self.alive[ids]):
             raise StictionError("step: the episode is over or was never started: call reset")
-        try:
-            out = np.array(action, dtype=float)
-        except (TypeError, ValueError):
-            raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
-        shape = (len(ids), len(self._low))
-        if out.shape != shape:
-            raise StictionError(f"action has shape {out.shape}: expected {shape}")
+        out = checked_array(action, "action", (len(ids), len(self._low)), finite=False)
         slack = _ROUNDING * (self._high - self._low)
         good = (out >= self._low - slack) & (out <= self._high + slack)
         if not good.all():

@@ -27,6 +27,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import own_friction
 from stiction_envs.friction.inertia import link_inertia, mass_and_gravity
 from stiction_envs.friction.parameters import (
+    CONTROL_DT,
     FrictionParameters,
     bristle_damping,
     check_stability,
@@ -122,20 +123,20 @@ def _bearing_loaded(arm: Arm) -> NDArray[np.bool_]:
 
 
 def build(
-    arm: Arm, parameters: FrictionParameters | None = None, *, timestep: float = 1e-3
+    arm: Arm, parameters: FrictionParameters | None = None, *, timestep: float = CONTROL_DT
 ) -> StickingModel:
     """Build the model of an arm that sticks.
 
     Args:
         arm: the rigid arm.
         parameters: friction of one arm; None takes the arm's own.
-        timestep: physics step, at most 1e-3 s.
+        timestep: physics step, at most `CONTROL_DT`.
 
     Raises:
         StictionError: step too long, parameters for another number of joints, or a bristle
             that would chatter at this step (sources.md 3.5).
     """
-    if not 0 < timestep <= 1e-3:
+    if not 0 < timestep <= CONTROL_DT:
         raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
         parameters = own_friction(arm)

@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.friction.inertia import link_inertia, mass_matrix
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import CONTROL_DT, FrictionParameters
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
-TIMESTEP = 1e-3
-"""Step of the engine [s]."""
 POSES = 256
 """Random poses in which the least inertia is looked for [-]; assumed."""
 STIFFEST = 0.1
@@ -44,7 +42,7 @@ def steady(
         arms: the arm, and others that the friction is used on.
         say: called with each joint (from 0) that is bounded, and by what.
     """
-    rng, h = np.random.default_rng(0), TIMESTEP
+    rng, h = np.random.default_rng(0), CONTROL_DT
     low, high = np.clip(arms[0].limits.position, -np.pi, np.pi).T
     poses = rng.uniform(low, high, size=(POSES, friction.n))
     poses = np.vstack([arms[0].rest, poses])

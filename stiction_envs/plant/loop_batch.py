@@ -11,16 +11,19 @@ library in the same order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
+from llvmlite import binding
+from numba import types
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.plant.copies import CopiedBatch
-from stiction_envs.plant.in_c import copy, get_state, set_state, step1, step2
 
 Array = NDArray[np.float64]
 Addresses = NDArray[np.int64]
@@ -32,6 +35,22 @@ less, small ones let threads end together (``benchmarks/speed/throughput``); ass
 FEWEST = 4
 """Simulations of a part [-]: in every step it costs what half a simulation does."""
 VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
+
+
+_InC = Callable[..., None]
+
+# compiled code finds the library's functions by their names, and can be cached
+binding.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("*mujoco.*"))))
+_pointer = types.intp
+_of_two = types.void(_pointer, _pointer)
+_of_state = types.void(_pointer, _pointer, _pointer, types.intc)
+step1: _InC = types.ExternalFunction("mj_step1", _of_two)
+step2: _InC = types.ExternalFunction("mj_step2", _of_two)
+fwd_position: _InC = types.ExternalFunction("mj_fwdPosition", _of_two)
+fwd_velocity: _InC = types.ExternalFunction("mj_fwdVelocity", _of_two)
+set_state: _InC = types.ExternalFunction("mj_setState", _of_state)
+get_state: _InC = types.ExternalFunction("mj_getState", _of_state)
+copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
 
 
 class Loop(NamedTuple):

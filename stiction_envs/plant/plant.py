@@ -24,15 +24,13 @@ from stiction_envs.compiled import Arguments
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-CONTROL_DT = 1e-3
-"""Control step [s]."""
 SLOW_STEPS = 50
 """Control steps between two updates of load, warm-up and offset."""
 

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
@@ -208,7 +208,8 @@ def load_arm(
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
     load = _payload(payload)
-    roll_pitch = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
+    expected = "2 finite numbers, roll and pitch in rad"
+    roll, pitch = checked_array(tilt, "tilt", (2,), expected=expected).tolist()
     ends = check_chain(robot, chain)
     known = known_arm(robot) if ends is None else None
     if known is None:
@@ -217,32 +218,22 @@ def load_arm(
         fields = _shipped(known) if known.shipped else read_user_arm(known.model)
 
     root = ET.fromstring(fields["xml"])
-    if any(roll_pitch):
-        mjcf.tilt_base(root, fields["link_names"][0], (roll_pitch[0], roll_pitch[1]))
+    if roll or pitch:
+        mjcf.tilt_base(root, fields["link_names"][0], (roll, pitch))
     if load is not None and load[0] > 0:
         mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
-    if any(roll_pitch) or load is not None:
+    if roll or pitch or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False
     registered = known is not None
-    return Arm(**fields, registered=registered, payload=load, tilt=(roll_pitch[0], roll_pitch[1]))
-
-
-def _numbers(value: Sequence[float], n: int, what: str, meaning: str) -> tuple[float, ...]:
-    try:
-        out = tuple(float(v) for v in value)
-    except (TypeError, ValueError):
-        raise StictionError(f"{what} {value!r}: expected {n} numbers, {meaning}") from None
-    if len(out) != n or not np.isfinite(out).all():
-        raise StictionError(f"{what} {value!r}: expected {n} finite numbers, {meaning}")
-    return out
+    return Arm(**fields, registered=registered, payload=load, tilt=(roll, pitch))
 
 
 def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, float] | None:
     if payload is None:
         return None
-    meaning = "mass in kg, centre of mass x y z in m"
-    mass, x, y, z = _numbers(payload, 4, "payload", meaning)
+    expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
+    mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
     if mass < 0:
         raise StictionError(f"payload mass {mass:g} kg: must not be negative")
     return mass, x, y, z

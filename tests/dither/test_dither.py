@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.dither.aliasing import alias, check_frequency
-from stiction_envs.dither.dither import Dither
+from stiction_envs.dither.dither import Dither, alias, check_frequency
 from stiction_envs.dither.waveforms import BANDWIDTH, WAVEFORMS
 from stiction_envs.dither.waveforms import SWEEP_CYCLES as CYCLES
 from stiction_envs.errors import StictionError

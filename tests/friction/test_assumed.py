@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.friction.assumed import ASSUMED, FROM_LOGS, friction_note, is_assumed
+from stiction_envs.friction.from_file import ASSUMED, FROM_LOGS, friction_note, is_assumed
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.robots import load_arm

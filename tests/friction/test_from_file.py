@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.assumed import ASSUMED, friction_note
 from stiction_envs.friction.export import export
-from stiction_envs.friction.from_file import file_friction, own_friction, shipped_friction
+from stiction_envs.friction.from_file import (
+    ASSUMED,
+    file_friction,
+    friction_note,
+    own_friction,
+    shipped_friction,
+)
 from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.robots import Arm, load_arm

@@ -153,9 +153,12 @@ def test_refused_files(tmp_path: Path, case: str):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[limits.torque]\nvalue = [1, 2, 3]", r"two\.toml, limits\.torque: shape \(3,\)"),
+        (
+            "[limits.torque]\nvalue = [1, 2, 3]",
+            r"two\.toml, limits\.torque has shape \(3,\): expected",
+        ),
         ("[limits.torque]\nvalue = [1, nan]", "contains NaN"),
-        ('[rest]\nvalue = ["a", "b"]', "not a list of numbers"),
+        ('[rest]\nvalue = ["a", "b"]', "rest is a list: expected numbers"),
         ("[rest", "not a TOML file"),
     ],
 )

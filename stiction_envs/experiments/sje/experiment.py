@@ -35,7 +35,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model

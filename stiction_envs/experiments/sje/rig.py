@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.dither.kernels import add_sines
+from stiction_envs.dither.dither import add_sines
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.poses import Poses
