@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.waveforms import (
     BANDWIDTH,
@@ -24,9 +25,8 @@ from stiction_envs.errors import StictionError, checked_array, unknown
 
 _TWO_PI = 2.0 * np.pi
 
-Floats = NDArray[np.float64]
 _Places = NDArray[np.intp] | None
-_Branch = tuple[Waveform, _Places, _Places, Floats, Floats, Floats, Floats | None]
+_Branch = tuple[Waveform, _Places, _Places, Array, Array, Array, Array | None]
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -42,17 +42,17 @@ class Dither:
     waveforms' wherever the sampling theorem holds.
     """
 
-    amplitude: Floats
+    amplitude: Array
     """A, (N, n) N·m, ≥ 0; exactly 0 leaves exactly the offset."""
-    frequency: Floats
+    frequency: Array
     """f, (N, n) Hz, > 0 wherever the amplitude is."""
-    phase: Floats
+    phase: Array
     """φ, (N, n) rad; for chirp and random a shift along the 64 cycles. Default 0."""
-    offset: Floats
+    offset: Array
     """Constant torque, (N, n) N·m, never gated. Default 0."""
     waveform: NDArray[np.int8]
     """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
-    gate_velocity: Floats
+    gate_velocity: Array
     """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. q̇ includes the motion that the dither
     itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
     """
@@ -61,12 +61,12 @@ class Dither:
     bandwidth: float
     """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
-    _drawn: dict[str, Floats] = field(init=False)  # by waveform (N, n, K): what it draws
+    _drawn: dict[str, Array] = field(init=False)  # by waveform (N, n, K): what it draws
     _branches: tuple[_Branch, ...] = field(init=False)
-    _gate: Floats | None = field(init=False)
-    sines: tuple[Floats, Floats, Floats] | None = field(init=False)
+    _gate: Array | None = field(init=False)
+    sines: tuple[Array, Array, Array] | None = field(init=False)
     """ω [rad/s], φ [rad] and A [N·m], (N, n), where the dither is ungated sines only."""
-    _constant: Floats | None = field(init=False)
+    _constant: Array | None = field(init=False)
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Dither:
         names = [b[0].name for b in self._branches]
         return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
 
-    def torque(self, t: float | Floats, qd: Floats | None = None) -> Floats:
+    def torque(self, t: float | Array, qd: Array | None = None) -> Array:
         """Dither torque, fresh (N, n) array in N·m.
 
         Args:
@@ -148,11 +148,11 @@ class Dither:
             out += self._constant
         return out
 
-    def ungated(self, t: float | Floats) -> Floats:
+    def ungated(self, t: float | Array) -> Array:
         """What `torque` is without gates and offsets, which follow `gate` and `offset`."""
         shape = self.amplitude.shape
         own = isinstance(t, np.ndarray) and t.ndim == 1
-        out: Floats | None = None
+        out: Array | None = None
         for waveform, where, rows, omega, phase, amplitude, drawn in self._branches:
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             angle = omega * now
@@ -168,7 +168,7 @@ class Dither:
 
     def retune(
         self,
-        t: float | Floats,
+        t: float | Array,
         *,
         amplitude: ArrayLike | None = None,
         frequency: ArrayLike | None = None,
@@ -236,7 +236,7 @@ class Dither:
             mask = driven & (self.waveform == code)
             where = None if mask.all() else np.flatnonzero(mask)
             rows = None if where is None else where // self.n
-            pick: EllipsisType | NDArray[np.bool_] = ... if where is None else mask
+            pick: EllipsisType | Bools = ... if where is None else mask
             waveform = waveforms[code]
             drawn = self._drawn.get(waveform.name)
             if drawn is not None:
@@ -255,7 +255,7 @@ class Dither:
             _constant=self.offset + 0.0 if shifted or gate is not None else None,
         )
 
-    def _draw(self) -> dict[str, Floats]:
+    def _draw(self) -> dict[str, Array]:
         """What the waveforms that are present draw for their entries, (N, n, K), 0 elsewhere."""
         out = {}
         for code, (name, waveform) in enumerate(WAVEFORMS.items()):
@@ -267,7 +267,7 @@ class Dither:
         return out
 
 
-def _fade(torque: Floats, qd: Floats | None, factor: Floats) -> None:
+def _fade(torque: Array, qd: Array | None, factor: Array) -> None:
     """Multiply a torque (N, n) in place by exp(−(q̇/v_gate)²), ``factor`` being 1/v_gate [s/rad]."""
     if qd is None or qd.shape != torque.shape:
         got = None if qd is None else qd.shape
@@ -292,7 +292,7 @@ def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> ND
         raise StictionError(f"dither {name} has shape {array.shape}: expected {shape}") from None
 
 
-def _check(name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> None:
+def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -302,7 +302,7 @@ def _check(name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> 
         raise StictionError(f"dither {name}{where} is {values[at]}: expected {expected}")
 
 
-def _check_drive(amplitude: Floats, frequency: Floats) -> None:
+def _check_drive(amplitude: Array, frequency: Array) -> None:
     _check("amplitude", amplitude, amplitude < 0, ">= 0 N·m")
     bad = (frequency < 0) | ((frequency == 0) & (amplitude > 0))
     _check("frequency", frequency, bad, "> 0 Hz where the amplitude is")
@@ -366,7 +366,7 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
 
 
 @compiled
-def sine(omega: Floats, phase: Floats, amplitude: Floats, t: Floats, out: Floats) -> None:
+def sine(omega: Array, phase: Array, amplitude: Array, t: Array, out: Array) -> None:
     """Write A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]; 0 where the amplitude is."""
     for i in range(out.shape[0]):
         for j in range(out.shape[1]):
@@ -377,7 +377,7 @@ def sine(omega: Floats, phase: Floats, amplitude: Floats, t: Floats, out: Floats
 
 @compiled
 def add_sines(
-    omega: Floats, phase: Floats, amplitude: Floats, t: Floats, ids: NDArray[np.int64], out: Floats
+    omega: Array, phase: Array, amplitude: Array, t: Array, ids: Index, out: Array
 ) -> None:
     """Add the sines of simulations ids (M,) at times t (M, K) [s] to torques (M, K, n) [N·m]."""
     for row in range(out.shape[0]):

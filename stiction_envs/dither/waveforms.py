@@ -16,9 +16,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, unknown
-
-Floats = NDArray[np.float64]
 
 SWEEP_CYCLES = 64
 """Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
@@ -53,7 +52,7 @@ class Waveform(ABC):
     """Whether w(θ) = sin θ: dither of such waveforms only is computed by compiled code."""
 
     @abstractmethod
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """Return w(θ) elementwise: an element's bits may not depend on its neighbours.
 
         Args:
@@ -62,7 +61,7 @@ class Waveform(ABC):
             bandwidth: relative bandwidth b, for waveforms that spread around f [-].
         """
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: Index, bandwidth: float) -> Array:
         """Return (M, K) constants of M entries, once per dither; K = 0 unless overridden.
 
         Args:
@@ -124,7 +123,7 @@ class Sine(Waveform):
     name = "sine"
     sinusoidal = True
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """w = sin θ."""
         return np.sin(angle, out=angle)
 
@@ -134,7 +133,7 @@ class Square(Waveform):
 
     name = "square"
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """w = ±1; an edge is 1e-6 of a period early."""
         x = _in_cycles(angle)
         x += _EDGE
@@ -147,7 +146,7 @@ class Triangle(Waveform):
 
     name = "triangle"
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """w rises and falls by 4 per period."""
         x = _in_cycles(angle)
         x += 0.25
@@ -162,7 +161,7 @@ class Chirp(Waveform):
     name = "chirp"
     cycles = SWEEP_CYCLES
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """w = sin of the swept angle."""
         # Odd about x = 0, hence zero mean; a whole number of turns, hence continuous.
         x = _in_cycles(angle)
@@ -181,7 +180,7 @@ class RandomTones(Waveform):
     name = "random"
     cycles = SWEEP_CYCLES
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None, bandwidth: float) -> Array:
         """w = gain · Σ sin(line · θ/64 + phase)."""
         assert drawn is not None
         x = _in_cycles(angle)
@@ -196,7 +195,7 @@ class RandomTones(Waveform):
         total *= drawn[-1]
         return total
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: Index, bandwidth: float) -> Array:
         """Return (M, TONES + 1): the tones' phases [rad] and the gain that bounds their peak."""
         key = _mix(seed)[:, None] + _mix(joint.astype(np.uint64))[:, None]
         bits = _mix(np.add(key, np.arange(TONES, dtype=np.uint64))) >> np.uint64(11)
@@ -212,13 +211,13 @@ class RandomTones(Waveform):
         return np.column_stack([phases, np.cos(np.pi * degree / points) / peak])
 
     @staticmethod
-    def _lines(bandwidth: float) -> Floats:
+    def _lines(bandwidth: float) -> Array:
         """Frequencies of the tones in multiples of f/64: whole, different, in the band."""
         spread = (np.arange(TONES) + 0.5) / TONES - 0.5
         return np.rint(SWEEP_CYCLES * (1.0 + bandwidth * spread))
 
 
-def _in_cycles(angle: Floats) -> Floats:
+def _in_cycles(angle: Array) -> Array:
     return np.multiply(angle, 1.0 / _TWO_PI, out=angle)
 
 

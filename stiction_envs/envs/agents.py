@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.evaluation import AnyEnv, State
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
 
-Array = NDArray[np.float64]
 Table = str | Path | Sequence[AmplitudeRow]
 
 
@@ -70,7 +70,7 @@ class Agent(ABC):
         self,
         observation: Observation,
         state: State | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
+        episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], State | None]:
         """Return the actions, and the state as it was given: agents have none.

@@ -19,12 +19,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.gym_env import ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import Options
 from stiction_envs.measured.csv_text import write_lines
 
-Array = NDArray[np.float64]
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
 """Memory of an agent."""
@@ -39,7 +39,7 @@ class Policy(Protocol):
         self,
         observation: Observation,
         state: State | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
+        episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.generic], State | None]:
         """Return actions (M, 2n) [N·m, Hz …] for observations (M, observations), and the state."""

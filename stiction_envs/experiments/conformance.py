@@ -29,8 +29,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
@@ -45,8 +46,6 @@ from stiction_envs.robots.registry import robot_files
 from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 USUAL = ConformanceSettings()
 STILL_SINGLE = 1e-5
 """Largest motion of a joint that holds in an engine of float32 [rad]; assumed."""
@@ -117,19 +116,31 @@ def conformance(
     mjcf = _mjcf(model) if chain is None else None
     whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
     bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
-    found = _tested(bench, rates, progress or (lambda *_: None))
+    say = progress or (lambda *_: None)
+    # NaN stays where an engine refuses the model
+    deflection, still, creep, go = np.full((4, len(joints)), np.nan)
+    breakaway, refused = np.full((len(rates), len(joints)), np.nan), ""
+    try:
+        deflection, still, creep = bench.hold()
+        say(1, len(rates) + 2)
+        go = bench.go()
+        for k, rate in enumerate(rates):
+            say(k + 2, len(rates) + 2)
+            breakaway[k] = bench.breakaway(rate)
+    except Refused as error:
+        refused = str(error)
     results = tuple(
         JointResult(
             name=bare.joint(int(j)).name or f"hinge {j}",
             stiction=float(level[k]),
             bristle_stiffness=float(stiffness[k]),
             presliding=float(-np.log(1 - s.under) * level[k] / stiffness[k]),
-            deflection=float(found.deflection[k]),
-            still=float(found.still[k]),
-            creep=float(found.creep[k]),
-            go_time=float(found.go[k]),
-            breakaway=tuple(found.breakaway[:, k].tolist()),
-            holds=bool(found.still[k] < s.still and found.deflection[k] < s.gone),
+            deflection=float(deflection[k]),
+            still=float(still[k]),
+            creep=float(creep[k]),
+            go_time=float(go[k]),
+            breakaway=tuple(breakaway[:, k].tolist()),
+            holds=bool(still[k] < s.still and deflection[k] < s.gone),
         )
         for k, j in enumerate(joints)
     )
@@ -156,35 +167,9 @@ def conformance(
         rates=tuple(float(r) for r in rates),
         settings=s,
         engine="" if stock else f"{where.name} {next(iter(where.versions().values()))}",
-        refused=found.refused,
+        refused=refused,
         provenance=made,
     )
-
-
-class _Found:
-    """Results per joint: (n,) arrays, breakaway torques (rates, n)."""
-
-    def __init__(self, rates: int, n: int) -> None:
-        """Begin with NaN, which stays where an engine refuses the model."""
-        self.deflection, self.still, self.creep, self.go = np.full((4, n), np.nan)
-        self.breakaway = np.full((rates, n), np.nan)
-        self.refused = ""
-
-
-def _tested(bench: _Bench, rates: Sequence[float], say: Callable[[int, int], None]) -> _Found:
-    """Return what the joints did."""
-    found = _Found(len(rates), bench.n)
-    try:
-        found.deflection, found.still, found.creep = bench.hold()
-    except Refused as error:
-        found.refused = str(error)
-        return found
-    say(1, len(rates) + 2)
-    found.go = bench.go()
-    for k, rate in enumerate(rates):
-        say(k + 2, len(rates) + 2)
-        found.breakaway[k] = bench.breakaway(rate)
-    return found
 
 
 class _Bench:

@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, checked_array
@@ -43,9 +44,6 @@ from stiction_envs.friction.sticking import Friction, check_torque_driven
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
 ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
 Options = Mapping[str, object]

@@ -7,11 +7,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
-
-Array = NDArray[np.float64]
 
 
 def butterworth_highpass(cutoff_hz: float, rate_hz: float) -> Array:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import LOADS
 
-Array = NDArray[np.float64]
 Checked = dict[str, Any]
 """Valid options of a reset by name, each of its own type."""
 STICTION_FACTOR = 2.5

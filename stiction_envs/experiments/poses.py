@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import StickingModel, build
@@ -23,7 +23,6 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 _TOGETHER = 1024  # poses computed at once; assumed
 SWING = 0.15
 """The experiment moves the joint this far each way [rad]; thesis 3.2."""
@@ -54,7 +53,7 @@ class Poses:
     """(n, 2) signed load of the joint there [N·m]."""
     load: Array
     """(n, 2) absolute load there [N·m]."""
-    bearing: NDArray[np.bool_]
+    bearing: Bools
     """(n,) joints whose load is their bearing's tilting moment."""
 
 
@@ -71,7 +70,7 @@ class PoseLoads:
         self.sensor = LoadSensor(sticking, self.batch)
         self.floor = self.arm.on_floor and self.arm.tilt == (0.0, 0.0)
 
-    def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def __call__(self, q: Array) -> tuple[Array, Bools]:
         """Return signed loads (M, n) [N·m] and validity (M,) of poses q (M, n) [rad]."""
         signed, valid = np.empty_like(q), np.empty(len(q), dtype=bool)
         for start in range(0, len(q), self.batch.nsim):

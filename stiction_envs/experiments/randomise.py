@@ -12,14 +12,13 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, scaled
 
-Array = NDArray[np.float64]
 FIELDS: dict[str, tuple[str, ...]] = {
     "friction": ("stiction", "load_coefficient"),
     "rotor": ("rotor_inertia",),

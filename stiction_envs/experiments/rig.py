@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.sensing import CommandLine, Senses, seeds_of
 from stiction_envs.control.torque_path import TorquePath
 from stiction_envs.dither.dither import Dither
@@ -18,8 +19,6 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FARTHEST = 0.05
 """Largest distance by which scatter misses a pose [rad]; assumed."""
 STRONGEST = 0.5

@@ -19,13 +19,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.method_settings import NotNegative
 
-Array = NDArray[np.float64]
 TORQUE_MARGIN = 10.0
 """Least torque limit that a servo's stiffness assumes, over what resists the joint [-]. From the
 protocol: at 1.2/rad times the limit, friction (2 % scatter) is beaten within the 0.1 rad of

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import (
     GENERIC,
     QUANTITIES,
@@ -15,7 +15,6 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.friction.steady import steady
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 NO_STRIBECK = 0.05
 """Stribeck velocity of friction that is the same at rest and in motion [rad/s]: no effect."""
 

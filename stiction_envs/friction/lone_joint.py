@@ -16,13 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.bristle import bristle_after
 from stiction_envs.friction.parameters import CONTROL_DT
-
-Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import own_friction
@@ -37,8 +37,6 @@ from stiction_envs.friction.tree import sticking_tree
 from stiction_envs.robots import Arm
 from stiction_envs.robots.mjcf import numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 # columns of actuator_biasprm and actuator_dynprm that hold the rest of the law (sources.md 3.5)
 RIPPLE, BRISTLE_DAMPING = 0, 6
 NO_GRAVITY_NM = 0.02
@@ -65,7 +63,7 @@ class StickingModel:
     """(n,) actuator that holds the joint."""
     friction_inertia: Array
     """(n,) inertia that carries the friction: rotor, plus the link's if rigid [kg·m²]."""
-    bearing: NDArray[np.bool_]
+    bearing: Bools
     """(n,) joints that see no gravity torque: their load is the bearing's tilting moment
     (`load_sensor`)."""
     timestep: float
@@ -114,11 +112,11 @@ class StickingModel:
         return damping
 
 
-def _bearing_loaded(arm: Arm) -> NDArray[np.bool_]:
+def _bearing_loaded(arm: Arm) -> Bools:
     """Return (n,) which joints see no gravity torque in any of a fixed set of random poses."""
     low, high = arm.limits.position.T
     q = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
-    weightless: NDArray[np.bool_] = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
+    weightless: Bools = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
     return weightless
 
 

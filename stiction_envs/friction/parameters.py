@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Annotated, get_type_hints
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import Table, check_range, read_toml
 
-Array = NDArray[np.float64]
 CONTROL_DT = 1e-3
 """Control step, and longest physics step [s]."""
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -109,9 +109,9 @@ class FrictionParameters:
         return self.rotor_inertia.shape[-1]
 
     @property
-    def elastic(self) -> NDArray[np.bool_]:
+    def elastic(self) -> Bools:
         """(n,) which joints have a spring between rotor and link."""
-        finite: NDArray[np.bool_] = np.isfinite(self.joint_stiffness)
+        finite: Bools = np.isfinite(self.joint_stiffness)
         return finite if finite.ndim == 1 else finite[0]
 
     @property
@@ -132,7 +132,7 @@ class FrictionParameters:
         }
         return FrictionParameters(**out)
 
-    def rows(self, ids: NDArray[np.int64] | NDArray[np.bool_]) -> FrictionParameters:
+    def rows(self, ids: Index | Bools) -> FrictionParameters:
         """Return the arms ``ids`` of a tiled set."""
         return FrictionParameters(**{k: getattr(self, k)[ids] for k in QUANTITIES})
 

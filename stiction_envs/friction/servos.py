@@ -9,12 +9,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
 LONGEST_DELAY = 1.0
 """Longest delay of a command that is simulated [s]; assumed."""
 

@@ -7,11 +7,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.plant.plant import raise_if_stopped
-
-Array = NDArray[np.float64]
 
 
 def rollout(

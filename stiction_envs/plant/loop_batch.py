@@ -20,13 +20,13 @@ import mujoco
 import numpy as np
 from llvmlite import binding
 from numba import types
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.plant.copies import CopiedBatch
 
-Array = NDArray[np.float64]
-Addresses = NDArray[np.int64]
+Addresses = Index
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """What a batch keeps of a simulation, in this order."""
 SHARED_OUT = 0.625
@@ -62,7 +62,7 @@ class Loop(NamedTuple):
     """(N,) of each simulation's `MjData`."""
     rows: Addresses
     """(N,) of each simulation's state in the batch."""
-    going: NDArray[np.bool_]
+    going: Bools
     """(N,) whether a simulation is stepped; the others stay as they are."""
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
@@ -159,7 +159,7 @@ class LoopBatch(CopiedBatch):
         """Make parts for some threads, the largest first."""
         self.parts, self._loops = parts_of(self.nsim, threads), []
 
-    def step_only(self, going: NDArray[np.bool_]) -> None:
+    def step_only(self, going: Bools) -> None:
         """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
         self._begun &= not (going & ~self._going).any()
         self._going[:] = going

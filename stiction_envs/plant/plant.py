@@ -18,8 +18,9 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import Arguments
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
@@ -29,8 +30,6 @@ from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 SLOW_STEPS = 50
 """Control steps between two updates of load, warm-up and offset."""
 
@@ -318,7 +317,7 @@ class Plant:
                 torque[:] = law()
                 step(nstep=self._substeps, stage=stage)
 
-    def step_only(self, going: NDArray[np.bool_]) -> None:
+    def step_only(self, going: Bools) -> None:
         """Let simulations that are not ``going`` (N,) stay as they are while others `follow`."""
         if isinstance(self._batch, LoopBatch):
             self._batch.step_only(going)

@@ -20,9 +20,9 @@ from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.model_files import find_model
+from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
+from stiction_envs.robots.registry import ARMS, ArmFiles, known_arm
 from stiction_envs.robots.stated import StatedJoints, nothing_stated
 from stiction_envs.robots.tables import (
     Limits,
@@ -287,7 +287,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
 def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
     """Fields of an arm that is not registered, as of `read_user_arm`."""
     path = Path(find_model(robot)).expanduser()
-    if path.suffix.lower() not in MODEL_FILES:
+    if path.suffix.lower() not in ENDS:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")

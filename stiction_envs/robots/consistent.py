@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.regressor import consistent, from_pseudo_inertia, pseudo_inertia
 
-Array = NDArray[np.float64]
 _PAIRS = [(a, b) for a in range(4) for b in range(a + 1)]
 _UNITS = np.zeros((10, 4, 4))
 for _k, (_a, _b) in enumerate(_PAIRS):

@@ -7,13 +7,12 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Arm, mjcf
 from stiction_envs.robots.regressor import consistent, inertial_parameters
 
-Array = NDArray[np.float64]
 EXACT = 1e-9
 """Largest relative difference between the new model's parameters and those given [-] (assumed)."""
 

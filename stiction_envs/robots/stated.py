@@ -15,11 +15,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 
-Array = NDArray[np.float64]
 # columns of actuator_biasprm and actuator_dynprm that hold LuGre friction (sources.md 3.5)
 COULOMB, STICTION, STRIBECK = 3, 4, 5
 BRISTLE_STIFFNESS = 5
@@ -134,7 +133,7 @@ def nothing_stated(n: int) -> StatedJoints:
 
 
 def dry_friction(
-    model: mujoco.MjModel, ids: Sequence[int] | NDArray[np.int64]
+    model: mujoco.MjModel, ids: Sequence[int] | Index
 ) -> tuple[Array, Array, Array, Array]:
     """Return (n,) F_s and F_c [N·m], v_s [rad/s] and σ0 [N·m/rad] of some joints of a model.
 

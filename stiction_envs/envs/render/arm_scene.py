@@ -12,11 +12,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.envs.render.window import has_display
 from stiction_envs.errors import StictionError, one_line
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Colour = NDArray[np.float32]
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
 """Colour of the joint under test, and of the present goal."""

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.envs.render.arm_scene import ArmScene
 from stiction_envs.envs.render.panel import draw_panel
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8] | NDArray[np.float32]
 """A picture (height, width, 3), or distances (height, width) [m]."""
 RENDER_MODES = ("human", "rgb_array", "depth_array")

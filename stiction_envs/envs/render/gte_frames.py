@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.rotation import from_rpy, to_matrix
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ball, connect, polyline
 from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
@@ -38,7 +38,6 @@ from stiction_envs.plant import CONTROL_DT
 if TYPE_CHECKING:
     from stiction_envs.experiments.gte.episodes import GTEEpisodes
 
-Array = NDArray[np.float64]
 _AXES = np.array(
     [[0.85, 0.15, 0.15, 1.0], [0.1, 0.6, 0.2, 1.0], [0.15, 0.3, 0.9, 1.0]], dtype=np.float32
 )

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ArmScene, ball, connect, polyline
 from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
 from stiction_envs.envs.render.panel import BAND, BLUE, ORANGE, SOFT, Plot, round_up
@@ -18,12 +18,10 @@ from stiction_envs.envs.render.video import Picture, Video
 from stiction_envs.experiments.sje.episodes import RampTrace
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, Protocol
-from stiction_envs.experiments.sje.results import is_base
 
 if TYPE_CHECKING:
     from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
-Array = NDArray[np.float64]
 # what follows is assumed: chosen by eye
 _RING = 36  # number of segments
 _SIZE = 0.15  # radius of the ring over the extent of the arm, at most 1 m [-]
@@ -159,10 +157,11 @@ def sje_video(experiment: SingleJointExperiment, measurements: Sequence[Measurem
 
     The configuration is the first one with dither, else the first.
     """
-    dithered = [m for m in measurements if not is_base(m)]
+    dithered = [m for m in measurements if not m.is_base]
     c = (dithered or list(measurements))[0].job.configuration
-    mine = sorted((m for m in measurements if m.job.configuration == c), key=is_base, reverse=True)
-    base = float(mine[0].tau[0]) if is_base(mine[0]) else float("nan")
+    mine = [m for m in measurements if m.job.configuration == c]
+    mine.sort(key=lambda m: m.is_base, reverse=True)
+    base = float(mine[0].tau[0]) if mine[0].is_base else float("nan")
     renderer = JointRenderer(experiment.sticking.arm)
     runs = [_run(experiment, m, base, renderer) for m in mine]
     longest = max(len(m.traces[0]) * m.trace_dt for m in mine)

@@ -15,12 +15,11 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, one_line
 from stiction_envs.friction.plain_mjcf import MotorInput
 
-Array = NDArray[np.float64]
 Torque = Callable[[Array], Array]
 """Of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m]."""
 CHUNK = 500
@@ -43,7 +42,7 @@ class Bare:
     mjcf: str | Path | None
     """Text or file from which it was compiled, for engines with a reader of their own; nothing is
     taken out of it. None for a model without MJCF."""
-    released: NDArray[np.int64]
+    released: Index
     """Hinges whose spring was taken out of `model`."""
 
 

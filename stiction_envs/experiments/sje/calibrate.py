@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -37,7 +37,6 @@ from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
 TOLERANCE = 0.002
 """Rounds end when every base torque agrees this well, relative [-]; assumed."""
 CONVERGED = 5.0

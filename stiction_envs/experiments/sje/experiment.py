@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Index
 from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
@@ -43,7 +44,6 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 
-Array = NDArray[np.float64]
 Dither = str | Path | Sequence[AmplitudeRow]
 """An amplitude table, or its rows."""
 MAX_SIMULATIONS = 384
@@ -316,7 +316,7 @@ class SingleJointExperiment(SJESetup):
             if again:
                 self._begin(rig, np.array(again), logs)
 
-    def _begin(self, rig: SJERig, ids: NDArray[np.int64], logs: dict[int, RampLog]) -> None:
+    def _begin(self, rig: SJERig, ids: Index, logs: dict[int, RampLog]) -> None:
         jobs = [logs[int(i)].job for i in ids]
         keys = [
             (*j.configuration.index, len(logs[int(i)].ramps), j.replica)
@@ -333,9 +333,7 @@ class SingleJointExperiment(SJESetup):
         )
 
     @staticmethod
-    def _trace(
-        rig: SJERig, busy: NDArray[np.int64], ended: NDArray[np.int64], logs: dict[int, RampLog]
-    ) -> None:
+    def _trace(rig: SJERig, busy: Index, ended: Index, logs: dict[int, RampLog]) -> None:
         ramping = np.concatenate([busy[rig.stage[busy] == RAMP], ended])
         if not len(ramping):
             return

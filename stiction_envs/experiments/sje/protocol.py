@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.base import joint_number
@@ -16,7 +17,6 @@ from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
 
-Array = NDArray[np.float64]
 POSES = {"load": "load pose", "no_load": "no-load pose"}
 """As pages write loads."""
 SIGNS = {"+": "+", "-": "−"}
@@ -182,6 +182,16 @@ class Measurement:
     def mean(self) -> float:
         """Mean torque [N·m]; NaN if an iteration was stuck."""
         return float(self.tau.mean())
+
+    @property
+    def is_base(self) -> bool:
+        """Whether the ramp was without dither and offset."""
+        return self.job.amplitude_nm == 0 and self.job.offset_nm == 0
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether an iteration ended without reaching the threshold."""
+        return not np.isfinite(self.mean)
 
     @property
     def displacement(self) -> float:

@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.base import Experiment, joint_number
 from stiction_envs.experiments.rig import Rig, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
@@ -24,7 +24,6 @@ from stiction_envs.friction.model import StickingModel
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
-Array = NDArray[np.float64]
 _ARM = np.array([0])
 
 
