@@ -88,7 +88,7 @@ def evaluate(
     if min(seeds) < 0:
         raise StictionError(f"evaluate: seed {min(seeds)}: expected whole numbers from 0")
     each = _each(options, len(seeds))
-    tiles, core = batch.tiles, batch.core
+    batches, core = batch.batches, batch.core
     core.prepare(each)
     count = batch.num_envs
     slots, episode = np.arange(count), np.full(count, -1)
@@ -101,28 +101,28 @@ def evaluate(
     if len(spare := slots[len(seeds) :]):
         # an observation of every arm is needed, so unused ones get an episode too
         rngs = [seeding.np_random(int(seeds[0]))[0] for _ in spare]
-        tiles.reset(spare, rngs, [each[0]] * len(spare))
+        batches.reset(spare, rngs, [each[0]] * len(spare))
     top = core.action_space.high[: core.n].astype(float)
     while waiting or going.any():
         free = np.flatnonzero(~going)[: len(waiting)]
         if len(free):
             episode[free] = [waiting.pop(0) for _ in free]
             rngs = [seeding.np_random(int(seeds[k]))[0] for k in episode[free]]
-            tiles.reset(free, rngs, [each[k] for k in episode[free]])
+            batches.reset(free, rngs, [each[k] for k in episode[free]])
             going[free] = start[free] = True
             for total in sums.values():
                 total[free] = 0.0
-            what = tiles.describe(free)
+            what = batches.describe(free)
             for i, k in enumerate(episode[free]):
                 rows[k] = _begun(int(seeds[k]), {n: values[i] for n, values in what.items()})
-        observation = tiles.observe(slots)
+        observation = batches.observe(slots)
         actions, state = agent.predict(
             observation, state=state, episode_start=start, deterministic=deterministic
         )
         start[:] = False
         ids = np.flatnonzero(going)
         action = np.asarray(actions, dtype=float)[ids]
-        step = tiles.step(ids, action)
+        step = batches.step(ids, action)
         a, f = np.split(action, 2, axis=1)
         new = {
             "return": step.reward,

@@ -119,9 +119,9 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Measures that are in the info of an episode's last step."""
     groups: tuple[Group, ...]
     """The observation."""
-    arms_per_tile: ClassVar[int] = 64
-    """Most arms of a tile, see `tiles.Tiles`. Of 1024 arms of the GTE on two cores, tiles of 32 had
-    0.92 of the speed of tiles of 64, those of 128 0.98, those of 256 0.85."""
+    arms_per_batch: ClassVar[int] = 64
+    """Most arms of a batch, see `envs.batches`. Of 1024 arms of the GTE on two cores, batches of 32
+    had 0.92 of the speed of batches of 64, batches of 128 0.98, batches of 256 0.85."""
     on_one_thread: ClassVar[bool] = False
     """Whether the engine runs on the caller's thread alone."""
 

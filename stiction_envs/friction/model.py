@@ -108,7 +108,7 @@ class StickingModel:
         damping = bristle_damping(
             stiffness, parameters.bristle_damping_ratio, inertia, self.timestep
         )
-        check_stability(stiffness, damping, inertia, self.timestep)
+        check_stability(damping, inertia, self.timestep)
         return damping
 
 
@@ -147,7 +147,7 @@ def build(
     damping = bristle_damping(
         parameters.bristle_stiffness, parameters.bristle_damping_ratio, inertia, timestep
     )
-    check_stability(parameters.bristle_stiffness, damping, inertia, timestep)
+    check_stability(damping, inertia, timestep)
 
     root = sticking_tree(arm, parameters, damping, timestep)
     actuators = root.find("actuator")

@@ -11,7 +11,6 @@ from stiction_envs.envs.agents import (
     RULE_FACTOR,
     ConstantTable,
     GatedTable,
-    NoDither,
     TorqueRule,
 )
 from stiction_envs.errors import StictionError
@@ -43,10 +42,6 @@ def test_every_agent_stays_in_the_space_alone_and_in_a_batch(kind, agent):
     assert all(a in env.action_space for a in actions)
     one, _ = AGENTS[agent](env).predict(rows[7])
     assert np.array_equal(one, actions[7])
-
-
-def test_no_dither_is_no_dither(env):
-    assert np.array_equal(NoDither(env).predict(seen(env))[0], env.action_space.low)
 
 
 def test_a_constant_table_is_the_table(env, tmp_path):
@@ -98,8 +93,3 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
 def test_wrong_tables(env, rows, words):
     with pytest.raises(StictionError, match=words):
         ConstantTable(env, rows)
-
-
-def test_gate_speeds_have_a_bound(env):
-    with pytest.raises(StictionError, match="gate speed 0: expected a number above 0"):
-        GatedTable(env, ROWS, speed=0)

@@ -184,18 +184,6 @@ def test_the_model_is_not_changed():
 # ---- report, command line, errors ----------------------------------------------------------
 
 
-def test_a_file_is_tested_as_its_text(tmp_path):
-    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
-    good.write_text(lugre())
-    bad.write_text(stock())
-    assert "1 of 1 joints stick" in str(conformance(good, rates=NO_RAMP))
-    assert "0 of 1 joints stick" in str(conformance(bad, rates=NO_RAMP))
-    assert not conformance(good, [0.7], rates=NO_RAMP).passed
-    (tmp_path / "broken.xml").write_text("<mujoco><nonsense/></mujoco>")
-    with pytest.raises(StictionError, match="not a readable MJCF or URDF"):
-        conformance(tmp_path / "broken.xml")
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -81,11 +81,12 @@ def test_same_bits_in_any_batch(rows, threads, asymmetric):
 
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("blocks", [[1] * K, [7, 100, 23]])
-def test_same_bits_in_any_blocks(blocks, asymmetric):
-    """run(130) is 20 at a time, one at a time, anything."""
+def test_same_bits_in_any_blocks(asymmetric):
     rows = [4, 50, 7]
-    assert angles(rows, 2, blocks, asymmetric).tobytes() == reference(asymmetric)[rows].tobytes()
+    assert (
+        angles(rows, 2, [7, 1, 1, 98, 23], asymmetric).tobytes()
+        == reference(asymmetric)[rows].tobytes()
+    )
 
 
 def test_subset_leaves_the_others_alone():
@@ -120,11 +121,3 @@ def test_reset_forgets_everything():
     plant.reset(np.arange(2), q[:2])
     plant.set_friction(np.arange(2), p.rows([0, 1]))
     assert plant.run(torque[:2]).tobytes() == reference(True)[:2].tobytes()
-
-
-def test_one_joint_report_is_the_column_of_all():
-    q, p, torque = mixed(asymmetric=False)
-    joint = np.arange(MANY) % 7
-    out = started(q, p, 2).run(torque, joint=joint)
-    expected = reference(False)[np.arange(MANY), :, joint]
-    np.testing.assert_array_equal(out, expected)

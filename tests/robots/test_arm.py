@@ -49,13 +49,6 @@ def _dh(q: np.ndarray, table: list[tuple[float, float, float]]) -> np.ndarray:
     return pose
 
 
-def _contacts(model: mujoco.MjModel, q: np.ndarray) -> int:
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_fwdPosition(model, data)
-    return data.ncon
-
-
 def _samples(arm: Arm, count: int) -> np.ndarray:
     return np.random.default_rng(3).uniform(*arm.limits.position.T, size=(count, arm.n))
 
@@ -115,30 +108,6 @@ def test_bare_model_has_the_same_dynamics(name):
         mujoco.mj_forward(bare, b)
         np.testing.assert_array_equal(a.M, b.M)
         np.testing.assert_array_equal(a.qfrc_bias, b.qfrc_bias)
-
-
-def test_masses():
-    """sources.md 1.3 and 2.3; the geometry weighs nothing."""
-    known = {"panda": 16.69, "iiwa7": 23.9, "iiwa14": 29.9}
-    total = {name: load_arm(name).model().body_mass.sum() for name in known}
-    assert total == pytest.approx(known, abs=0.005)
-
-
-@pytest.mark.parametrize(
-    ("name", "folded"),
-    [
-        ("panda", [0, 1.7, 0, -3.0, 0, 1.6, 0]),
-        ("iiwa7", [0, 2.0, 0, -2.05, 0, 1.5, 0]),
-        ("iiwa14", [0, 2.0, 0, -2.05, 0, 1.5, 0]),
-    ],
-)
-def test_self_collision_where_it_is_real(name, folded):
-    """Upper arm forward, elbow shut: the wrist runs into the foot."""
-    arm = load_arm(name)
-    assert (arm.joint_names, arm.link_names) == tuple(
-        tuple(f"{kind}{i}" for i in range(1, 8)) for kind in ("joint", "link")
-    )
-    assert _contacts(arm.model(), np.array(folded)) > 0
 
 
 @pytest.mark.parametrize("name", [*BUILTIN, "generic"])

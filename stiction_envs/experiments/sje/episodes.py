@@ -86,7 +86,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
     final = ("shaking", "tau_sje", "tau_base", "reduction")
     groups = GROUPS
     # one after the other runs a whole block: only its arrays have to fit; 64 had 0.95 of the speed
-    arms_per_tile = 256
+    arms_per_batch = 256
 
     reward_settings = staticmethod(sje_reward_settings)
 

