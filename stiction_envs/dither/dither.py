@@ -149,7 +149,7 @@ class Dither:
         return out
 
     def ungated(self, t: float | Array) -> Array:
-        """What `torque` is without gates and offsets, which follow `gate` and `offset`."""
+        """Return `torque` without gates and offsets."""
         shape = self.amplitude.shape
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Array | None = None
@@ -256,7 +256,7 @@ class Dither:
         )
 
     def _draw(self) -> dict[str, Array]:
-        """What the waveforms that are present draw for their entries, (N, n, K), 0 elsewhere."""
+        """Return constants that waveforms draw for their entries, (N, n, K), 0 elsewhere."""
         out = {}
         for code, (name, waveform) in enumerate(WAVEFORMS.items()):
             row, joint = np.nonzero(self.waveform == code)

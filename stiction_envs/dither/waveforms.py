@@ -27,8 +27,8 @@ TONES = 16
 BANDWIDTH = 0.5
 """Default relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) (`assumed`)."""
 BANDWIDTH_RANGE = (TONES / SWEEP_CYCLES, 1.9)
-"""Of b [-]: b·SWEEP_CYCLES ≥ TONES keeps random tones on different lines; b < 2 keeps them off
-0 Hz (1.9: assumed)."""
+"""Range of b [-]: b·SWEEP_CYCLES ≥ TONES keeps random tones on different lines; b < 2 keeps them
+off 0 Hz (1.9: assumed)."""
 
 _TWO_PI = 2.0 * np.pi
 # Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits

@@ -147,20 +147,9 @@ def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
 
     Args:
         path: the file; there in full or not at all.
-        rows: one or more, all with the same names, in any order.
-
-    Raises:
-        StictionError: no rows, or a row with other names.
+        rows: one or more, all with the same names.
     """
-    if not rows:
-        raise StictionError(f"{path}: no rows: expected one or more")
     columns = tuple(rows[0])
-    for k, row in enumerate(rows):
-        if different := sorted(row.keys() ^ rows[0].keys()):
-            raise StictionError(
-                f"{path}: row {k + 1}: {different[0]} is not in both it and row 1: expected "
-                "rows of one kind"
-            )
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 
 

@@ -37,7 +37,7 @@ from stiction_envs.experiments.conformance_report import ConformanceSettings, Jo
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
 from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.plain_mjcf import Kind, plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
@@ -98,9 +98,8 @@ def conformance(
         rates = s.ramp_rates if stock else ()
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
-    if not stock:
-        model = _as_exported(model, where)
-    bare = _bare(_compiled(model, chain))
+    compiled, mjcf = _read(model, where, chain)
+    bare = _bare(compiled)
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     read, stiffness = _friction(bare, hinges)
     level = read
@@ -113,7 +112,6 @@ def conformance(
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
-    mjcf = _mjcf(model) if chain is None else None
     whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
     bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
     say = progress or (lambda *_: None)
@@ -144,14 +142,14 @@ def conformance(
         )
         for k, j in enumerate(joints)
     )
-    compiled = np.empty(mujoco.mj_sizeModel(bare), np.uint8)
-    mujoco.mj_saveModel(bare, None, compiled)
+    content = np.empty(mujoco.mj_sizeModel(bare), np.uint8)
+    mujoco.mj_saveModel(bare, None, content)
     path = Path(model) if isinstance(model, str | Path) and "<" not in str(model) else None
     made = provenance(
         "conformance",
         {
             "robot": None if path is None else str(path),
-            "model_sha256": hashlib.sha256(compiled.tobytes()).hexdigest(),
+            "model_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
             "stiction": stiction,
             "qpos": qpos,
             "rates": list(rates),
@@ -291,49 +289,39 @@ class _Bench:
         return np.where(gone, peak, np.nan)
 
 
-def _as_exported(
-    model: str | Path | mujoco.MjModel | StickingModel, engine: Engine
-) -> str | Path | mujoco.MjModel | StickingModel:
-    """Return the MJCF that export writes for an engine of a named arm or a sticking model."""
-    if isinstance(model, str | Path) and str(model) in ARMS:
-        model = build(load_arm(str(model)))
-    if not isinstance(model, StickingModel):
-        return model
-    if engine.motor is None:
-        return plain_mjcf(model, friction_name=model.arm.name, kind="frictionloss")
-    return plain_mjcf(model, friction_name=model.arm.name, motor=engine.motor)
+def _read(
+    model: str | Path | mujoco.MjModel | StickingModel,
+    engine: Engine,
+    chain: Sequence[str] | None,
+) -> tuple[mujoco.MjModel, str | Path | None]:
+    """Return a compiled model, and its MJCF for an engine that reads MJCF itself.
 
-
-def _mjcf(model: str | Path | mujoco.MjModel | StickingModel) -> str | Path | None:
-    """Return text or file of a model, None if it has none."""
-    if not isinstance(model, str | Path):
-        return None
-    return str(model) if "<" in str(model) or str(model) in ARMS else find_model(model)
-
-
-def _compiled(
-    model: str | Path | mujoco.MjModel | StickingModel, chain: Sequence[str] | None
-) -> mujoco.MjModel:
-    text = str(model)
-    if chain is not None and (not isinstance(model, str | Path) or "<" in text):
+    A named arm or a sticking model is what export writes for the engine.
+    """
+    text = str(model) if isinstance(model, str | Path) else ""
+    if chain is not None and (not text or "<" in text):
         raise StictionError("chain: expected with the path of a model")
-    if isinstance(model, StickingModel):
-        return model.model
-    if isinstance(model, mujoco.MjModel):
-        return model
     ends = check_chain(text, chain)
+    if isinstance(model, mujoco.MjModel):
+        return model, None
     if text in ARMS:
-        return build(load_arm(text)).model
+        model = build(load_arm(text))
+    if isinstance(model, StickingModel):
+        if engine is ENGINES["mujoco"]:
+            return model.model, None
+        kind: Kind = "frictionloss" if engine.motor is None else "dcmotor"
+        motor, name = engine.motor or "ff", model.arm.name
+        text = plain_mjcf(model, friction_name=name, kind=kind, motor=motor)
     if "<" not in text:
-        text = str(find_model(text))
-        if not Path(text).is_file():
+        path = Path(find_model(text)) if text else Path()
+        if not path.is_file():
             raise StictionError(
-                f"{text}: no such file, and no robot of that name: expected one of "
+                f"{path}: no such file, and no robot of that name: expected one of "
                 f"{', '.join(ARMS)}, or a path"
             )
-        return compile_file(Path(text), ends)
+        return compile_file(path, ends), path if ends is None else None
     try:
-        return mujoco.MjModel.from_xml_string(text)
+        return mujoco.MjModel.from_xml_string(text), text
     except ValueError as error:
         line = str(error).strip().splitlines()[0]
         raise StictionError(f"MuJoCo cannot read the model: {line}") from None

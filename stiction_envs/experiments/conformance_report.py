@@ -1,4 +1,4 @@
-"""What a conformance test found: its numbers, table and file."""
+"""Results of a conformance test: numbers, table and file."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class Report(Result):
     rates: tuple[float, ...]
     """Ramp rates of the breakaway torques [N·m/s]."""
     settings: ConformanceSettings
-    """What the joints were tested by."""
+    """Numbers of the test."""
     engine: str = ""
     """Name and version of another engine than stock MuJoCo."""
     refused: str = ""

@@ -47,22 +47,22 @@ from stiction_envs.robots import Arm, load_arm
 ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
 Options = Mapping[str, object]
-"""Of a reset, by name."""
+"""Options of a reset by name."""
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
 class Ordered(Protocol):
-    """What can be sorted."""
+    """Values that can be sorted."""
 
     def __lt__(self, other: Any, /) -> bool: ...
 
 
 Case = TypeVar("Case", bound=Ordered)
-"""What an episode is of."""
+"""The case of an episode, such as a configuration of the SJE."""
 Unit = TypeVar("Unit")
-"""What a case is without dither."""
+"""Result of a case without dither: the unit of its reward."""
 Drawn = tuple[list[Case], list[ScatterKey], list[Unit], Array | None]
-"""Of M episodes: cases, seeds of the scatter, what they are without dither, factors of friction."""
+"""M drawn episodes: cases, seeds of the scatter, units of the reward, factors of friction."""
 Own = Any  # an experiment's own: subclass of `Arguments` or `Experiment`, dataclass of weights
 
 
@@ -110,7 +110,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     """N simulations of an environment that dithers all joints: amplitudes, then frequencies."""
 
     arguments: ClassVar[type[Arguments]] = Arguments
-    """What the environment takes."""
+    """Arguments of the environment."""
     terms: ClassVar[tuple[str, ...]]
     """Terms of the reward, in the order in which they are summed."""
     each: ClassVar[tuple[str, ...]]
@@ -152,7 +152,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         if a.threads < 0:
             raise StictionError(f"{a.threads} threads: expected whole numbers from 0")
         self.weights = self._weights(a)
-        """Of the reward's terms, by the argument's name [-]."""
+        """Weights of the reward's terms by the name of the argument [-]."""
         self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)
         e = self._experiment(a, arm, a.friction)
         check_torque_driven(e.sticking, "environments")
@@ -163,7 +163,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block
         self.waveform = named(a.waveform).name
-        """Of the dither."""
+        """Waveform of the dither."""
         self._nominal = e.sticking.parameters
         self._true = true_friction(e.sticking, a.friction_factor)
         self.n, self.num_envs = arm.n, num_envs
@@ -195,7 +195,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     @staticmethod
     @abstractmethod
     def block_steps(experiment: Own) -> int:
-        """Return of how many control steps a control interval must be a multiple."""
+        """Return the control steps of which a control interval is a multiple."""
 
     @abstractmethod
     def _make(self, a: Own) -> None:
@@ -214,11 +214,11 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _cases(self, options: Checked) -> set[Case]:
-        """Return every case that may be drawn with some options."""
+        """Return every case that options allow."""
 
     @abstractmethod
     def _undithered(self, cases: Sequence[Case]) -> Mapping[Case, Unit]:
-        """Return what cases are without dither: the unit of their rewards."""
+        """Return the results of cases without dither: the units of their rewards."""
 
     @abstractmethod
     def _begin(
@@ -240,7 +240,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
-        """Return what the episodes of ``ids`` are, by name of the info: fresh arrays."""
+        """Return case and options of the episodes of ``ids`` by name of the info: fresh arrays."""
 
     @staticmethod
     @abstractmethod
@@ -265,7 +265,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def draw(
         self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> Drawn[Case, Unit]:
-        """Draw an episode from each generator, and find what it is without dither.
+        """Draw an episode from each generator, and find its result without dither.
 
         Raises:
             StictionError: an option that does not exist.
@@ -308,14 +308,14 @@ class Episodes(ABC, Generic[Case, Unit]):
         return out
 
     def prepare(self, options: Sequence[Options | None]) -> None:
-        """Find the units of the rewards of all that options may start, in one batch."""
+        """Find the units of the rewards of all cases that options allow, in one batch."""
         checked = self.check_reset(options)
         distinct = {repr(sorted(o.items())): o for o in checked}
         cases = set().union(*(self._cases(o) for o in distinct.values()))
         self._undithered(sorted(cases))
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
-        """Return the options of a reset, what is fixed included; nothing changes.
+        """Return the options of a reset, fixed ones included; nothing changes.
 
         Raises:
             StictionError: an option that does not exist.

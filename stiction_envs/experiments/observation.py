@@ -22,7 +22,8 @@ STICTION_FACTOR = 2.5
 """Largest amplitude over the joint's largest stiction [-]; assumed: the thesis went up to 2 base
 torques."""
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 5.0, 100.0
-"""Of the action [Hz]; assumed: around thesis 3.3, 15 to 80 Hz on the Panda (200 Hz on the iiwa)."""
+"""Bounds of the action [Hz]; assumed: around thesis 3.3, 15 to 80 Hz on the Panda, 200 Hz on the
+iiwa."""
 
 
 @dataclass(frozen=True)

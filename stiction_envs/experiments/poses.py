@@ -63,7 +63,7 @@ class PoseLoads:
     def __init__(self, sticking: StickingModel) -> None:
         self.arm = sticking.arm
         model = copy.copy(sticking.model)
-        # contacts on: they tell self-collision
+        # contacts on: they show self-collision
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.batch = Batch(model, _TOGETHER)
         self.sticking = sticking

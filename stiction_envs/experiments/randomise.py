@@ -91,7 +91,7 @@ def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
 
 
 def draw(rng: np.random.Generator, n: int) -> Array:
-    """Return numbers (spreads, n) in [−1, 1], as many whatever the spreads are."""
+    """Return numbers (spreads, n) in [−1, 1]; their count does not depend on the spreads."""
     return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))
 
 

@@ -1,4 +1,4 @@
-"""What the rigs of both experiments share: arms on a plant, scatter, servos, dither, torques."""
+"""Common part of all rigs: arms on a plant, scatter, servos, dither, torques."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Rig:
         """(N,) control steps of the present stage."""
         self._path = TorquePath(self.interface, nsim, self.columns)
         self.senses: Senses | None = None
-        """What the controllers see; None where that is the plant itself."""
+        """Senses of the controllers; None where controllers see the plant itself."""
         self._line: CommandLine | None = None
         if not experiment.sensing.is_ideal:
             hold, senses = self.interface.hold_steps, experiment.sensing

@@ -44,7 +44,7 @@ class ExportedModel(Result):
     sticking: StickingModel
     xml: str
     kind: Kind
-    """What carries the dry friction."""
+    """Element that carries the dry friction."""
     motor: MotorInput
     """Input of the ``dcmotor``."""
     origin: Path | FrictionParameters

@@ -51,7 +51,7 @@ class StickingModel:
 
     arm: Arm
     parameters: FrictionParameters
-    """Of one arm, fields (n,) or (n, 2)."""
+    """Friction of one arm, fields (n,) or (n, 2)."""
     model: mujoco.MjModel
     motor: Index
     """(n,) dof (and qpos) of each joint's motor side."""

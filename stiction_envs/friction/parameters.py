@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import Table, check_range, read_toml
@@ -182,14 +182,8 @@ def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> 
     for name, factor in factors.items():
         if name not in QUANTITIES:
             raise unknown("friction parameter", name, QUANTITIES)
-        value, by_joint = getattr(parameters, name), np.asarray(factor, dtype=np.float64)
-        shape = parameters.rotor_inertia.shape
-        try:
-            by_joint = np.broadcast_to(by_joint, shape)
-        except ValueError:
-            raise StictionError(
-                f"factor of {name} has shape {by_joint.shape}: expected a number or {shape}"
-            ) from None
+        value, shape = getattr(parameters, name), parameters.rotor_inertia.shape
+        by_joint = checked_array(factor, f"factor of {name}", shape, fill=True)
         changes[name] = value * (by_joint[..., None] if value.ndim > by_joint.ndim else by_joint)
     return parameters.replace(**changes)
 
@@ -244,10 +238,7 @@ def from_table(table: Mapping[str, object], where: str, n: int) -> FrictionParam
                 or "value" not in entry
             ):
                 raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
-            try:
-                value = np.array(entry["value"], dtype=np.float64)
-            except (TypeError, ValueError, OverflowError):
-                raise StictionError(f"{where}: [{name}] value must be numbers") from None
+            value = checked_array(entry["value"], f"{where}: [{name}] value", finite=False)
             if value.ndim == 0:
                 value = np.full(n, float(value))
         if value.shape == (n,) and quantity.by_direction:

@@ -28,7 +28,7 @@ from stiction_envs.plant.copies import CopiedBatch
 
 Addresses = Index
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-"""What a batch keeps of a simulation, in this order."""
+"""State of a simulation that a batch keeps, in this order."""
 SHARED_OUT = 0.625
 """Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
 less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
@@ -54,10 +54,10 @@ copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _poin
 
 
 class Loop(NamedTuple):
-    """What compiled code steps; addresses are those of memory that lives as long as the batch."""
+    """Arms for compiled code; addresses are of memory that lives as long as the batch."""
 
     model: int
-    """Of the model that the simulations use in turn."""
+    """Address of the model that the simulations use in turn."""
     data: Addresses
     """(N,) of each simulation's `MjData`."""
     rows: Addresses
@@ -197,7 +197,7 @@ class LoopBatch(CopiedBatch):
 
     @property
     def loops(self) -> list[Arguments]:
-        """What `advance` steps, of each part; kinematics are those of the present state."""
+        """Arguments of `advance` for each part; kinematics are those of the present state."""
         fields = len(self._outputs) + len(self._inputs)
         if not self._loops or self._fields != fields:
             self._fields = fields

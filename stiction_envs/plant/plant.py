@@ -329,11 +329,11 @@ class Plant:
 
     @property
     def compiled_loops(self) -> list[tuple[slice, Arguments]]:
-        """What a compiled feedback law steps all simulations with, part by part, in any order.
+        """Loops with which a compiled feedback law steps all simulations, in any order of parts.
 
-        Of each part which simulations it has; then their torques (M, n) [N·m], the loop of
-        `loop_batch.advance`, and its steps in a control step of 1 ms. Kinematics of the engine are
-        those of the present state. There is none where the law cannot be compiled.
+        For each part its simulations; their torques (M, n) [N·m], the loop of `loop_batch.advance`
+        and its steps in a control step of 1 ms. Kinematics of the engine are those of the present
+        state. The list is empty where the law cannot be compiled.
         """
         batch = self._batch
         if self._asymmetric or not isinstance(batch, LoopBatch) or not batch.parts:

@@ -74,7 +74,7 @@ class Arm:
     on_floor: bool
     """Whether the base stands on a floor, at z = 0 of the untilted world."""
     stated: StatedJoints
-    """What the robot's own file states of the joints beyond rigid links."""
+    """Physics of the joints that the robot's own file states beyond rigid links."""
     registered: bool
     """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
 
@@ -294,7 +294,7 @@ def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
     files = (path, path.with_suffix(".toml"))
     content = [x.read_bytes() if x.is_file() else b"" for x in files]
     fields = dict(_read_once(path, chain, *content))
-    if fields["name"] in ARMS:  # tables, models and headings tell arms by name
+    if fields["name"] in ARMS:  # tables, models and headings identify arms by name
         fields["name"] = path.name
     return fields
 

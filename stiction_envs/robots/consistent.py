@@ -26,7 +26,8 @@ ROUND_BODY = 0.05
 """Part of a round body of the link's own mass and size in the unit of its deviations [-]; assumed.
 Without it a thin nominal body could not become thicker."""
 LEAST_EIGENVALUE = 1e-6
-"""Of pseudo-inertias in units of the nominal link's [-]; assumed: a body must have an extent."""
+"""Least eigenvalue of pseudo-inertias, in units of the nominal link's [-]; assumed: a body has an
+extent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -19,7 +19,7 @@ from scipy.linalg import qr, solve_triangular
 from stiction_envs.arrays import Array, Bools, Index
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-"""Of one link, in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
+"""Parameters of one link in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
 RANK = 1e-8
 """Singular values, over the largest, that count as zero [-] (assumed)."""
 _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}

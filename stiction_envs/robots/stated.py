@@ -37,7 +37,7 @@ TAKEN = {
         *("explicitinertial", "gravcomp", "childclass", "mocap", "simple", "fuse"),
     ),
 }
-"""Attributes of MjSpec that are used, or that the line on actuators tells in its own words."""
+"""Attributes of MjSpec that are used, or that the clause on actuators names."""
 _JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 DISABLING = tuple(
     f"mjDSBL_{x}" for x in ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS", "ACTUATION", "EQUALITY")
@@ -51,7 +51,7 @@ URDF_TAGS = ("transmission", "ros2_control", "gazebo", "safety_controller", "cal
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedJoints:
-    """What the file of an arm of n joints states; arrays (n,), zero where it states nothing."""
+    """Physics that the file of n joints states; arrays (n,), zero where the file is silent."""
 
     armature: Array
     """Rotor inertia at the joint [kg·m²]; of actuators times their gear squared."""
@@ -75,9 +75,9 @@ class StatedJoints:
     """Slides between base and flange that are held still: their place among the hinges and them,
     from 0, and their name."""
     changed: tuple[str, ...] = ()
-    """What is not as in the file, one clause each."""
+    """Clauses on numbers that were changed."""
     left: tuple[str, ...] = ()
-    """What is left out of the file, one clause each."""
+    """Clauses on parts of the file that were left out."""
 
     @property
     def dry(self) -> bool:

@@ -107,7 +107,7 @@ def on_floor(table: Mapping[str, object], where: str) -> bool:
 
 
 def hand_yaw(table: Mapping[str, object], where: str) -> float:
-    """Turn of the hand's frame from the flange's about its z [rad], ``generic.toml``'s if not said.
+    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s.
 
     Raises:
         StictionError: not a finite number.

@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs import precompute
-from stiction_envs.experiments.gte import random_paths
-from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.protocol import episode_settings
 from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
+from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from tests.envs.helpers import QUICK, make
 from tests.envs.test_suite import IDS
 
-ONE = Configuration(6, "no_load", "+")
+SHIPPED = store.SHIPPED
 OUT_OF_DATE = (
     "what is shipped is not what the code makes: if the change is meant, run "
     "python -m stiction_envs.envs.precompute"
@@ -48,27 +46,26 @@ def softer(name: str, factor: float = 0.9) -> object:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
-def test_what_is_shipped_is_what_is_simulated(robot, monkeypatch):
+def test_what_is_shipped_is_what_is_simulated(robot, cache):
     """Bit for bit on one machine; another processor may differ in rounding.
 
     Of the random paths the first and the last: each is simulated alone, whatever the others are.
     """
-    monkeypatch.setenv("STICTION_CACHE", "off")
-    monkeypatch.setattr(store, "_memory", {})
     count = episode_settings().random_paths
-    for kind, of in precompute.entries(robot, (0, count - 1)).values():
-        simulated = store.recall(kind, of)
-        path = store.SHIPPED / store.file_name(kind, of)
-        assert path.is_file(), f"{path.name}: {OUT_OF_DATE}"
-        shipped = store.read(path)
-        if kind in (random_paths.KIND, gte_base.RANDOM_KIND):
-            assert len(shipped) == count, OUT_OF_DATE
+    precompute.simulate(robot, (0, count - 1))
+    files = list(cache.iterdir())
+    assert len(files) == 5
+    for path in files:
+        simulated, found = store.read(path), store.read(SHIPPED / path.name)
+        assert found, f"{path.name}: {OUT_OF_DATE}"
+        if path.name.startswith(("random_paths", "undithered_random")):
+            assert len(found) == count, OUT_OF_DATE
             assert len(simulated) == 2
-            assert shipped.keys() >= simulated.keys(), OUT_OF_DATE
+            assert found.keys() >= simulated.keys(), OUT_OF_DATE
         else:
-            assert shipped.keys() == simulated.keys(), OUT_OF_DATE
+            assert found.keys() == simulated.keys(), OUT_OF_DATE
         for name in simulated:
-            one, other = (flat(x[name]) for x in (shipped, simulated))
+            one, other = (flat(x[name]) for x in (found, simulated))
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15, err_msg=OUT_OF_DATE)
 
 

@@ -220,7 +220,7 @@ class Offscreen:
         self._rect = mujoco.MjrRect(0, 0, self._width, self._height)
 
     def _open(self, model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
-        """Open MuJoCo's context; without display and MUJOCO_GL, whatever renders headless."""
+        """Open MuJoCo's context; without display and MUJOCO_GL, the first headless backend."""
         chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
         names = ["egl", "osmesa"] if not has_display() and not chosen else [chosen]
         reasons = []

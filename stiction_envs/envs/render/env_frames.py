@@ -31,7 +31,7 @@ WIDTH = SCENE_WIDTH + PANEL_WIDTH
 
 
 class State(Protocol):
-    """What a run of an experiment is at a moment."""
+    """A moment of a run."""
 
     @property
     def position(self) -> Array:

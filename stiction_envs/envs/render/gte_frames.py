@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -245,34 +244,20 @@ def _drawing(
     arm, case, e = experiment.sticking.arm, run.case, experiment
     stiction = largest_stiction(e.sticking.parameters, find_poses(arm))
     dither = e.dither_of(case)
-    motion = Motion(
-        title=f"{arm.name}  {case.trajectory}, {case_name(case).replace('_', ' ')}",
-        stiffness=case.stiffness,
-        start=e.start,
-        position=positions[0],
-        path=path,
-        reached=0,
-        accepted=np.zeros(0),
-        reference=path[0],
-        turn=np.eye(3),
-        trail=path[:1],
-        time=run.time,
-        error=run.error[0],
-        tolerance=np.array([e.motion.position_tolerance, e.motion.rotation_tolerance]),
-        end=end,
-        amplitude=np.array(dither["amplitude"], dtype=float),
-        frequency=np.array(dither["frequency"], dtype=float),
-        most=np.minimum(e.interface.torque_limit, STICTION_FACTOR * stiction),
-        now="",
+    amplitude, frequency = (
+        np.array(dither[name], dtype=float) for name in ("amplitude", "frequency")
     )
 
     def draw(t: float) -> Picture:
         k = max(1, int(np.searchsorted(run.time, t + 1e-9, side="right")))
         x = run.reference[0, k - 1]
         off = 1e3 * float(np.linalg.norm(run.error[0, k - 1, :3]))
-        state = dataclasses.replace(
-            motion,
+        state = Motion(
+            title=f"{arm.name}  {case.trajectory}, {case_name(case).replace('_', ' ')}",
+            stiffness=case.stiffness,
+            start=e.start,
             position=positions[min(round(t / _SAMPLE), len(positions) - 1)],
+            path=path,
             reached=int(np.sum(run.reached[0] <= t)),
             accepted=run.accepted[0][run.accepted[0] <= t],
             reference=x[:3],
@@ -280,6 +265,11 @@ def _drawing(
             trail=run.actual[0, :k, :3],
             time=run.time[:k],
             error=run.error[0, :k],
+            tolerance=np.array([e.motion.position_tolerance, e.motion.rotation_tolerance]),
+            end=end,
+            amplitude=amplitude,
+            frequency=frequency,
+            most=np.minimum(e.interface.torque_limit, STICTION_FACTOR * stiction),
             now=f"{run.time[k - 1]:.1f} s, {off:.1f} mm off",
         )
         return renderer.picture(state)

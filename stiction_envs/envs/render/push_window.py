@@ -71,7 +71,7 @@ class PushView:
 
     @property
     def state(self) -> str:
-        """What the joint does, as text."""
+        """State of the joint as text."""
         push = self.push
         text = "holds" if push.torque else "rests"
         if push.slips or abs(push.angle) > _SLIPPING * push.threshold:

@@ -14,7 +14,7 @@ from stiction_envs.errors import StictionError, one_line
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened, as far as the environment variables tell."""
+    """Return whether a window can be opened, as far as environment variables show."""
     found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(found) or not sys.platform.startswith("linux")
 

@@ -1,4 +1,4 @@
-"""What a physics engine is to the conformance test: N copies under applied torques, their angles.
+"""A physics engine as the conformance test uses it: N copies under applied torques, their angles.
 
 An engine is one file and one line in this package's ``__init__.py``.
 """
@@ -21,7 +21,7 @@ from stiction_envs.errors import StictionError, missing_extra, one_line
 from stiction_envs.friction.plain_mjcf import MotorInput
 
 Torque = Callable[[Array], Array]
-"""Of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m]."""
+"""Takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque [N·m]."""
 CHUNK = 500
 """Steps between two calls of the torque."""
 
@@ -48,7 +48,7 @@ class Bare:
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """What an engine is asked to simulate: N copies, from rest, under applied joint torques."""
+    """A simulation for an engine: N copies, from rest, under applied joint torques."""
 
     bare: Bare
     """The model; controls stay zero."""
@@ -57,7 +57,7 @@ class Drive:
     torque: Torque
     """Asked once per chunk, so it may depend on the chunks before."""
     steps: int
-    """Of the model's timestep, in all."""
+    """Number of physics steps."""
     record: Sequence[str] = ("qpos",)
     """Names of `mujoco.MjData` fields."""
     threads: int = 0
@@ -65,7 +65,7 @@ class Drive:
 
     @property
     def timestep(self) -> float:
-        """Of the physics [s]."""
+        """Physics step [s]."""
         return float(self.bare.model.opt.timestep)
 
     def chunks(self) -> Iterator[Array]:

@@ -50,7 +50,7 @@ class Warp(Engine):
 
 
 def print_less() -> None:
-    """Let Warp not tell of compiling, on standard output, where commands write their result."""
+    """Keep Warp's messages on compiling from standard output, where commands write their result."""
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)

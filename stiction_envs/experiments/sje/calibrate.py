@@ -132,7 +132,7 @@ def with_levels(
     high, low = poses.load[:, 0], poses.load[:, 1]
 
     def line(values: Array, x: Array) -> tuple[Array, Array]:
-        """Return slope and intercept through both poses; their mean where x cannot tell them."""
+        """Return slope and intercept through both poses; 0 and the mean where x is the same."""
         run = x[:, 0] - x[:, 1]
         flat = np.abs(run) < SAME_LOAD
         slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
@@ -207,7 +207,7 @@ def calibrate(
             continue
         half_width = (simulated[..., 0] - simulated[..., 1]) / 2
         middle = (simulated[..., 0] + simulated[..., 1]) / 2
-        # the slide to the threshold adds to the reading, whatever the friction
+        # the slide to the threshold adds to the reading, for any friction
         friction = np.maximum(
             friction + table.friction - half_width, LEAST_FRICTION * table.friction
         )

@@ -97,7 +97,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
 
     @staticmethod
     def block_steps(experiment: SingleJointExperiment) -> int:
-        """Return of how many control steps a control interval must be a multiple."""
+        """Return the control steps of which a control interval is a multiple."""
         return BLOCK
 
     def _make(self, a: Arguments) -> None:

@@ -55,7 +55,7 @@ class SingleJointExperiment(SJESetup):
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
 
     servos: PositionServos | None
-    """What drives the joints under gravity; None: torques, gravity compensated."""
+    """Servos that drive the joints under gravity; None: torques, gravity compensated."""
 
     def __init__(
         self,
@@ -186,7 +186,7 @@ class SingleJointExperiment(SJESetup):
 
     @property
     def drive_record(self) -> dict[str, object]:
-        """What a provenance says of servos."""
+        """Entry of a provenance for the servos."""
         return {"servos": None if self.servos is None else dataclasses.asdict(self.servos)}
 
     def expected(self, job: Job) -> float:

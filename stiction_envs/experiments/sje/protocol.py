@@ -1,4 +1,4 @@
-"""What a Single Joint Experiment is: its numbers, its configurations, its jobs and results."""
+"""Numbers, configurations, jobs and results of the Single Joint Experiment."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Protocol(Approach):
 
 @dataclass(frozen=True, kw_only=True)
 class UnderServos:
-    """What differs where position servos drive the joints."""
+    """Numbers that differ where position servos drive the joints."""
 
     threshold: Positive
     """See `Protocol` [rad]."""
@@ -67,14 +67,14 @@ class UnderServos:
 
 @dataclass(frozen=True, kw_only=True)
 class SJERewardSettings:
-    """Weights of the environment's penalties, and what shakes."""
+    """Weights of the environment's penalties, and the least frequency of shaking."""
 
     power_weight: Positive
-    """Of the mean of (A / A_max)² [-]."""
+    """Weight of the mean of (A / A_max)² [-]."""
     torque_rate_weight: Positive
-    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
     shaking_weight: Positive
-    """Of (oscillation / threshold)² [-]."""
+    """Weight of (oscillation / threshold)² [-]."""
     shaking_corner: Positive
     """Joints oscillate above this frequency [Hz]; see `Oscillation`."""
 

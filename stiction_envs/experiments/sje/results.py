@@ -25,7 +25,7 @@ from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
 Row = Mapping[str, Any]
-"""Of the table, by column: `SJERow` as a dict."""
+"""A row of the table: `SJERow` as a dict."""
 
 
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:

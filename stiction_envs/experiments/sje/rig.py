@@ -36,7 +36,7 @@ assumed: it takes 2 % of the oscillation."""
 
 @dataclass(frozen=True, init=False, repr=False)
 class SJESetup(Experiment):
-    """What an experiment on single joints is made of."""
+    """An experiment on single joints: a protocol, and poses for every joint."""
 
     protocol: Protocol
     poses: Poses
