@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.waveforms import (
-    BANDWIDTH,
-    BANDWIDTH_RANGE,
     DEFAULT_WAVEFORM,
     WAVEFORMS,
     Waveform,
@@ -58,8 +56,6 @@ class Dither:
     """
     seed: NDArray[np.uint64]
     """(N,), ≥ 0: of a waveform's random constants; one integer is for every simulation."""
-    bandwidth: float
-    """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
     _drawn: dict[str, Array] = field(init=False)  # by waveform (N, n, K): what it draws
     _branches: tuple[_Branch, ...] = field(init=False)
@@ -78,7 +74,6 @@ class Dither:
         waveform: ArrayLike = DEFAULT_WAVEFORM,
         gate_velocity: ArrayLike = np.inf,
         seed: ArrayLike = 0,
-        bandwidth: float = BANDWIDTH,
     ) -> None:
         a = checked_array(amplitude, "dither amplitude")
         if a.ndim != 2:
@@ -89,9 +84,6 @@ class Dither:
             gate_velocity, "dither gate_velocity", a.shape, fill=True, finite=False
         )
         _check("gate_velocity", gate, ~(gate > 0), "> 0 rad/s (inf: no gating)")
-        low, high = BANDWIDTH_RANGE
-        if not low <= bandwidth <= high:
-            raise StictionError(f"dither bandwidth is {bandwidth}: expected {low} to {high}")
         self._fill(
             amplitude=a,
             frequency=f,
@@ -100,7 +92,6 @@ class Dither:
             waveform=_codes(waveform, a.shape),
             gate_velocity=gate,
             seed=_seeds(seed, a.shape[0]),
-            bandwidth=float(bandwidth),
         )
         self._fill(_drawn=self._draw())
         self._prepare()
@@ -157,7 +148,7 @@ class Dither:
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             angle = omega * now
             angle += phase
-            w = waveform.value(angle, drawn, self.bandwidth)
+            w = waveform.value(angle, drawn)
             w *= amplitude
             if where is not None:
                 out = np.zeros(shape) if out is None else out
@@ -198,9 +189,9 @@ class Dither:
     def set_rows(self, ids: ArrayLike, other: Dither) -> Dither:
         """This dither with the rows of simulations ``ids`` (positions or a mask) from ``other``."""
         ids = _positions(ids)
-        mine, theirs = (ids.size, self.n, self.bandwidth), (other.N, other.n, other.bandwidth)
+        mine, theirs = (ids.size, self.n), (other.N, other.n)
         if mine != theirs:
-            raise StictionError(f"set_rows (N, n, bandwidth) is {theirs}: expected {mine}")
+            raise StictionError(f"set_rows (N, n) is {theirs}: expected {mine}")
         fields = {name: getattr(self, name).copy() for name in _ROWS}
         for name, values in fields.items():
             values[ids] = getattr(other, name)
@@ -260,7 +251,7 @@ class Dither:
         out = {}
         for code, (name, waveform) in enumerate(WAVEFORMS.items()):
             row, joint = np.nonzero(self.waveform == code)
-            values = waveform.draw(self.seed[row], joint, self.bandwidth) if row.size else None
+            values = waveform.draw(self.seed[row], joint) if row.size else None
             if values is not None and values.shape[1]:
                 out[name] = np.zeros((self.N, self.n, values.shape[1]))
                 out[name][row, joint] = values

@@ -50,8 +50,6 @@ def evaluate(
     agent: Policy,
     seeds: Sequence[int],
     options: Options | Sequence[Options | None] | None = None,
-    *,
-    deterministic: bool = True,
 ) -> list[Row]:
     """Return one row per episode, in the order of the seeds; `reset` the environment afterwards.
 
@@ -72,7 +70,6 @@ def evaluate(
             episode does not count; its state has one row per environment.
         seeds: of the episodes.
         options: of all episodes, or one for each.
-        deterministic: passed to the agent.
 
     Raises:
         StictionError: another environment, other options, a seed below 0, or an action outside the
@@ -117,7 +114,7 @@ def evaluate(
                 rows[k] = _begun(int(seeds[k]), {n: values[i] for n, values in what.items()})
         observation = batches.observe(slots)
         actions, state = agent.predict(
-            observation, state=state, episode_start=start, deterministic=deterministic
+            observation, state=state, episode_start=start, deterministic=True
         )
         start[:] = False
         ids = np.flatnonzero(going)

@@ -11,7 +11,7 @@ from typing import Annotated, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
@@ -131,10 +131,6 @@ class FrictionParameters:
             for k in QUANTITIES
         }
         return FrictionParameters(**out)
-
-    def rows(self, ids: Index | Bools) -> FrictionParameters:
-        """Return the arms ``ids`` of a tiled set."""
-        return FrictionParameters(**{k: getattr(self, k)[ids] for k in QUANTITIES})
 
     def rigid(self) -> FrictionParameters:
         """Return the same friction on joints without elasticity."""

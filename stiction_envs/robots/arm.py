@@ -92,11 +92,6 @@ class Arm:
         return self.name if self.registered else None
 
     @property
-    def title(self) -> str:
-        """For headings."""
-        return self.name if self.registered_name is None else ARMS[self.registered_name].title
-
-    @property
     def fingerprint(self) -> str:
         """Hash of everything that defines the rigid arm, and the files that its MJCF names."""
         own = [getattr(self, f.name) for f in fields(self) if f.name != "stated"]

@@ -19,7 +19,7 @@ class Sawtooth(Waveform):
 
     name = "sawtooth"
 
-    def value(self, angle, drawn, bandwidth):
+    def value(self, angle, drawn):
         """w = 2(x − round x), x = θ/2π."""
         x = angle / (2 * np.pi)
         return 2 * (x - np.rint(x))
@@ -59,7 +59,7 @@ class Bad(Waveform):
     def __init__(self, name: str, shape) -> None:
         self.name, self._shape = name, shape  # type: ignore[misc]
 
-    def value(self, angle, drawn, bandwidth):
+    def value(self, angle, drawn):
         """Whatever it was given."""
         return self._shape(angle)
 

@@ -275,7 +275,8 @@ def sliding_acceleration(integrator: mujoco.mjtIntegrator) -> float:
     model = copy.copy(sticking(bristle_damping_ratio=1.0).model)
     model.opt.integrator = integrator
     torque = np.array([3.0, 0.0])
-    parts = list(rollout(model, np.zeros((1, 2)), lambda t: np.tile(torque, (1, len(t), 1)), 500))
+    times = [np.arange(500) * DT]
+    parts = list(rollout(model, np.zeros((1, 2)), lambda t: np.tile(torque, (1, len(t), 1)), times))
     q = np.concatenate([p["qpos"] for p in parts], axis=1)[0, :, A]
     return float(np.diff(q, 2)[-1] / DT**2)
 

@@ -17,6 +17,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.markdown import signed
+from stiction_envs.robots import arm_title
 
 KEYS = "1-9 joint   up/down push   space or D dither   R reset"
 SPACE, D, R, DOWN, UP, ONE = 32, 68, 82, 264, 265, 49
@@ -95,7 +96,7 @@ class PushView:
         sign = -1.0 if push.target < 0 else 1.0
         share = abs(push.torque) / holds if holds > 0 else np.inf
         return [
-            f"{push.plant.sticking.arm.title}  joint {push.joint}",
+            f"{arm_title(push.plant.sticking.arm.name)}  joint {push.joint}",
             dither,
             f"torque {signed(push.torque, 2)} N·m, going to {signed(push.target, 2)} N·m",
             f"{100 * share:.0f} % of the {signed(sign * holds, 2)} N·m that friction holds alone",

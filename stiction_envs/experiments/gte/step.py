@@ -68,7 +68,7 @@ class DitherArrays(NamedTuple):
     omega: Array
     phase: Array
     amplitude: Array
-    """As in `dither.kernels.sine`."""
+    """As in `dither.dither.sine`."""
     torque: Array
     """(N, n) sines are written in every controller cycle [N·m]."""
 
