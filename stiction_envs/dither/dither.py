@@ -57,7 +57,7 @@ class Dither:
     seed: NDArray[np.uint64]
     """(N,), ≥ 0: of a waveform's random constants; one integer is for every simulation."""
 
-    _drawn: dict[str, Array] = field(init=False)  # by waveform (N, n, K): what it draws
+    _drawn: dict[str, Array] = field(init=False)  # constants by waveform, (N, n, K)
     _branches: tuple[_Branch, ...] = field(init=False)
     _gate: Array | None = field(init=False)
     sines: tuple[Array, Array, Array] | None = field(init=False)

@@ -48,7 +48,7 @@ class Agent(ABC):
     """Reads the spaces of its environment, and the places of speeds and torques in observations."""
 
     def __init__(self, env: AnyEnv) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: an environment of this package, single or native batch, wrapped or not.
@@ -122,7 +122,7 @@ class ConstantTable(Agent):
     """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
     def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: the environment.
@@ -188,7 +188,7 @@ class GatedTable(ConstantTable):
     def __init__(
         self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
     ) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: the environment.

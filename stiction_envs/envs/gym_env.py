@@ -102,7 +102,7 @@ class _Experiment:
         self._renderers.clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Let copies go on in mid-episode with the same bits; windows are not copied."""
+        """Pickle the environment in mid-episode: a copy has no window and continues bit for bit."""
         state = vars(self) | {"_renderers": {}}
         return _loaded, (type(self), dumps(state, [c.rig.plant.batch for c in self._cores]))
 

@@ -151,7 +151,7 @@ class Report(Result):
 
 
 def describe(answer: Mapping[str, Any]) -> str:
-    """Return what `Report.to_json` returned as a readable table."""
+    """Return the values of `Report.to_json` as a readable table."""
     rows, s = answer["rows"], answer["settings"]
     if answer.get("refused"):
         return f"{answer['engine']} refused: {answer['refused']}"

@@ -181,7 +181,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.alive = np.zeros(num_envs, dtype=bool)
         self._make(a)
 
-    # ---- what an experiment has of its own ---------------------------------------------------
+    # ---- what an experiment defines ----------------------------------------------------------
 
     @staticmethod
     @abstractmethod
@@ -190,7 +190,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _experiment(self, a: Own, arm: Arm, friction: Friction | None) -> Experiment:
-        """Return what is simulated."""
+        """Return the experiment."""
 
     @staticmethod
     @abstractmethod
@@ -203,7 +203,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _check_options(self, options: Options | None) -> Checked:
-        """Return valid reset options; a StictionError says what is wrong."""
+        """Return valid reset options; raise a StictionError for others."""
 
     @abstractmethod
     def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Case, ScatterKey]:
@@ -228,7 +228,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _advance(self, ids: Index) -> None:
-        """Let simulations ``ids`` go on for one interval."""
+        """Advance simulations ``ids`` by one interval."""
 
     @abstractmethod
     def _outcome(self, ids: Index) -> Outcome:

@@ -84,7 +84,7 @@ class Rig:
         self._servos = Servos(sticking, approach)
 
     def share_out(self, share: Share, threads: int) -> None:
-        """Let ``share`` do what parts of the arms have to do, on some threads."""
+        """Divide the arms into parts for some threads, whose tasks ``share`` does."""
         self._share = share
         self.plant.part(threads)
 
@@ -130,7 +130,7 @@ class Rig:
             self._sense_seed[ids] = seeds_of(self.seed, own)
 
     def _rest_senses(self, ids: Index) -> None:
-        """Let the controllers of arms ``ids``, which rest, begin without a command."""
+        """Restart the controllers of arms ``ids``, which rest, without a command."""
         if self.senses is not None and self._line is not None:
             self.senses.reset(ids, self.plant.position[ids], self._sense_seed[ids])
             self._line.reset(ids, self._sense_seed[ids])

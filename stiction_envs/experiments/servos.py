@@ -76,7 +76,7 @@ class Servos:
         return out
 
     def inertia(self, q: Array) -> tuple[Array, Array]:
-        """Return what joints move at poses q (M, n) [rad].
+        """Return the inertia that joints move at poses q (M, n) [rad].
 
         Returns:
             (M, n) inertia of each joint with the others locked, and (M, nv, nv) mass matrices of

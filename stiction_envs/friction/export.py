@@ -79,7 +79,7 @@ class ExportedModel(Result):
             write_text_atomic(folder / name, render(TEMPLATES / template, **self._words()))
 
     def _words(self) -> dict[str, object]:
-        """Return what the templates ask for."""
+        """Return the values of the templates."""
         arm, rows = self.sticking.arm, self.to_json()["joints"]
         files = ARMS.get(str(arm.registered_name))
         sources = {} if files is None else read_toml(files.toml).get("sources", {})

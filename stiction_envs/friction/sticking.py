@@ -36,7 +36,7 @@ def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> P
         given: path to a friction TOML.
 
     Raises:
-        StictionError: what is given is not a path to a TOML.
+        StictionError: ``given`` is not a path to a TOML.
     """
     if given is None:
         if isinstance(robot, Arm):

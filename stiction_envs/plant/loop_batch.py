@@ -63,7 +63,7 @@ class Loop(NamedTuple):
     rows: Addresses
     """(N,) of each simulation's state in the batch."""
     going: Bools
-    """(N,) whether a simulation is stepped; the others stay as they are."""
+    """(N,) whether a simulation is stepped; the others do not change."""
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
     model, number of bytes."""
@@ -160,7 +160,7 @@ class LoopBatch(CopiedBatch):
         self.parts, self._loops = parts_of(self.nsim, threads), []
 
     def step_only(self, going: Bools) -> None:
-        """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
+        """Leave simulations that are not ``going`` (N,) unchanged where all are stepped."""
         self._begun &= not (going & ~self._going).any()
         self._going[:] = going
 

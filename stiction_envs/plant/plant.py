@@ -121,9 +121,9 @@ class Plant:
     def joint_torque(self) -> Array:
         """(N, n) torque behind the gears in the last physics step, without gravity [N·m].
 
-        It is what a torque sensor there reads less the weight that the robot compensates: of an
-        elastic joint the spring's, of a rigid one what friction and rotor leave; what `offset`
-        balances is no part of it. Of a plant that is ``closed_loop``.
+        A torque sensor there reads this torque plus the weight that the robot compensates. In an
+        elastic joint it is the spring's torque, in a rigid one the motor's less friction and rotor;
+        the torque that `offset` balances is not included. For a plant that is ``closed_loop``.
         """
         s, field = self.sticking, self._batch.bind
         passive = field("qfrc_passive") - field("qfrc_gravcomp")
@@ -318,7 +318,7 @@ class Plant:
                 step(nstep=self._substeps, stage=stage)
 
     def step_only(self, going: Bools) -> None:
-        """Let simulations that are not ``going`` (N,) stay as they are while others `follow`."""
+        """Leave simulations that are not ``going`` (N,) unchanged while others `follow`."""
         if isinstance(self._batch, LoopBatch):
             self._batch.step_only(going)
 

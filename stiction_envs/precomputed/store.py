@@ -86,7 +86,7 @@ def _feed(add: Callable[[bytes], None], part: object) -> None:
 
 
 def recall(kind: str, of: str) -> Values:
-    """Return what is stored of a result, by name; empty where it has to be computed.
+    """Return the stored part of a result, by name; empty where all must be computed.
 
     Args:
         kind: of result, such as ``poses``.
@@ -102,7 +102,7 @@ def recall(kind: str, of: str) -> Values:
 
 
 def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
-    """Add to what is stored of a result, in this process and in the user's cache.
+    """Add values to a stored result, in this process and in the user's cache.
 
     Args:
         kind: as in `recall`.

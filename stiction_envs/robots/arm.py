@@ -188,8 +188,8 @@ def load_arm(
         robot: a name in `registry.ARMS`, a folder of MuJoCo Menagerie, a name of
             robot_descriptions (extra), or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
             with one serial chain of 1 to 9 hinges. A TOML of the same stem may give
-            limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
-            is assumed (``generic.toml``). A copy of an arm of the package is that arm.
+            limits, rest pose and interface, in the tables of ``panda.toml``; other
+            numbers are assumed (``generic.toml``). A copy of an arm of the package is that arm.
         payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
             of a solid sphere of 0.03 m radius (assumed). Mass 0 adds nothing.
         tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
@@ -235,7 +235,7 @@ def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, floa
 
 
 def _shipped(files: ArmFiles) -> Table:
-    """Fields as of `read_user_arm`; the package's MJCF is bare and taken as it is, bit for bit."""
+    """Fields as of `read_user_arm`; the package's MJCF is bare and taken bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]

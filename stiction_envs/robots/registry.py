@@ -137,7 +137,7 @@ def _same_files(path: Path, arm: ArmFiles) -> bool:
 
 
 def robot_files(robot: str | Path) -> dict[str, Path]:
-    """Return the files of a robot by name or path, as far as they are there.
+    """Return the files of a robot by name or path that exist.
 
     Returns:
         ``robot``: MJCF or URDF; ``robot_table``: the TOML of the same stem.

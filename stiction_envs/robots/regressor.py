@@ -36,7 +36,7 @@ def inertial_names(n: int) -> tuple[str, ...]:
 
 
 def inertial_parameters(model: pin.Model) -> Array:
-    """Return (n, 10) parameters of the links, what is fixed to them included."""
+    """Return (n, 10) parameters of the links, with all bodies fixed to them."""
     return np.array([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
 
 

@@ -95,7 +95,7 @@ class StatedJoints:
         return bool(self.stiffness.any()) or bool(self.gravcomp)
 
     def line(self, used: bool = True) -> str:
-        """Return what is taken and what is left, in one line; empty where there is nothing of it.
+        """Return one line on the numbers taken and left; empty where the file states nothing.
 
         Args:
             used: whether friction, springs and gravity compensation are taken; rotors always are.
@@ -120,13 +120,13 @@ class StatedJoints:
 
 
 def without_springs(stated: StatedJoints) -> StatedJoints:
-    """Return what is stated but for springs and gravity compensation."""
+    """Return the stated physics without springs and gravity compensation."""
     zero = np.zeros_like(stated.stiffness)
     return replace(stated, stiffness=zero, springref=zero, gravcomp={})
 
 
 def nothing_stated(n: int) -> StatedJoints:
-    """Return what a file of a bare rigid arm of n joints states."""
+    """Return the stated physics of a bare rigid arm of n joints: none."""
     names = ("armature", "stiction", "coulomb", "stribeck", "bristle", "damping", "stiffness")
     zeros: dict[str, Any] = {k: np.zeros(n) for k in (*names, "springref")}
     return StatedJoints(**zeros, gravcomp={})
@@ -162,14 +162,14 @@ def read_stated(
     changed: Sequence[str],
     left: Sequence[str],
 ) -> StatedJoints:
-    """Return what a file states of some joints.
+    """Return the physics that a file states of some joints.
 
     Args:
         spec: of the file, all its parts named; before anything is deleted.
         model: compiled from it.
         names: the arm's joints, base to flange.
         held: slides that are held still between them.
-        changed: clauses on what is not as in the file.
+        changed: clauses on numbers that were changed.
         left: clauses on what was left out before.
     """
     ids = [model.joint(name).id for name in names]

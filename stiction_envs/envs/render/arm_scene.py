@@ -207,7 +207,7 @@ class Offscreen:
     """An offscreen OpenGL buffer, as large as the model says (``vis.global_.offwidth``)."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
-        """Open it.
+        """Open the buffer.
 
         Raises:
             StictionError: no OpenGL.

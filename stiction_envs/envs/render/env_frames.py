@@ -80,7 +80,7 @@ class Renderer(ABC, Generic[Shown]):
     @staticmethod
     @abstractmethod
     def state(core: Any, i: int) -> Shown:
-        """Return what episode ``i`` of the experiment's `Episodes` is now."""
+        """Return the present moment of episode ``i`` of the experiment's `Episodes`."""
 
     @abstractmethod
     def _decorate(self, scene: mujoco.MjvScene, state: Shown) -> None:
@@ -88,7 +88,7 @@ class Renderer(ABC, Generic[Shown]):
 
     @abstractmethod
     def _lines(self, state: Shown) -> list[str]:
-        """Return the lines above the plots: a title, what is done, and how it goes."""
+        """Return the lines above the plots: a title, the run, and its state."""
 
     @abstractmethod
     def _plot(self, draw: ImageDraw.ImageDraw, state: Shown) -> None:

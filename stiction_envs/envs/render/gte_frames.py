@@ -92,7 +92,7 @@ class PathRenderer(Renderer[Motion]):
 
     @staticmethod
     def state(core: GTEEpisodes, i: int) -> Motion:
-        """Return what episode ``i`` is now."""
+        """Return the present moment of episode ``i``."""
         assert core.recorder.trace is not None
         rig, n, trace = core.rig, core.n, core.recorder.trace[i]
         trajectory, stiffness = core.case[i]
@@ -231,7 +231,7 @@ def _drawing(
     end: float,
     renderer: PathRenderer,
 ) -> Callable[[float], Picture]:
-    """Return what draws the first iteration of a run at a time [s].
+    """Return a function that draws the first iteration of a run at a time [s].
 
     Args:
         experiment: that was run.

@@ -116,7 +116,7 @@ class PushWindow:
     """The viewer's window; it runs in real time if the machine is fast enough."""
 
     def __init__(self, view: PushView) -> None:
-        """Open it.
+        """Open the window.
 
         Raises:
             StictionError: no display, or on a Mac outside of mjpython.

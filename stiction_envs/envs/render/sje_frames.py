@@ -52,7 +52,7 @@ class JointRenderer(Renderer[Ramp]):
 
     @staticmethod
     def state(core: SJEEpisodes, i: int) -> Ramp:
-        """Return what episode ``i`` is now."""
+        """Return the present moment of episode ``i``."""
         assert core.trace is not None
         return Ramp(
             robot=core.arm.name,
@@ -118,7 +118,7 @@ def draw_joint(
     """Draw a ring about a joint's axis, with an arrow along its push and a pointer.
 
     Args:
-        scene: what is rendered.
+        scene: the scene.
         arm: the posed arm.
         joint: from 0.
         angle: since the joint rested [rad].
@@ -171,7 +171,7 @@ def sje_video(experiment: SingleJointExperiment, measurements: Sequence[Measurem
 def _run(
     experiment: SingleJointExperiment, m: Measurement, base: float, renderer: JointRenderer
 ) -> Callable[[float], Picture]:
-    """Return what draws the first ramp of a measurement at a time [s]."""
+    """Return a function that draws the first ramp of a measurement at a time [s]."""
     from stiction_envs.experiments.sje.plots import ramps  # loads Matplotlib
 
     c, protocol = m.job.configuration, experiment.protocol

@@ -59,10 +59,10 @@ def print_less() -> None:
 def driven(
     drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Copies
 ) -> Iterator[dict[str, Array]]:
-    """Yield what `Engine.simulate` does.
+    """Yield chunks as `Engine.simulate`.
 
     Args:
-        drive: what is simulated.
+        drive: the simulation.
         step: launches the kernels of one step.
         restore: puts the copies back to their start, at rest, bristles relaxed.
         state: of the copies: ``qfrc_applied``, and the fields that are recorded.

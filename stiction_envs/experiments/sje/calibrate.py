@@ -124,7 +124,7 @@ def with_levels(
     """Return parameters whose law passes through both poses of every joint.
 
     Args:
-        parameters: of one arm; what is not dry friction or offset is kept.
+        parameters: of one arm; all but dry friction and offset are kept.
         poses: where the two poses are, and their loads.
         friction: (n, 2) stiction in the load and the no-load pose [N·m].
         offset: (n, 2) offset there [N·m].

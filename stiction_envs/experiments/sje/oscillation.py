@@ -18,7 +18,7 @@ class Oscillation:
     """
 
     def __init__(self, nsim: int, n: int, *, corner: float, far: float) -> None:
-        """Make it for N arms of n joints; `start` each.
+        """Prepare N arms of n joints; `start` each.
 
         Args:
             nsim: number of arms.
