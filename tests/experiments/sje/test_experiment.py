@@ -21,7 +21,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.robots import load_arm
 
 JOINTS = [2, 4, 6, 7]
-RATE, QUICK = 0.2, 0.5
+RATE, QUICK = 0.35, 0.5
 """Ramp rates of these tests [N·m/s]: the protocol's own, 0.07, takes longer and shows no more."""
 
 

@@ -22,7 +22,13 @@ DITHERED = Job(ELBOW, 10.0, 0.2)
 
 def experiment(folder, *, drive=None, **changes):
     arm, path = servo_arm(folder, **changes)
-    return SingleJointExperiment(arm, friction=path, drive=drive, scatter=False, threads=1)
+    return on_bench(arm, path, drive=drive)
+
+
+def on_bench(arm, friction=None, *, drive=None):
+    """Return the experiment with ramps three times as fast as the protocol's."""
+    e = SingleJointExperiment(arm, friction=friction, drive=drive, scatter=False, threads=1)
+    return e.replace(protocol=e.protocol.replace(ramp_rate=0.2))
 
 
 def measured(e, jobs, iterations=1):
@@ -91,8 +97,7 @@ def test_a_model_keeps_its_servos_whatever_runs_on_it(tmp_path, together):
     """By torque first: the servos of the same model object still lift the arm afterwards."""
     arm, path = servo_arm(tmp_path)
     model = sticking_model(arm, path)
-    by_torque = SingleJointExperiment(model, drive="torque", scatter=False, threads=1)
-    driven = SingleJointExperiment(model, scatter=False, threads=1)
+    by_torque, driven = on_bench(model, drive="torque"), on_bench(model)
     assert by_torque.servos is None
     assert by_torque.sticking.model.body_gravcomp.any()
     assert np.array_equal(measured(driven, [Job(ELBOW)])[Job(ELBOW)].tau, together[Job(ELBOW)].tau)
