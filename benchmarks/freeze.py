@@ -200,14 +200,12 @@ def quick() -> dict[str, Any]:
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
     from stiction_envs.experiments.gte.measures import measure
     from stiction_envs.experiments.gte.protocol import Case
-    from stiction_envs.experiments.settings import experiment_settings
     from stiction_envs.experiments.sje.calibrate import calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.experiments.sje.protocol import Configuration, Job
     from stiction_envs.gap.diagnosis import diagnose_logs
     from stiction_envs.hidden.hidden_logs import make_case
     from stiction_envs.measured import AmplitudeRow, thesis_base
-    from stiction_envs.method_settings import override
 
     dither = {7: (15.0, 0.6), 4: (30.0, 1.2)}
     sje = SingleJointExperiment("panda", threads=1)
@@ -216,8 +214,7 @@ def quick() -> dict[str, Any]:
     gte = GeneratedTrajectoryExperiment("panda", threads=1)
     case = Case(trajectory="triangle", stiffness=(200, 20, 0), dither=rows)
     (run,) = gte.run([case], iterations=1)
-    rough = override(experiment_settings(), {"calibration.tolerance": 0.02}).calibration
-    friction = calibrate(thesis_base("panda"), sje, settings=rough).parameters
+    friction = calibrate(thesis_base("panda"), sje, tolerance=0.02).parameters
     torques = {m.job: m.mean for m in sje.run(jobs, iterations=1)}
     out: dict[str, Any] = {
         "sje": [torques[job] for job in jobs],

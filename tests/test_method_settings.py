@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.gap.settings import gap_settings
 from stiction_envs.identification.settings import identification_settings
 from stiction_envs.measured.settings import measured_settings
@@ -32,7 +31,6 @@ from tuning.settings import tuning_settings
 ROOT = Path(__file__).parents[1]
 ROOMS = {
     "measured": measured_settings,
-    "experiments": experiment_settings,
     "gap": gap_settings,
     "identification": identification_settings,
     "tuning": tuning_settings,

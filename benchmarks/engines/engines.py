@@ -19,9 +19,8 @@ import numpy as np
 from benchmarks.harness import Benchmark, Row, machine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance import conformance
-from stiction_envs.experiments.conformance_report import Report
+from stiction_envs.experiments.conformance_report import ConformanceSettings, Report
 from stiction_envs.experiments.engines import ENGINES
-from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.plain_mjcf import HARDEST, NOSLIP, Kind, plain_mjcf
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.reporting.markdown import table_text
@@ -31,7 +30,10 @@ STUDY = Benchmark(
     __doc__,
     made_by=(
         "benchmarks/engines/engines.py",
-        *(f"stiction_envs/experiments/{x}" for x in ("conformance.py", "engines", "settings.toml")),
+        *(
+            f"stiction_envs/experiments/{x}"
+            for x in ("conformance.py", "conformance_report.py", "engines")
+        ),
         *("stiction_envs/friction", "stiction_envs/robots"),
     ),
 )
@@ -48,7 +50,7 @@ MJX 10.5 s of processor time."""
 
 def short(hold: float, go: float) -> ConformanceSettings:
     """Return the test's settings with a shorter hold [s], its parts in proportion."""
-    usual = experiment_settings().conformance
+    usual = ConformanceSettings()
     share = hold / usual.hold_time
     return dataclasses.replace(
         usual,
@@ -138,7 +140,7 @@ def page(rows: dict[str, Row]) -> dict[str, Any]:
             ["engine", "line that keeps the friction"],
             [[name, e.keep] for name, e in ENGINES.items()],
         ),
-        "settings": experiment_settings().conformance,
+        "settings": ConformanceSettings(),
         "missing": [e for e in ENGINES if not any(k.startswith(f"{e} ") for k in rows)],
         "one": ONE,
         "one_hold": ONE_HOLD,

@@ -91,7 +91,7 @@ def env_and_rollout(name: str, threads: int) -> tuple[Callable[[], object], Call
     )
     start = GTE_START if "GTE" in name else SJE_START
     env.reset(seed=0, options=start)
-    plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
+    plants = [core.rig.plant for core in env.unwrapped.batches.cores]
     model, space = plants[0].sticking.model, env.single_action_space
     action = np.tile(space.low + 0.1 * (space.high - space.low), (NSIM, 1)).astype(np.float32)
     bare = Batch(model, NSIM, threads)

@@ -37,8 +37,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Calibrate and write the friction TOML."""
     arm = common.read_arm(args)
 
-    from stiction_envs.experiments.settings import experiment_settings
-    from stiction_envs.experiments.sje.calibrate import calibrate
+    from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.measured import read_base
     from stiction_envs.reporting.output_folder import check_file, default_folder
@@ -58,12 +57,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     check_file(out, ".toml", force=args.force)
     with common.working():
         with Progress("rounds") as progress:
-            rounds = experiment_settings().calibration.rounds
-            progress.set("calibrate", 0, rounds)
+            progress.set("calibrate", 0, ROUNDS)
             result = calibrate(
                 table,
                 experiment,
-                progress=lambda k, error: progress.set("calibrate", k, rounds),
+                progress=lambda k, error: progress.set("calibrate", k, ROUNDS),
             )
         result.write_toml(
             out,

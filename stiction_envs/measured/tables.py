@@ -15,7 +15,7 @@ from dataclasses import asdict, astuple, dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither.aliasing import check_frequency
+from stiction_envs.dither.dither import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text

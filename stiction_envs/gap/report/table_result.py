@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.report.page import Errors
