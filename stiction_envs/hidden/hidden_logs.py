@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
-from stiction_envs.hidden.hidden_motions import MOTIONS
+from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
 from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
@@ -90,7 +90,7 @@ def make_case(
     Args:
         seed: of everything.
         causes: names of `EFFECTS`.
-        motion: of `MOTIONS`; by default one that excites all of them.
+        motion: of `MOTIONS` or `BLIND_MOTIONS`; by default one that excites all of them.
         seconds: length of the log [s].
         known: whether the robot has known friction and rotors; by default as the causes need, or
             at random.
@@ -132,7 +132,7 @@ def make_case(
         hidden.append(_hide(world, name, joint, large, rng))
         _hide(single, name, joint, large, again)
     t = np.arange(0, seconds, STEP)
-    wanted = MOTIONS[motion](rng, t)
+    wanted = {**MOTIONS, **BLIND_MOTIONS}[motion](rng, t)
     q, tau, effect = _simulate(world, bare, t, wanted)
     alone = [effect] if len(causes) == 1 else [_simulate(w, bare, t, wanted)[2] for w in worlds]
     alone = [_visible_size(w, q, x) for w, x in zip(worlds, alone, strict=True)]

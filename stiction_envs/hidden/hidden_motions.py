@@ -133,7 +133,24 @@ def poses(rng: np.random.Generator, t: Array) -> Array:
     return rest_to_rest(t, np.asarray(2.4 * np.arange(count) + 0.8), where, 1.6)
 
 
+def still(rng: np.random.Generator, t: Array) -> Array:
+    """Nothing moves."""
+    return np.tile(centre(rng), (len(t), 1))
+
+
+def one_way(rng: np.random.Generator, t: Array) -> Array:
+    """Every joint goes one way, at changing speeds, and never back."""
+    side, v = rng.choice([-1.0, 1.0], 7), np.zeros((len(t), 7))
+    for j in range(7):
+        f = rng.uniform(0.08, 0.25, 3)
+        v[:, j] = 1.1 + np.sin(2 * np.pi * np.outer(t, f) + rng.uniform(0, 6, 3)).mean(axis=1)
+    way = np.cumsum(v * fade(t)[:, None], axis=0)
+    return np.asarray(CENTRE + REACH * side * (2 * way / way[-1] - 1))
+
+
 MOTIONS: dict[str, Motion] = {
     f.__name__: f for f in (fourier, fast, chirp, reversals, sweeps, rests, poses)
 }
 """What a person would record."""
+BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way)}
+"""What cannot show everything."""
