@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.signals.angles import angle_error
 from stiction_envs.hidden.excited_logs import presliding
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.worlds import inverse_torque
@@ -267,3 +268,13 @@ def test_loads_may_be_late_where_friction_is_not() -> None:
         for each in causes[f"{name}_friction"].parameters.values():
             assert each[key].value == pytest.approx(true, rel=0.2)
     assert found.extended_rms.mean() < 0.05
+
+
+def test_a_few_independent_rows_show_no_far_zero() -> None:
+    """One of a hundred zeros fits them by chance, as in a Kinova's log of two seconds."""
+    made = recorded(ur10(), seconds=10.0)
+    moved = made.q + 1.0 * np.eye(6)[2], made.dq, made.ddq
+    others = [np.column_stack([made.ddq[:, j], np.sign(made.dq[:, j])]) for j in range(6)]
+    for rows, found in ((3, None), (40, 3)):
+        error = angle_error(moved, made.tau, others, ur10(), 0.5, rows)
+        assert (error and error.joint) == found

@@ -201,7 +201,8 @@ def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = N
         return found
     q, dq, ddq, tau, apart = rows
     others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
-    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD)
+    independent = len(tau) * min(1.0, apart / APART)
+    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD, independent)
     if error is None:
         return found
     sign, shift = np.ones(arm.n), np.zeros(arm.n)
