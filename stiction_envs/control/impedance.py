@@ -19,10 +19,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import Arguments
-from stiction_envs.control.kernels import advance_reference, impedance_cycle
+from stiction_envs.control.impedance_kernels import (
+    Impedance,
+    advance_reference,
+    impedance_cycle,
+    read_flags,
+)
 from stiction_envs.control.operational import renew
-from stiction_envs.control.rotation import error_matrix, write_error_matrix
+from stiction_envs.control.rotation import error_matrix
 from stiction_envs.control.settings import ImpedanceSettings, numbers
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Limits
@@ -73,30 +77,41 @@ class CartesianImpedance:
             raise StictionError(f"number of simulations {nsim}: expected 1 or more")
         n = len(limits.torque)
         self.settings, self.nsim, self.n = settings, nsim, n
-        self._limit = np.array(limits.torque)
-        self._low = limits.position[:, 0] + settings.limit_margin
-        self._high = limits.position[:, 1] - settings.limit_margin
-        self._stiffness, self._null_stiffness = np.zeros((nsim, 6, 6)), np.zeros((nsim, n))
-        self._filter_step = settings.filter_step
-        self._position, self._position_target = np.zeros((2, nsim, 3))
-        self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
-        self._quaternion_target = self._quaternion.copy()
-        self._error_matrix = error_matrix(self._quaternion)
-        self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
-        self._null_damping = np.zeros((nsim, n))
-        self._null_active = False
-        self._ratio = np.array(np.broadcast_to(settings.damping_ratio, 6), dtype=float)
-        self._known, self._singular = np.zeros((2, nsim), dtype=bool)
-        self.inertia = np.zeros((nsim, 6, 6))
-        """(N, 6, 6) Λ of the last `update_model`, overwritten by the next [kg, kg·m, kg·m²]."""
-        self.projector = np.zeros((nsim, n, n))
-        """(N, n, n) P of the last `update_model`, overwritten by the next [-]."""
-        self._state = np.zeros((nsim, 12))
-        self._q, self._null_q, self._sent = np.zeros((3, nsim, n))
-        self.wanted, self.command = np.zeros((2, nsim, n))
-        """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
-        self._everyone = np.arange(nsim)
         s = settings
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+        self.arrays = a = Impedance(
+            dither_after=s.dither_after_saturation,
+            rate=s.torque_rate,
+            limit=np.array(limits.torque),
+            low=limits.position[:, 0] + s.limit_margin,
+            high=limits.position[:, 1] - s.limit_margin,
+            singular_below=s.singular_below,
+            singular_length=s.singular_length,
+            filter_step=s.filter_step,
+            position_target=np.zeros((nsim, 3)),
+            quaternion_target=still.copy(),
+            position=np.zeros((nsim, 3)),
+            quaternion=still,
+            error_matrix=error_matrix(still),
+            gain=np.zeros((nsim, 6, 12)),
+            null_active=np.zeros(nsim, dtype=bool),
+            null_q=np.zeros((nsim, n)),
+            null_stiffness=np.zeros((nsim, n)),
+            null_damping=np.zeros((nsim, n)),
+            projector=np.zeros((nsim, n, n)),
+            inertia=np.zeros((nsim, 6, 6)),
+            singular=np.zeros(nsim, dtype=bool),
+            state=np.zeros((nsim, 12)),
+            q=np.zeros((nsim, n)),
+            wanted=np.zeros((nsim, n)),
+            sent=np.zeros((nsim, n)),
+            command=np.zeros((nsim, n)),
+        )
+        """What compiled functions read and write; always the same objects."""
+        self.wanted, self.command = a.wanted, a.command
+        """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
+        self._ratio = np.array(np.broadcast_to(s.damping_ratio, 6), dtype=float)
+        self._known = np.zeros(nsim, dtype=bool)
         # with another axis, numbers per axis cannot be taken for numbers per simulation
         self.set_stiffness(
             None,
@@ -118,11 +133,10 @@ class CartesianImpedance:
 
         The last stiffness that was set is kept.
         """
-        rows = self._rows(ids)
+        rows, a = self._rows(ids), self.arrays
         self._put_pose(rows, position, quaternion, now=True)
-        self._null_q[rows] = q
-        self.wanted[rows] = self._sent[rows] = self.command[rows] = 0.0
-        self._q[rows] = q
+        a.null_q[rows] = a.q[rows] = q
+        a.wanted[rows] = a.sent[rows] = a.command[rows] = 0.0
 
     def set_reference(self, position: ArrayLike, quaternion: ArrayLike) -> None:
         """Move all references to (N, 3) [m] and (N, 4) w, x, y, z, in the base frame."""
@@ -147,34 +161,36 @@ class CartesianImpedance:
         Raises:
             StictionError: negative, not finite or of a wrong shape; nothing has changed then.
         """
-        rows = self._rows(ids)
-        new, axes = self._stiffness[rows].copy(), np.arange(6)
+        rows, a = self._rows(ids), self.arrays
+        new = self.stiffness[rows]
         for name, value, k in (
-            ("translational", translational, axes[:3]),
-            ("rotational", rotational, axes[3:]),
+            ("translational", translational, np.arange(3)),
+            ("rotational", rotational, np.arange(3, 6)),
         ):
             if value is not None:
                 new[:, k, k] = _fill(f"{name} stiffness", value, (len(new), 3))
         if nullspace is not None:
             shape = (len(new), self.n)
-            self._null_stiffness[rows] = _fill("nullspace stiffness", nullspace, shape)
-        self._stiffness[rows], self._gain[rows, :, :6] = new, -new
-        self._null_active = bool(self._null_stiffness.any())
+            a.null_stiffness[rows] = _fill("nullspace stiffness", nullspace, shape)
         ratio = self.settings.nullspace_damping_ratio
-        self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness[rows])
+        a.null_damping[rows] = 2.0 * ratio * np.sqrt(a.null_stiffness[rows])
+        a.null_active[rows] = a.null_stiffness[rows].any(axis=1)
         diagonal = np.diagonal(new, axis1=1, axis2=2)
-        self._gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
+        a.gain[rows, :, :6] = -new
+        a.gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
 
     def _rows(self, ids: Ids) -> Index:
-        return self._everyone if ids is None else self._everyone[np.asarray(ids)]
+        everyone = np.arange(self.nsim)
+        return everyone if ids is None else everyone[np.asarray(ids)]
 
     def _put_pose(
         self, rows: Index | slice, position: ArrayLike, quaternion: ArrayLike, now: bool
     ) -> None:
-        self._position_target[rows], self._quaternion_target[rows] = position, quaternion
-        if now or self._filter_step == 1.0:
-            self._position[rows], self._quaternion[rows] = position, quaternion
-            write_error_matrix(self._quaternion, self._error_matrix)
+        a = self.arrays
+        a.position_target[rows], a.quaternion_target[rows] = position, quaternion
+        if now or a.filter_step == 1.0:
+            a.position[rows], a.quaternion[rows] = position, quaternion
+            a.error_matrix[:] = error_matrix(a.quaternion)
 
     # ---- slow part -----------------------------------------------------------------------------
 
@@ -198,12 +214,14 @@ class CartesianImpedance:
                 f"update_model: Jacobian {jac.shape} and mass {mass.shape}: expected "
                 f"({m}, 6, {n}) and ({m}, {n}, {n})"
             )
-        bad = renew(rows, jac, mass, True, *self.model_arguments[1:])
-        if bad >= 0:
-            finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
-            what = "mass is singular: expected positive definite"
-            other = "Jacobian or mass: expected finite numbers"
-            raise StictionError(f"row {bad}: {what if finite else other}")
+        a = self.arrays
+        for k, i in enumerate(rows):
+            low, singular = (a.singular_below, a.singular_length), a.singular[i : i + 1]
+            if not renew(jac[k], mass[k], True, *low, singular, a.inertia[i], a.projector[i]):
+                finite = np.isfinite(mass[k]).all() and np.isfinite(jac[k]).all()
+                what = "mass is singular: expected positive definite"
+                other = "Jacobian or mass: expected finite numbers"
+                raise StictionError(f"row {k}: {what if finite else other}")
         self._known[rows] = True
 
     # ---- fast part -----------------------------------------------------------------------------
@@ -234,104 +252,46 @@ class CartesianImpedance:
         Raises:
             StictionError: a simulation without a model.
         """
-        arguments = self.arguments
-        self.advance_filter()
-        # compiled code does not check sizes
-        added = np.broadcast_to(0.0 if dither is None else dither, self._q.shape).copy()
-        impedance_cycle(position, quaternion, jacobian, q, dq, added, *arguments)
-        return self.command.copy()
-
-    @property
-    def arguments(self) -> Arguments:
-        """The arguments of `kernels.impedance_cycle` after the dither.
-
-        `torque` is `advance_filter`, then that function with them. They stay the same objects
-        until stiffness or nullspace stiffness are changed.
-
-        Raises:
-            StictionError: a simulation without a model.
-        """
         if not self._known.all():
             missing = int(np.argmin(self._known))
             raise StictionError(f"torque of simulation {missing}: update_model has to be called")
-        return (
-            self.settings.dither_after_saturation,
-            self.settings.torque_rate,
-            self._limit,
-            self._position,
-            self._error_matrix,
-            self._gain,
-            self._null_active,
-            self._null_q,
-            self._null_stiffness,
-            self._null_damping,
-            self.projector,
-            self._state,
-            self._q,
-            self.wanted,
-            self._sent,
-            self.command,
-        )
-
-    @property
-    def model_arguments(self) -> Arguments:
-        """The arguments of `operational.renew` after the inertias.
-
-        Λ and P are renewed while arms follow where a nullspace torque needs them.
-        """
-        low = self.settings.singular_below, self.settings.singular_length
-        return self._null_active, *low, self._singular, self.inertia, self.projector
-
-    @property
-    def filters(self) -> bool:
-        """Whether the reference moves in every cycle."""
-        return self._filter_step < 1.0
-
-    @property
-    def reference_arguments(self) -> Arguments:
-        """The arguments of `kernels.advance_reference`; always the same objects."""
-        return (
-            self._filter_step,
-            self._position_target,
-            self._quaternion_target,
-            self._position,
-            self._quaternion,
-            self._error_matrix,
-        )
-
-    def advance_filter(self) -> None:
-        """Move the reference one cycle towards its target; `torque` does it too."""
-        if self.filters:
-            advance_reference(*self.reference_arguments)
+        # compiled code does not check sizes
+        added = np.broadcast_to(0.0 if dither is None else dither, self.command.shape).copy()
+        for i in range(self.nsim):
+            if self.arrays.filter_step < 1.0:
+                advance_reference(i, self.arrays)
+            impedance_cycle(i, position, quaternion, jacobian, q, dq, added, self.arrays)
+        return self.command.copy()
 
     # ---- state ---------------------------------------------------------------------------------
 
     @property
     def flags(self) -> Flags:
         """Flags of the last cycle and the last `update_model`, fresh arrays."""
-        cut = (self.wanted != self._sent) | (np.abs(self.command) >= self._limit)
-        near = (self._q < self._low) | (self._q > self._high)
-        return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
+        out = np.zeros((self.nsim, 3), dtype=bool)
+        for i in range(self.nsim):
+            read_flags(i, self.arrays, out[i])
+        return Flags(*out.T)
 
     @property
     def error(self) -> Array:
         """(N, 6) error e of the last cycle: translation [m], then rotation [rad]."""
-        return self._state[:, :6].copy()
+        return self.arrays.state[:, :6].copy()
 
     @property
     def reference(self) -> tuple[Array, Array]:
         """Filtered reference pose: (N, 3) [m] and (N, 4)."""
-        return self._position.copy(), self._quaternion.copy()
+        return self.arrays.position.copy(), self.arrays.quaternion.copy()
 
     @property
     def stiffness(self) -> Array:
         """(N, 6, 6) K [N/m, N/rad, N·m/rad]."""
-        return self._stiffness.copy()
+        return -self.arrays.gain[:, :, :6]
 
     @property
     def damping(self) -> Array:
         """(N, 6, 6) D in use [N·s/m, N·s/rad, N·m·s/rad]."""
-        return -self._gain[:, :, 6:]
+        return -self.arrays.gain[:, :, 6:]
 
 
 def _fill(name: str, value: ArrayLike, shape: tuple[int, int]) -> Array:

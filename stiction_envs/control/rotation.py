@@ -42,13 +42,6 @@ def error_matrix(reference: Array) -> Array:
 
 
 @compiled
-def write_error_matrix(reference: Array, out: Array) -> None:
-    """Write `error_matrix` (N, 4, 4) of references (N, 4)."""
-    for i in range(len(reference)):
-        write_one_error_matrix(reference[i], out[i])
-
-
-@compiled
 def write_one_error_matrix(reference: Array, out: Array) -> None:
     """Write `error_matrix` (4, 4) of one reference (4,); for other compiled functions."""
     w, x, y, z = reference[0], reference[1], reference[2], reference[3]

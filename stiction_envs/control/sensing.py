@@ -20,17 +20,14 @@ from typing import Any, Self, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import Arguments
 from stiction_envs.control.sensing_kernels import (
     Measured,
     Sent,
     begin_arm,
     send_block,
-    sense,
     sense_block,
     uniform,
 )
-from stiction_envs.control.sensing_kernels import send as send_kernel
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
@@ -267,30 +264,28 @@ class Senses(_Seeded):
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
         noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
         self._offset = s.of_joint("torque_offset", n)
-        self.arguments: Arguments = tuple(
-            Measured(
-                speed_by_difference=s.speed == "difference",
-                cycle=cycle,
-                speed_gain=low_pass_gain(s.speed_cutoff, cycle),
-                delay=_steps(s.measurement_delay),
-                jitter=_steps(s.measurement_jitter),
-                # delays slow motion by exactly the lag
-                lag_gain=CONTROL_DT / (CONTROL_DT + lag),
-                angle_noise=s.of_joint("angle_noise", n),
-                angle_resolution=s.of_joint("angle_resolution", n),
-                speed_noise=noise,
-                torque_noise=s.of_joint("torque_noise", n),
-                torque_resolution=s.of_joint("torque_resolution", n),
-                torque_offset=np.zeros((nsim, n)),
-                scale=self._scale,
-                seed=self._seed,
-                past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
-                q=self.q,
-                dq=self.dq,
-                torque=self.torque,
-            )
+        self.arrays = Measured(
+            speed_by_difference=s.speed == "difference",
+            cycle=cycle,
+            speed_gain=low_pass_gain(s.speed_cutoff, cycle),
+            delay=_steps(s.measurement_delay),
+            jitter=_steps(s.measurement_jitter),
+            # delays slow motion by exactly the lag
+            lag_gain=CONTROL_DT / (CONTROL_DT + lag),
+            angle_noise=s.of_joint("angle_noise", n),
+            angle_resolution=s.of_joint("angle_resolution", n),
+            speed_noise=noise,
+            torque_noise=s.of_joint("torque_noise", n),
+            torque_resolution=s.of_joint("torque_resolution", n),
+            torque_offset=np.zeros((nsim, n)),
+            scale=self._scale,
+            seed=self._seed,
+            past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
+            q=self.q,
+            dq=self.dq,
+            torque=self.torque,
         )
-        """The last of `sensing_kernels.sense`; the same objects for good."""
+        """What compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, q: Array, seeds: ArrayLike, torque: Array | None = None) -> None:
         """Let arms ``ids`` have rested for long; averaged, so that only resolution is left.
@@ -303,35 +298,22 @@ class Senses(_Seeded):
         """
         self._seeded(ids, seeds)
         felt = np.zeros_like(q) if torque is None else torque
-        arguments = Measured(*self.arguments)
         for row, i in enumerate(ids):
-            begin_arm(i, q[row], felt[row], self._offset, arguments)
-
-    def read(self, due: bool, step: Index, q: Array, dq: Array, torque: Array) -> None:
-        """Note the true state of all arms at a control step; where ``due``, read the sensors.
-
-        Args:
-            due: whether the controller reads.
-            step: (N,) control steps since each arm began; 0 first.
-            q: (N, n) [rad].
-            dq: (N, n) [rad/s].
-            torque: (N, n) [N·m].
-        """
-        sense(due, step, q, dq, torque, self.arguments)
+            begin_arm(i, q[row], felt[row], self._offset, self.arrays)
 
     def read_block(self, ids: Index, step: Index, q: Array) -> Array:
-        """`read` of arms ``ids`` (M,) in control steps (M, K) of which only the angles are known.
+        """Read the sensors of arms in control steps of which only the angles are known.
 
         Args:
-            ids: arms.
-            step: (M, K) numbers of the control steps, one after the other.
+            ids: (M,) arms.
+            step: (M, K) numbers of the control steps, one after the other; 0 is an arm's first.
             q: (M, K, n) true angles [rad].
 
         Returns:
             (M, K, n) angles that the controller has at these steps [rad].
         """
         seen = np.empty_like(q)
-        sense_block(ids, step, self._hold, CONTROL_DT, q, self.arguments, seen)
+        sense_block(ids, step, self._hold, CONTROL_DT, q, self.arrays, seen)
         return seen
 
 
@@ -343,35 +325,28 @@ class CommandLine(_Seeded):
         super().__init__(sensing, nsim)
         self._hold = hold_steps
         self._held, self.arrived = np.zeros((2, nsim, columns))
-        """(N, C) what acts since the last `send` [N·m]."""
+        """(N, C) what acts since the last command arrived [N·m]."""
         room = self._room(sensing.command_delay)
-        self.arguments: Arguments = tuple(
-            Sent(
-                missed=sensing.missed_cycles,
-                delay=_steps(sensing.command_delay),
-                scale=self._scale,
-                seed=self._seed,
-                held=self._held,
-                past=np.zeros((nsim, room, columns)),
-                arrived=self.arrived,
-            )
+        self.arrays = Sent(
+            missed=sensing.missed_cycles,
+            delay=_steps(sensing.command_delay),
+            scale=self._scale,
+            seed=self._seed,
+            held=self._held,
+            past=np.zeros((nsim, room, columns)),
+            arrived=self.arrived,
         )
-        """The last of `sensing_kernels.send`; the same objects for good."""
+        """What compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
         """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""
         self._seeded(ids, seeds)
         self._held[ids] = self.arrived[ids] = torque
-        Sent(*self.arguments).past[ids] = self._held[ids][:, None]
-
-    def send(self, due: bool, step: Index, command: Array) -> Array:
-        """Send commands (N, C) [N·m] at control steps (N,); return `arrived`."""
-        send_kernel(due, step, command, self.arguments)
-        return self.arrived
+        self.arrays.past[ids] = self._held[ids][:, None]
 
     def send_block(self, ids: Index, step: Index, command: Array) -> None:
         """Replace commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
-        send_block(ids, step, self._hold, command, self.arguments)
+        send_block(ids, step, self._hold, command, self.arrays)
 
 
 def low_pass_gain(cutoff: float, dt: float) -> float:

@@ -9,11 +9,13 @@ as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms fo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.control.kernels import pass_torques
+from stiction_envs.compiled import compiled
+from stiction_envs.control.impedance_kernels import between
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
@@ -80,16 +82,34 @@ class TorqueInterface:
         return (step // hold) * hold
 
 
+class Path(NamedTuple):
+    """State of the path of N simulations of n joints."""
+
+    step: Array
+    """(N, n) largest change per control step [N·m]."""
+    gain: float
+    """Of the low-pass, 1 is off [-]."""
+    limit: Array
+    """(N, n) [N·m]."""
+    limited: Array
+    """(N, n) torque behind the rate limit, changed [N·m]."""
+    filtered: Array
+    """(N, n) torque behind the low-pass, changed [N·m]."""
+
+
 class TorquePath:
-    """State of the path for N simulations of n joints."""
+    """The path for N simulations of n joints."""
 
     def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
         self.interface = interface
-        self._limited = np.zeros((nsim, n))
-        self._filtered = np.zeros((nsim, n))
-        self._rate = np.full((nsim, n), np.inf)
-        self._step = self._rate / CONTROL_RATE_HZ
-        self._limit = np.full((nsim, n), np.inf)
+        self.arrays = Path(
+            step=np.full((nsim, n), np.inf),
+            gain=interface.lowpass_gain,
+            limit=np.full((nsim, n), np.inf),
+            limited=np.zeros((nsim, n)),
+            filtered=np.zeros((nsim, n)),
+        )
+        """What `pass_torque` works on; always the same objects."""
         if n == len(interface.torque_limit):
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 
@@ -98,14 +118,12 @@ class TorquePath:
 
         For arms whose columns are not always the same joints.
         """
-        self._rate[ids] = torque_rate
-        self._step = self._rate / CONTROL_RATE_HZ
-        self._limit[ids] = torque_limit
+        self.arrays.step[ids] = torque_rate / CONTROL_RATE_HZ
+        self.arrays.limit[ids] = torque_limit
 
     def reset(self, ids: NDArray[np.int64], torque: Array | float = 0.0) -> None:
         """Start simulations ``ids`` as if ``torque`` (M, n) [N·m] had been held for long."""
-        self._limited[ids] = torque
-        self._filtered[ids] = torque
+        self.arrays.limited[ids] = self.arrays.filtered[ids] = torque
 
     def run(self, command: Array, ids: NDArray[np.int64]) -> Array:
         """Pass a block of commands.
@@ -118,14 +136,27 @@ class TorquePath:
             (M, K, n) torque that reaches the joints [N·m].
         """
         out = np.empty_like(command)
-        limited, filtered = self._limited[ids], self._filtered[ids]
-        gain = self.interface.lowpass_gain
-        pass_torques(command, self._step[ids], gain, self._limit[ids], limited, filtered, out)
-        self._limited[ids], self._filtered[ids] = limited, filtered
+        _pass_block(ids, command, self.arrays, out)
         return out
 
-    @property
-    def arguments(self) -> tuple[Array, float, Array, Array, Array]:
-        """All of `kernels.pass_torque` between the command and the result, until `set_limits`."""
-        gain = self.interface.lowpass_gain
-        return self._step, gain, self._limit, self._limited, self._filtered
+
+@compiled
+def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
+    """Write the torque (n,) of simulation ``i`` behind the path of a command (n,) [N·m]."""
+    for j in range(len(out)):
+        u, step, limit = command[j], path.step[i, j], path.limit[i, j]
+        # exactly the command wherever the rate allows it
+        if not abs(u - path.limited[i, j]) <= 0.999 * step:
+            u = between(u, path.limited[i, j] - step, path.limited[i, j] + step)
+        path.limited[i, j] = u
+        # added up as by scipy.signal.lfilter, bit for bit
+        y = path.filtered[i, j] * (1.0 - path.gain) + u * path.gain if path.gain < 1.0 else u
+        path.filtered[i, j] = y
+        out[j] = between(y, -limit, limit)
+
+
+@compiled
+def _pass_block(ids: NDArray[np.int64], command: Array, path: Path, out: Array) -> None:
+    for row in range(len(ids)):
+        for k in range(command.shape[1]):
+            pass_torque(ids[row], command[row, k], path, out[row, k])

@@ -18,14 +18,13 @@ import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import Arguments
-from stiction_envs.control.rotation import from_rpy, multiply, rotation_error
+from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.control.trapezoid import (
+    Goals,
     Index,
-    Profile,
+    Movement,
     Reference,
-    Trapezoid,
     accept,
     plan,
     sample,
@@ -92,27 +91,36 @@ class Segment:
     def __init__(self, nsim: int, limits: MotionLimits) -> None:
         """Make N movements at rest at the origin; `start` gives them a goal."""
         self.limits = limits
-        rates = np.array(
-            [
-                [limits.translational_acceleration, limits.rotational_acceleration],
-                [limits.translational_deceleration, limits.rotational_deceleration],
-                [limits.translational_speed, limits.rotational_speed],
-            ],
-            dtype=float,
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+        self.arrays = Movement(
+            *np.array(
+                [
+                    [limits.translational_acceleration, limits.rotational_acceleration],
+                    [limits.translational_deceleration, limits.rotational_deceleration],
+                    [limits.translational_speed, limits.rotational_speed],
+                ],
+                dtype=float,
+            ),
+            synchronised=bool(limits.synchronised),
+            start=np.zeros((nsim, 3)),
+            start_q=still.copy(),
+            goal=np.zeros((nsim, 3)),
+            goal_q=still,
+            distance=np.zeros((nsim, 2)),
+            rise=np.zeros((nsim, 2)),
+            flat=np.zeros((nsim, 2)),
+            fall=np.zeros((nsim, 2)),
+            pace=np.ones((nsim, 2)),
+            direction=np.zeros((nsim, 3)),
+            asked=np.ones(nsim),
+            duration=np.zeros(nsim),
         )
-        self._profile: Profile = (*rates, bool(limits.synchronised))
-        place, turn = np.zeros((2, nsim, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
-        self._duration, self._pace = np.zeros(nsim), np.ones(nsim)
-        self._trapezoid: Trapezoid = (
-            *(place[0], turn[0], place[1], turn[1]),
-            *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
-            *(np.zeros((nsim, 3)), self._pace, self._duration),
-        )
+        """What compiled functions read and write; always the same objects."""
 
     @property
     def duration(self) -> Array:
         """(N,) time from start to rest [s]."""
-        return self._duration.copy()
+        return self.arrays.duration.copy()
 
     def slow_down(self, ids: Index, pace: ArrayLike) -> None:
         """Stretch later movements of arms ``ids`` by 1/pace in time.
@@ -121,7 +129,7 @@ class Segment:
             ids: (M,) simulations.
             pace: one number or (M,), over 0 to 1 [-].
         """
-        self._pace[ids] = pace
+        self.arrays.asked[ids] = pace
 
     def start(
         self,
@@ -140,25 +148,13 @@ class Segment:
             goal_quaternion: (M, 4); or its negative, which is the same orientation.
             ids: (M,) simulations, None for all.
         """
-        rows = np.arange(len(self._duration)) if ids is None else np.asarray(ids)
+        a = self.arrays
+        rows = np.arange(len(a.duration)) if ids is None else np.asarray(ids)
         m = len(rows)
-        plan(
-            rows,
-            _sized(position, m, 3),
-            _sized(quaternion, m, 4),
-            _sized(goal_position, m, 3),
-            _sized(goal_quaternion, m, 4),
-            self._profile,
-            self._trapezoid,
-        )
-
-    def twist(self, t: ArrayLike) -> Array:
-        """Return the velocity at times t, as `sample`: (N, 6) linear [m/s], angular [rad/s]."""
-        _, _, velocity, speed = self.sample(t)
-        turn = rotation_error(self._trapezoid[3], self._trapezoid[1])
-        angle = np.sqrt(np.einsum("ni,ni->n", turn, turn))
-        axis = turn / np.maximum(angle, np.finfo(float).tiny)[:, None]
-        return np.concatenate([velocity, speed[:, None] * axis], axis=1)
+        poses = _sized(position, m, 3), _sized(quaternion, m, 4)
+        goals = _sized(goal_position, m, 3), _sized(goal_quaternion, m, 4)
+        for row, i in enumerate(rows):
+            plan(i, *(x[row] for x in (*poses, *goals)), a)
 
     def sample(self, t: ArrayLike) -> Reference:
         """Return the reference at times t (N,) or one number [s] after the starts.
@@ -166,7 +162,7 @@ class Segment:
         Before 0 it rests exactly at the start, from `duration` on exactly at the goal. The sign of
         a quaternion continues from the start's.
         """
-        out: Reference = sample(_sized(t, len(self._duration)), self._profile, self._trapezoid)
+        out: Reference = sample(_sized(t, len(self.arrays.duration)), self.arrays)
         return out
 
 
@@ -188,13 +184,22 @@ class GoalSequencer:
         """Make N sequencers of at most ``capacity`` goals each; all are finished until `start`."""
         if nsim < 1 or capacity < 1:
             raise StictionError(f"goals of {nsim} arms, {capacity} each: expected 1 or more")
-        self.limits, self.segment = limits, Segment(nsim, limits)
-        self._goal, self._goal_q = np.zeros((nsim, capacity, 3)), np.zeros((nsim, capacity, 4))
-        self._goal_q[..., 0] = 1.0
-        self._count, self._index = np.zeros((2, nsim), dtype=np.int64)
-        self._accepted, self._reached = np.full((2, nsim, capacity), np.nan)
-        self._begun = np.zeros(nsim)
-        self._due = np.full(nsim, np.inf)
+        self.segment, turns = Segment(nsim, limits), np.zeros((nsim, capacity, 4))
+        turns[..., 0] = 1.0
+        self.arrays = Goals(
+            near_position=float(limits.position_tolerance),
+            near_rotation=float(limits.rotation_tolerance),
+            patience=float(limits.patience),
+            goal=np.zeros((nsim, capacity, 3)),
+            goal_q=turns,
+            count=np.zeros(nsim, dtype=np.int64),
+            index=np.zeros(nsim, dtype=np.int64),
+            accepted=np.full((nsim, capacity), np.nan),
+            reached=np.full((nsim, capacity), np.nan),
+            begun=np.zeros(nsim),
+            due=np.full(nsim, np.inf),
+        )
+        """What compiled functions read and write; always the same objects."""
 
     def start(
         self,
@@ -220,18 +225,18 @@ class GoalSequencer:
         Raises:
             StictionError: no goal, or more than the capacity.
         """
-        rows = np.arange(len(self._count)) if ids is None else np.asarray(ids)
-        count, capacity = goal_position.shape[1], self._goal.shape[1]
+        a = self.arrays
+        rows = np.arange(len(a.count)) if ids is None else np.asarray(ids)
+        count, capacity = goal_position.shape[1], a.goal.shape[1]
         if not 1 <= count <= capacity:
             raise StictionError(f"path of {count} goals: expected 1 to {capacity}")
-        self._goal[rows, :count], self._goal_q[rows, :count] = goal_position, goal_quaternion
-        self._count[rows], self._index[rows] = count, 0
-        self._accepted[rows] = self._reached[rows] = np.nan
+        a.goal[rows, :count], a.goal_q[rows, :count] = goal_position, goal_quaternion
+        a.count[rows], a.index[rows] = count, 0
+        a.accepted[rows] = a.reached[rows] = np.nan
         self.segment.slow_down(rows, pace)
-        first, first_q = self._goal[rows, 0], self._goal_q[rows, 0]
-        self.segment.start(position, quaternion, first, first_q, rows)
-        self._accepted[rows, 0] = self._begun[rows] = t
-        self._due[rows] = np.asarray(t, float) + self.segment._duration[rows]
+        self.segment.start(position, quaternion, a.goal[rows, 0], a.goal_q[rows, 0], rows)
+        a.accepted[rows, 0] = a.begun[rows] = t
+        a.due[rows] = np.asarray(t, float) + self.segment.duration[rows]
 
     def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
         """Start the arms that have reached their goal towards the next.
@@ -244,77 +249,60 @@ class GoalSequencer:
         Returns:
             (N,) arms that accepted a new goal in this call.
         """
-        nsim = len(self._due)
+        nsim = len(self.arrays.due)
         if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
             raise StictionError(
                 f"accept: poses of shape {position.shape} and {quaternion.shape}: expected "
                 f"({nsim}, 3) and ({nsim}, 4)"
             )
-        accepted = np.zeros(nsim, dtype=bool)
-        tolerances, goals, times, profile, trapezoid = self.arguments
-        now = _sized(t, nsim)
-        accept(position, quaternion, now, tolerances, goals, times, profile, trapezoid, accepted)
-        return accepted
-
-    @property
-    def arguments(self) -> Arguments:
-        """The arguments of `trapezoid.accept` between the time and its result: tolerances, goals,
-        times, profile, trapezoid; always the same objects."""
-        limits = self.limits
-        return (
-            (limits.position_tolerance, limits.rotation_tolerance, limits.patience),
-            (self._goal, self._goal_q, self._count, self._index),
-            (self._accepted, self._reached, self._begun, self._due),
-            self.segment._profile,
-            self.segment._trapezoid,
-        )
+        now, arrays = _sized(t, nsim), (self.arrays, self.segment.arrays)
+        poses = zip(position, quaternion, now, strict=True)
+        return np.array([accept(i, x, q, at, *arrays) for i, (x, q, at) in enumerate(poses)])
 
     def reference(self, t: ArrayLike) -> Reference:
         """Return the reference of all arms at time t, one number or (N,) [s]."""
-        return self.segment.sample(np.asarray(t, dtype=float) - self._begun)
-
-    def twist(self, t: ArrayLike) -> Array:
-        """Return the reference's velocity at t, (N, 6) linear [m/s] and angular [rad/s]."""
-        return self.segment.twist(np.asarray(t, dtype=float) - self._begun)
+        return self.segment.sample(np.asarray(t, dtype=float) - self.arrays.begun)
 
     @property
     def index(self) -> Index:
         """(N,) goal an arm is moving to, from 0; the number of its goals when finished."""
-        return self._index.copy()
+        return self.arrays.index.copy()
 
     @property
     def finished(self) -> NDArray[np.bool_]:
         """(N,) arms that have reached their last goal, or have none."""
-        return self._index == self._count
+        return self.arrays.index == self.arrays.count
 
     @property
     def goal(self) -> tuple[Array, Array]:
         """Pose (N, 3) [m], (N, 4) an arm is moving to, or rests at."""
-        at = np.maximum(np.minimum(self._index, self._count - 1), 0)
+        at = np.maximum(np.minimum(self.arrays.index, self.arrays.count - 1), 0)
         rows = np.arange(len(at))
-        return self._goal[rows, at], self._goal_q[rows, at]
+        return self.arrays.goal[rows, at], self.arrays.goal_q[rows, at]
 
     @property
     def onward(self) -> Array:
         """(N, 3) from the goal an arm is moving to, to the next goal; 0 at the last [m]."""
-        rows, last = np.arange(len(self._count)), np.maximum(self._count - 1, 0)
-        here, there = (self._goal[rows, np.minimum(self._index + k, last)] for k in (0, 1))
+        rows, last = np.arange(len(self.arrays.count)), np.maximum(self.arrays.count - 1, 0)
+        here, there = (
+            self.arrays.goal[rows, np.minimum(self.arrays.index + k, last)] for k in (0, 1)
+        )
         return there - here
 
     @property
     def goals_left(self) -> Index:
         """(N,) goals that are not reached yet, including the one an arm is moving to."""
-        return self._count - self._index
+        return self.arrays.count - self.arrays.index
 
     @property
     def accepted_at(self) -> Array:
         """(N, capacity) times at which goals were accepted [s], NaN where not yet."""
-        return self._accepted.copy()
+        return self.arrays.accepted.copy()
 
     @property
     def reached_at(self) -> Array:
         """(N, capacity) times at which goals were found reached [s], NaN where not yet."""
-        return self._reached.copy()
+        return self.arrays.reached.copy()
 
 
 @dataclass(frozen=True, eq=False)

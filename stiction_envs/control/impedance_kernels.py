@@ -1,0 +1,207 @@
+"""Compiled cycle of `impedance.CartesianImpedance`, arm by arm.
+
+An arm is computed in plain arithmetic: its result is the same bits in any batch. NaN passes
+through.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.compiled import compiled
+from stiction_envs.control.operational import renew
+from stiction_envs.control.rotation import slerp_one, write_one_error_matrix
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+_TINY = np.finfo(np.float64).tiny
+
+
+class Impedance(NamedTuple):
+    """Settings and state of N controllers of n joints."""
+
+    dither_after: bool
+    """Whether dither is added behind the saturation."""
+    rate: float
+    """Largest change of the torque per cycle [N·m]."""
+    limit: Array
+    """(n,) largest torque [N·m]."""
+    low: Array
+    high: Array
+    """(n,) angles beyond which a joint is near its limit [rad]."""
+    singular_below: float
+    singular_length: float
+    """As of `operational.renew`."""
+    filter_step: float
+    """Share of the way to its target by which a reference moves per cycle [-]; 1 is all of it."""
+    position_target: Array
+    """(N, 3) [m]."""
+    quaternion_target: Array
+    """(N, 4)."""
+    position: Array
+    """(N, 3) of the reference [m]."""
+    quaternion: Array
+    """(N, 4) of the reference."""
+    error_matrix: Array
+    """(N, 4, 4) `rotation.error_matrix` of the reference."""
+    gain: Array
+    """(N, 6, 12) wrench per state: [−K, −D]."""
+    null_active: Bools
+    """(N,) whether there is a nullspace torque, of the next four."""
+    null_q: Array
+    """(N, n) q_d [rad]."""
+    null_stiffness: Array
+    """(N, n) k_n [N·m/rad]."""
+    null_damping: Array
+    """(N, n) d_n [N·m·s/rad]."""
+    projector: Array
+    """(N, n, n) P [-]."""
+    inertia: Array
+    """(N, 6, 6) Λ [kg, kg·m, kg·m²]."""
+    singular: Bools
+    """(N,) whether the pose was (nearly) singular at the last `renew_space`."""
+    state: Array
+    """(N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle."""
+    q: Array
+    """(N, n) angles in the last cycle [rad]."""
+    wanted: Array
+    """(N, n) torque of the last cycle before the saturation [N·m]."""
+    sent: Array
+    """(N, n) torque of the last cycle behind the saturation [N·m]."""
+    command: Array
+    """(N, n) torque of the last cycle with all dither [N·m]."""
+
+
+@compiled
+def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
+    """Renew Λ and P of arm ``i`` where a nullspace torque needs them, and whether it is singular.
+
+    Arguments and result are those of `operational.renew`.
+    """
+    low = a.singular_below, a.singular_length
+    singular = a.singular[i : i + 1]
+    return renew(jacobian, mass, a.null_active[i], *low, singular, a.inertia[i], a.projector[i])
+
+
+@compiled
+def advance_reference(i: int, a: Impedance) -> None:
+    """Move the reference of arm ``i`` one cycle towards its target."""
+    if a.filter_step < 1.0:
+        for k in range(3):
+            a.position[i, k] += a.filter_step * (a.position_target[i, k] - a.position[i, k])
+        slerp_one(a.quaternion[i], a.quaternion_target[i], a.filter_step, a.quaternion[i])
+    else:
+        for k in range(3):
+            a.position[i, k] = a.position_target[i, k]
+        for k in range(4):
+            a.quaternion[i, k] = a.quaternion_target[i, k]
+    write_one_error_matrix(a.quaternion[i], a.error_matrix[i])
+
+
+@compiled
+def impedance_cycle(
+    i: int,
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    q: Array,
+    dq: Array,
+    added: Array,
+    a: Impedance,
+) -> None:
+    """Write the command of arm ``i``.
+
+    Args:
+        i: the arm.
+        position: (N, 3) measured [m].
+        quaternion: (N, 4) measured.
+        jacobian: (N, 6, n).
+        q: (N, n) [rad].
+        dq: (N, n) [rad/s].
+        added: (N, n) dither and compensation, added to the torque [N·m].
+        a: the controllers.
+    """
+    n = dq.shape[1]
+    wrench, joint = np.empty(6), np.empty(n)
+    state, wanted = a.state, a.wanted
+    pose_error(position[i], quaternion[i], a.position[i], a.error_matrix[i], state[i])
+    for k in range(6):
+        speed = 0.0
+        for j in range(n):
+            speed += jacobian[i, k, j] * dq[i, j]
+        state[i, 6 + k] = speed
+    for k in range(6):
+        total = 0.0
+        for m in range(12):
+            total += a.gain[i, k, m] * state[i, m]
+        wrench[k] = total
+    for j in range(n):
+        a.q[i, j] = q[i, j]
+        wanted[i, j] = 0.0
+    for k in range(6):  # joints side by side in memory
+        for j in range(n):
+            wanted[i, j] += jacobian[i, k, j] * wrench[k]
+    if a.null_active[i]:  # P (k_n (q_d − q) − d_n q̇)
+        for j in range(n):
+            spring = a.null_stiffness[i, j] * (a.null_q[i, j] - q[i, j])
+            joint[j] = spring - a.null_damping[i, j] * dq[i, j]
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += a.projector[i, j, m] * joint[m]
+            wanted[i, j] += total
+    for j in range(n):
+        if not a.dither_after:
+            wanted[i, j] += added[i, j]
+        limit, sent = a.limit[j], a.sent[i, j]
+        sent = between(wanted[i, j], max(sent - a.rate, -limit), min(sent + a.rate, limit))
+        a.sent[i, j] = a.command[i, j] = sent
+        if a.dither_after:
+            a.command[i, j] = between(sent + added[i, j], -limit, limit)
+
+
+@compiled
+def read_flags(i: int, a: Impedance, out: Bools) -> None:
+    """Raise flags (3,) of arm ``i``, in the order of `impedance.Flags`; none is lowered."""
+    if a.singular[i]:
+        out[0] = True
+    for j in range(a.q.shape[1]):
+        if a.wanted[i, j] != a.sent[i, j] or abs(a.command[i, j]) >= a.limit[j]:
+            out[1] = True
+        if a.q[i, j] < a.low[j] or a.q[i, j] > a.high[j]:
+            out[2] = True
+
+
+@compiled
+def pose_error(
+    position: Array, quaternion: Array, reference: Array, error_matrix: Array, error: Array
+) -> None:
+    """Write the error of one arm into the first six of ``error`` [m, rad].
+
+    Arguments are one arm's rows of those of `impedance_cycle` and `Impedance`.
+    """
+    for k in range(3):
+        error[k] = position[k] - reference[k]
+    w = x = y = z = 0.0  # an array would be allocated for every arm
+    for m in range(4):
+        w += error_matrix[0, m] * quaternion[m]
+        x += error_matrix[1, m] * quaternion[m]
+        y += error_matrix[2, m] * quaternion[m]
+        z += error_matrix[3, m] * quaternion[m]
+    # as rotation.rotation_vector
+    length = np.sqrt(x**2 + y**2 + z**2)
+    factor = np.copysign(2.0 * np.arctan2(length, abs(w)) / max(length, _TINY), w)
+    error[3], error[4], error[5] = factor * x, factor * y, factor * z
+
+
+@compiled
+def between(x: float, low: float, high: float) -> float:
+    """Return x within low and high; NaN stays NaN."""
+    if x < low:
+        return low
+    if x > high:
+        return high
+    return x
