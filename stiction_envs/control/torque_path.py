@@ -142,21 +142,28 @@ class TorquePath:
 
 @compiled
 def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
-    """Write the torque (n,) of simulation ``i`` behind the path of a command (n,) [N·m]."""
-    for j in range(len(out)):
-        u, step, limit = command[j], path.step[i, j], path.limit[i, j]
-        # exactly the command wherever the rate allows it
-        if not abs(u - path.limited[i, j]) <= 0.999 * step:
-            u = between(u, path.limited[i, j] - step, path.limited[i, j] + step)
-        path.limited[i, j] = u
-        # added up as by scipy.signal.lfilter, bit for bit
-        y = path.filtered[i, j] * (1.0 - path.gain) + u * path.gain if path.gain < 1.0 else u
-        path.filtered[i, j] = y
-        out[j] = between(y, -limit, limit)
+    """Write the torque of simulation ``i`` behind the path of its command, both (N, n) [N·m]."""
+    for j in range(out.shape[1]):
+        out[i, j] = _pass_one(i, j, command[i, j], path)
+
+
+@compiled
+def _pass_one(i: int, j: int, u: float, path: Path) -> float:
+    """Return the torque of one joint behind the path of a command u [N·m]."""
+    step, limit = path.step[i, j], path.limit[i, j]
+    # exactly the command wherever the rate allows it
+    if not abs(u - path.limited[i, j]) <= 0.999 * step:
+        u = between(u, path.limited[i, j] - step, path.limited[i, j] + step)
+    path.limited[i, j] = u
+    # added up as by scipy.signal.lfilter, bit for bit
+    y = path.filtered[i, j] * (1.0 - path.gain) + u * path.gain if path.gain < 1.0 else u
+    path.filtered[i, j] = y
+    return between(y, -limit, limit)
 
 
 @compiled
 def _pass_block(ids: NDArray[np.int64], command: Array, path: Path, out: Array) -> None:
     for row in range(len(ids)):
         for k in range(command.shape[1]):
-            pass_torque(ids[row], command[row, k], path, out[row, k])
+            for j in range(command.shape[2]):
+                out[row, k, j] = _pass_one(ids[row], j, command[row, k, j], path)

@@ -147,91 +147,121 @@ def follow(
         model: the controllers' model, of these arms alone.
         loop: the physics of these arms.
     """
-    plant, sampling = arms.plant, arms.sampling
+    # unpacked here: where a structure is taken apart or handed on, each of its arrays costs time
+    plant, hand, measured, sent = arms.plant, arms.hand, arms.measured, arms.sent
+    impedance, compensation, path = arms.impedance, arms.compensation, arms.path
+    shaking, movement, goals, step = arms.shaking, arms.movement, arms.goals, arms.step
+    position, quaternion, jacobian = arms.position, arms.quaternion, arms.jacobian
+    chain, measured_hand = arms.chain, arms.measured_hand
+    q, dq, missing, mass = measured.q, measured.dq, model.missing, model.mass
+    applied, added, torque = arms.applied, arms.added, shaking.torque
+    command, arrived, state = impedance.command, sent.arrived, plant.state
+    sampling, stride = arms.sampling, arms.sampling.stride
+    positions, quaternions, references = sampling[1], sampling[2], sampling[3]
+    senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
+    hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
+    filters, asymmetric, n = impedance.filter_step < 1.0, plant.asymmetric, q.shape[1]
+    reads_model, substeps, going = compensation.reads_model, plant.substeps, loop.going
     for i in range(first, end):
-        if not loop.going[i]:
+        if not going[i]:
             continue
-        if not plant.asymmetric:
-            take_fields(i, loop)
+        take_fields(i, loop)
         for k in range(row, row + steps):
-            if plant.asymmetric:
+            due = step[i] % hold == 0
+            if asymmetric:
                 write_direction(i, plant)
                 take_fields(i, loop)
-            due = arms.step[i] % arms.hold == 0
-            if arms.senses:
-                _sense(i, due, arms.step[i], plant, arms.measured)
-            read_hand(i, arms.hand)
+            if senses:
+                link_q, link_dq, felt = _true_state(i, plant)
+                sense_arm(due, i, step[i], link_q, link_dq, felt, measured)
+            read_hand(i, hand)
+            if due and senses:
+                follow_chain(i, chain, measured_hand)
+                read_hand(i, measured_hand)
+            elif due:
+                write_links(i, plant.qpos, plant, q[i])
+                write_links(i, plant.qvel, plant, dq[i])
             if due:
-                _compute(i, k, arms, model)
-            command = arms.impedance.command[i]
-            if arms.senses:
-                send_arm(due, i, arms.step[i], command, arms.sent)
-                command = arms.sent.arrived[i]
-            pass_torque(i, command, arms.path, arms.applied[i])
-            for j in range(len(plant.motor)):
-                plant.state[i, plant.torque + j] = arms.applied[i, j] + model.missing[i, j]
-            _record(i, k, arms.hand, arms.impedance, sampling)
-            if sampling.detailed:
-                _record_details(i, k, arms, sampling)
-            advance(i, plant.substeps, loop)
-            arms.step[i] += 1
+                # a cycle takes what fell due since the last
+                if step[i] % model_period < hold:
+                    renew_dynamics(i, q, model)
+                    renew_space(i, jacobian[i], mass[i], impedance)
+                    if reads_model[i]:
+                        gravity, coriolis = compensation.gravity, compensation.coriolis
+                        renew_torques(i, q, dq, model.believed, gravity, coriolis)
+                looks = step[i] % goal_period < hold
+                time = step[i] * CONTROL_DT
+                if looks:
+                    pose = position[i], quaternion[i], jacobian[i]
+                    _look_at_goals(i, time, *pose, movement, goals, impedance, compensation)
+                if looks or filters:
+                    advance_reference(i, impedance)
+                _shake(i, k, time, dq, shaking)
+                shaken = torque
+                if compensated:
+                    pose = position, quaternion, jacobian
+                    compensate(i, *pose, dq, mass, impedance, compensation)
+                    for j in range(n):
+                        added[i, j] = torque[i, j] + compensation.torque[i, j]
+                    shaken = added
+                impedance_cycle(i, position, quaternion, jacobian, q, dq, shaken, impedance)
+            if senses:
+                send_arm(due, i, step[i], command[i], sent)
+                pass_torque(i, arrived, path, applied)
+            else:
+                pass_torque(i, command, path, applied)
+            for j in range(n):
+                state[i, plant.torque + j] = applied[i, j] + missing[i, j]
+            for m in range(3):
+                positions[k, i, m] = hand.position[i, m]
+            for m in range(4):
+                quaternions[k, i, m] = hand.quaternion[i, m]
+            if k % stride == 0:
+                for m in range(3):
+                    references[k // stride, i, m] = impedance.position[i, m]
+                for m in range(4):
+                    references[k // stride, i, 3 + m] = impedance.quaternion[i, m]
+            if detailed:
+                _record_details(i, k // stride, torque, applied, plant, impedance, sampling)
+            advance(i, substeps, loop)
+            step[i] += 1
 
 
 @compiled
-def _sense(i: int, due: bool, step: int, plant: PlantArrays, measured: Measured) -> None:
-    """Let the sensors of arm ``i`` note its state, and where ``due`` read them."""
+def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
+    """Return link angles [rad], speeds [rad/s] and joint torques [N·m] (n,) of arm ``i``."""
     n = len(plant.motor)
     q, dq, torque = np.empty(n), np.empty(n), np.empty(n)
     write_links(i, plant.qpos, plant, q)
     write_links(i, plant.qvel, plant, dq)
     write_joint_torque(i, plant, torque)
-    sense_arm(due, i, step, q, dq, torque, measured)
+    return q, dq, torque
 
 
 @compiled
-def _compute(i: int, k: int, a: Arms, model: ModelArrays) -> None:
-    """Do a controller's cycle of arm ``i`` in control step ``k``."""
-    step, q, dq = a.step[i], a.measured.q, a.measured.dq
-    if a.senses:
-        follow_chain(i, a.chain, a.measured_hand)
-        read_hand(i, a.measured_hand)
-    else:
-        write_links(i, a.plant.qpos, a.plant, q[i])
-        write_links(i, a.plant.qvel, a.plant, dq[i])
-    # a cycle takes what fell due since the last
-    if step % a.model_period < a.hold:
-        renew_dynamics(i, q, model)
-        renew_space(i, a.jacobian[i], model.mass[i], a.impedance)
-        if a.compensation.reads_model[i]:
-            torques = a.compensation.gravity, a.compensation.coriolis
-            renew_torques(i, q, dq, model.believed, torques[0], torques[1])
-    looks = step % a.goal_period < a.hold
-    if looks:
-        _look_at_goals(i, step * CONTROL_DT, a)
-    if looks or a.impedance.filter_step < 1.0:
-        advance_reference(i, a.impedance)
-    _shake(i, k, step * CONTROL_DT, dq, a.shaking)
-    added = a.shaking.torque
-    if a.compensated:
-        pose = a.position, a.quaternion, a.jacobian
-        compensate(i, pose[0], pose[1], pose[2], dq, model.mass, a.impedance, a.compensation)
-        added = a.added
-        for j in range(added.shape[1]):
-            added[i, j] = a.shaking.torque[i, j] + a.compensation.torque[i, j]
-    impedance_cycle(i, a.position, a.quaternion, a.jacobian, q, dq, added, a.impedance)
+def _look_at_goals(
+    i: int,
+    time: float,
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    movement: Movement,
+    goals: Goals,
+    impedance: Impedance,
+    compensation: Compensations,
+) -> None:
+    """Renew the reference of arm ``i`` at a time since it began to follow [s].
 
-
-@compiled
-def _look_at_goals(i: int, time: float, a: Arms) -> None:
-    """Renew the reference of arm ``i`` at a time since it began to follow [s]."""
-    accept(i, a.position[i], a.quaternion[i], time, a.goals, a.movement)
-    clock, velocity = time - a.goals.begun[i], np.empty(3)
-    target = a.impedance.position_target[i], a.impedance.quaternion_target[i]
-    write_sample(i, clock, a.movement, target[0], target[1], velocity)
-    if a.compensation.feeds[i]:
+    Its pose is (3,) [m], (4,), its Jacobian (6, n).
+    """
+    accept(i, position, quaternion, time, goals, movement)
+    clock, velocity = time - goals.begun[i], np.empty(3)
+    target = impedance.position_target[i], impedance.quaternion_target[i]
+    write_sample(i, clock, movement, target[0], target[1], velocity)
+    if compensation.feeds[i]:
         twist = np.empty(6)
-        write_twist(i, clock, a.movement, twist)
-        look_ahead(i, a.jacobian[i], twist, a.compensation)
+        write_twist(i, clock, movement, twist)
+        look_ahead(i, jacobian, twist, compensation)
 
 
 @compiled
@@ -252,25 +282,21 @@ def _shake(i: int, k: int, time: float, dq: Array, a: Shaking) -> None:
 
 
 @compiled
-def _record(i: int, k: int, hand: Hand, impedance: Impedance, sampling: Sampling) -> None:
-    """Record the pose of arm ``i`` in control step ``k``, and where a sample begins its reference."""
-    for m in range(3):
-        sampling.position[k, i, m] = hand.position[i, m]
-    for m in range(4):
-        sampling.quaternion[k, i, m] = hand.quaternion[i, m]
-    if k % sampling.stride == 0:
-        now = sampling.reference[k // sampling.stride, i]
-        now[:3], now[3:] = impedance.position[i], impedance.quaternion[i]
-
-
-@compiled
-def _record_details(i: int, k: int, a: Arms, sampling: Sampling) -> None:
-    """Record dither power, change of torque and flags of arm ``i`` in control step ``k``."""
-    s, plant, power = k // sampling.stride, a.plant, 0.0
-    for j in range(len(plant.motor)):
-        power += abs(a.shaking.torque[i, j] * plant.state[i, plant.qvel + plant.motor[j]])
-        change = abs(a.applied[i, j] - sampling.previous[i, j])
-        sampling.rate[s, i, j] = max(sampling.rate[s, i, j], change / CONTROL_DT)
-        sampling.previous[i, j] = a.applied[i, j]
-    sampling.power[s, i] += power
-    read_flags(i, a.impedance, sampling.flags[s, i])
+def _record_details(
+    i: int,
+    s: int,
+    torque: Array,
+    applied: Array,
+    plant: PlantArrays,
+    impedance: Impedance,
+    a: Sampling,
+) -> None:
+    """Record dither power, change of torque and flags of arm ``i`` in sample ``s``."""
+    power = 0.0
+    for j in range(applied.shape[1]):
+        power += abs(torque[i, j] * plant.state[i, plant.qvel + plant.motor[j]])
+        change = abs(applied[i, j] - a.previous[i, j])
+        a.rate[s, i, j] = max(a.rate[s, i, j], change / CONTROL_DT)
+        a.previous[i, j] = applied[i, j]
+    a.power[s, i] += power
+    read_flags(i, impedance, a.flags[s, i])
