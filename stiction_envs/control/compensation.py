@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
-from stiction_envs.control.impedance_kernels import Impedance, pose_error
+from stiction_envs.control.impedance import Impedance, pose_error
 from stiction_envs.control.laws import LAWS, law_torque
 from stiction_envs.control.laws.base import (
     ERROR,
@@ -29,9 +30,6 @@ from stiction_envs.control.laws.base import (
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
 KINDS = tuple(LAWS)
 _MOST = 1 + max(len(law.fields) for law in LAWS.values())
 _READS_ERROR = np.array([law.reads_error for law in LAWS.values()])

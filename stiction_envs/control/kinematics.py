@@ -11,15 +11,13 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import right_matrix
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Hand(NamedTuple):

@@ -10,12 +10,9 @@ Functions are compiled and take one pose.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.compiled import compiled
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 @compiled

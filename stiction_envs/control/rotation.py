@@ -8,11 +8,10 @@ could be either, the docstring says which. Formulas: Diebel, *Representing attit
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
-
-Array = NDArray[np.float64]
 
 # a ⊗ b = B(b) a with the entries of b in this order and with these signs
 _RIGHT = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])

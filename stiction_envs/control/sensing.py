@@ -20,6 +20,7 @@ from typing import Any, Self, get_type_hints
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.sensing_kernels import (
     Measured,
     Sent,
@@ -34,8 +35,6 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Numbers = float | tuple[float, ...]
 """One number for all joints, or one per joint."""
 SPEEDS = ("logged", "difference")

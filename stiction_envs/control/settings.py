@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.tables import Table, read_toml
 
-Array = NDArray[np.float64]
 _POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
 
 

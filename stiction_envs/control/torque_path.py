@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
-from stiction_envs.control.impedance_kernels import between
+from stiction_envs.control.impedance import between
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (sources.md 1.8)
 
 
@@ -76,7 +75,7 @@ class TorqueInterface:
         dt = 1.0 / CONTROL_RATE_HZ
         return dt / (dt + 1.0 / (2 * np.pi * self.lowpass_hz))
 
-    def tick(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
+    def tick(self, step: Index) -> Index:
         """Return the control step at which the command held at ``step`` was computed."""
         hold = self.hold_steps
         return (step // hold) * hold
@@ -113,7 +112,7 @@ class TorquePath:
         if n == len(interface.torque_limit):
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 
-    def set_limits(self, ids: NDArray[np.int64], torque_rate: Array, torque_limit: Array) -> None:
+    def set_limits(self, ids: Index, torque_rate: Array, torque_limit: Array) -> None:
         """Set the limits of simulations ``ids``: (n,) or (M, n), N·m/s and N·m.
 
         For arms whose columns are not always the same joints.
@@ -121,11 +120,11 @@ class TorquePath:
         self.arrays.step[ids] = torque_rate / CONTROL_RATE_HZ
         self.arrays.limit[ids] = torque_limit
 
-    def reset(self, ids: NDArray[np.int64], torque: Array | float = 0.0) -> None:
+    def reset(self, ids: Index, torque: Array | float = 0.0) -> None:
         """Start simulations ``ids`` as if ``torque`` (M, n) [N·m] had been held for long."""
         self.arrays.limited[ids] = self.arrays.filtered[ids] = torque
 
-    def run(self, command: Array, ids: NDArray[np.int64]) -> Array:
+    def run(self, command: Array, ids: Index) -> Array:
         """Pass a block of commands.
 
         Args:
@@ -162,7 +161,7 @@ def _pass_one(i: int, j: int, u: float, path: Path) -> float:
 
 
 @compiled
-def _pass_block(ids: NDArray[np.int64], command: Array, path: Path, out: Array) -> None:
+def _pass_block(ids: Index, command: Array, path: Path, out: Array) -> None:
     for row in range(len(ids)):
         for k in range(command.shape[1]):
             for j in range(command.shape[2]):

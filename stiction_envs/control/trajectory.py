@@ -16,13 +16,13 @@ from typing import Annotated, get_type_hints
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.control.trapezoid import (
     Goals,
-    Index,
     Movement,
     Reference,
     accept,
@@ -33,7 +33,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
 from stiction_envs.method_settings import Positive
 
-Array = NDArray[np.float64]
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -238,7 +237,7 @@ class GoalSequencer:
         a.accepted[rows, 0] = a.begun[rows] = t
         a.due[rows] = np.asarray(t, float) + self.segment.duration[rows]
 
-    def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
+    def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> Bools:
         """Start the arms that have reached their goal towards the next.
 
         Args:
@@ -269,7 +268,7 @@ class GoalSequencer:
         return self.arrays.index.copy()
 
     @property
-    def finished(self) -> NDArray[np.bool_]:
+    def finished(self) -> Bools:
         """(N,) arms that have reached their last goal, or have none."""
         return self.arrays.index == self.arrays.count
 

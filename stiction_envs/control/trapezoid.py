@@ -8,13 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import angle_one, slerp_one, write_one_error_matrix
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Reference = tuple[Array, Array, Array, Array]
 """Position (N, 3) [m], quaternion (N, 4), velocity (N, 3) [m/s], angular speed (N,) [rad/s]."""
 _TINY = np.finfo(np.float64).tiny

@@ -4,14 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.robots.stated import COULOMB, STICTION, STRIBECK
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class PlantArrays(NamedTuple):
@@ -35,7 +30,7 @@ class PlantArrays(NamedTuple):
     """Whether friction differs between the directions."""
     actuator: Index
     """(n,) the actuators that have the joints' friction."""
-    moving_up: NDArray[np.bool_]
+    moving_up: Bools
     """(N, n) whether a joint's last motion was upwards."""
     level: Array
     """(N, n, 2) present stiction of each direction [N·m]."""

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.friction.parameters import FrictionParameters
 
-Array = NDArray[np.float64]
 WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)
 """Entries of ``seen``: speed that the reference asks for and measured speed [rad/s]; joint error
 [rad]; gravity torque of the controller's model [N·m]; torque that accelerated the joint in the last

@@ -7,12 +7,9 @@ Everything is added sample by sample, arm by arm: the same bits however samples 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import Arguments, compiled
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class ErrorWindow:

@@ -6,15 +6,12 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant.loop_batch import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Dynamics(NamedTuple):
@@ -103,11 +100,6 @@ class ControllerModel:
             )
             self._made.append((arrays, data))  # compiled code has addresses only
         return self._made[part][0]
-
-    def update(self, ids: Index, q: Array) -> None:
-        """Take the present angles (N, n) [rad] of arms ``ids`` (M,)."""
-        for i in ids:
-            renew_dynamics(i, q, self.arrays())
 
 
 def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:

@@ -17,6 +17,7 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
 from stiction_envs.control.kinematics import tool_point
@@ -53,8 +54,6 @@ from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
 """Called with a rig whose arms have just begun to follow, and the case of each of them; what it
 returns is called before each block, and may `GTERig.retune` the dither."""

@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
-from stiction_envs.control.impedance_kernels import (
+from stiction_envs.control.impedance import (
     Impedance,
     advance_reference,
     impedance_cycle,
@@ -40,10 +40,6 @@ from stiction_envs.plant.arrays import (
     write_links,
 )
 from stiction_envs.plant.loop_batch import Loop, advance, take_fields
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
 
 
 class Shaking(NamedTuple):
@@ -86,7 +82,7 @@ class Sampling(NamedTuple):
     rate: Array
     """(S, N, n) largest change of torque [N·m/s]."""
     flags: Bools
-    """(S, N, 3) whether the controller raised each flag of `impedance.Flags`."""
+    """(S, N, 3) whether the controller raised each flag of `impedance.read_flags`."""
     previous: Array
     """(N, n) torque on the joints in the step before, kept from call to call [N·m]."""
 

@@ -9,8 +9,9 @@ from pathlib import Path as File
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
 from stiction_envs.errors import StictionError, unknown
@@ -18,7 +19,6 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Stiffness = tuple[float, float, float]
 """Translational [N/m], rotational and nullspace [N·m/rad]."""
 _TOML = File(__file__).with_name("gte.toml")
@@ -29,7 +29,7 @@ PHASES = ("random", "zero", "spread")
 """How the joints' dithers start: drawn for every joint and iteration (all 0 without scatter), all
 at 0, or evenly spread over a period."""
 FLAGS = ("singular", "saturated", "near_limit")
-"""Flags of the controller, see `control.impedance.Flags`."""
+"""Flags of the controller, see `control.impedance.read_flags`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,7 +180,7 @@ class Run:
     """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
     torque_rate: Array
     """(iterations, n) largest change of torque on each joint [N·m/s]."""
-    flags: dict[str, NDArray[np.bool_]]
+    flags: dict[str, Bools]
     """(iterations,) of each of :data:`FLAGS`: whether it was ever raised."""
 
     @property
@@ -202,7 +202,7 @@ def read_trajectory(text: str | File) -> Path | None:
     return read_path(str(text))
 
 
-def start_angles(arm: Arm, start: ArrayLike | None) -> NDArray[np.float64]:
+def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
 
     Raises:

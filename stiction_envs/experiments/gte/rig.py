@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
@@ -31,9 +31,6 @@ from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -160,15 +157,8 @@ class GTERig(Rig):
         pose = self.seen_end_effector
         pose.read()
         x, quaternion, q = pose.position[ids], pose.quaternion[ids], self.seen_position
-        self.controller.set_stiffness(
-            ids,
-            translational=stiffness[:, 0],
-            rotational=stiffness[:, 1],
-            nullspace=stiffness[:, 2],
-        )
+        self.controller.set_stiffness(ids, *np.hsplit(stiffness, 3))
         self.controller.reset(ids, x, quaternion, q[ids])
-        self._model.update(ids, q)
-        self.controller.update_model(ids, pose.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
         self.compensator.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0

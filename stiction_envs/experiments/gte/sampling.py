@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.experiments.gte.accumulator import Accumulator
@@ -22,9 +23,6 @@ from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run
 from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.plant import CONTROL_DT
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -183,7 +181,7 @@ class RunLog(Sampler):
         last = np.where(finished, np.minimum(last, horizon), horizon)
         return np.where(known, last + self._protocol.tail, np.inf)
 
-    def run(self, case: Case, mine: NDArray[np.bool_], goals: int, horizon: Array) -> Run:
+    def run(self, case: Case, mine: Bools, goals: int, horizon: Array) -> Run:
         """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
         rate, given_up = self._protocol.sample_rate, horizon[mine][:, None]
         count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))
