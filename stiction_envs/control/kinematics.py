@@ -216,10 +216,21 @@ class EndEffector:
         """(N, 4) orientation of the hand in the world, w, x, y, z."""
         self.jacobian = np.zeros((nsim, 6, sticking.n))
         """(N, 6, n) geometric Jacobian, translation above rotation [m/rad, 1]."""
-        written = self.position, self.quaternion, self.jacobian
         self.arrays = Hand(
-            *kinematics, site, body, joints, turn, np.array(tool, dtype=float), *written
+            anchor=kinematics[0],
+            axis=kinematics[1],
+            site_position=kinematics[2],
+            body_quaternion=kinematics[3],
+            site=site,
+            body=body,
+            joints=joints,
+            turn=turn,
+            tool=np.array(tool, dtype=float),
+            position=self.position,
+            quaternion=self.quaternion,
+            jacobian=self.jacobian,
         )
+        """What compiled functions read and write; always the same objects."""
 
     def read(self) -> None:
         """Update the arrays from the present kinematics of all simulations."""

@@ -90,16 +90,11 @@ class Segment:
     def __init__(self, nsim: int, limits: MotionLimits) -> None:
         """Make N movements at rest at the origin; `start` gives them a goal."""
         self.limits = limits
-        still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+        s, still = limits, np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self.arrays = Movement(
-            *np.array(
-                [
-                    [limits.translational_acceleration, limits.rotational_acceleration],
-                    [limits.translational_deceleration, limits.rotational_deceleration],
-                    [limits.translational_speed, limits.rotational_speed],
-                ],
-                dtype=float,
-            ),
+            acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
+            deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
+            speed=np.array([s.translational_speed, s.rotational_speed], float),
             synchronised=bool(limits.synchronised),
             start=np.zeros((nsim, 3)),
             start_q=still.copy(),
@@ -150,10 +145,10 @@ class Segment:
         a = self.arrays
         rows = np.arange(len(a.duration)) if ids is None else np.asarray(ids)
         m = len(rows)
-        poses = _sized(position, m, 3), _sized(quaternion, m, 4)
-        goals = _sized(goal_position, m, 3), _sized(goal_quaternion, m, 4)
+        start, start_q = _sized(position, m, 3), _sized(quaternion, m, 4)
+        goal, goal_q = _sized(goal_position, m, 3), _sized(goal_quaternion, m, 4)
         for row, i in enumerate(rows):
-            plan(i, *(x[row] for x in (*poses, *goals)), a)
+            plan(i, start[row], start_q[row], goal[row], goal_q[row], a)
 
     def sample(self, t: ArrayLike) -> Reference:
         """Return the reference at times t (N,) or one number [s] after the starts.
@@ -191,8 +186,8 @@ class GoalSequencer:
             patience=float(limits.patience),
             goal=np.zeros((nsim, capacity, 3)),
             goal_q=turns,
-            count=np.zeros(nsim, dtype=np.int64),
-            index=np.zeros(nsim, dtype=np.int64),
+            total=np.zeros(nsim, dtype=np.int64),
+            current=np.zeros(nsim, dtype=np.int64),
             accepted=np.full((nsim, capacity), np.nan),
             reached=np.full((nsim, capacity), np.nan),
             begun=np.zeros(nsim),
@@ -225,12 +220,12 @@ class GoalSequencer:
             StictionError: no goal, or more than the capacity.
         """
         a = self.arrays
-        rows = np.arange(len(a.count)) if ids is None else np.asarray(ids)
+        rows = np.arange(len(a.total)) if ids is None else np.asarray(ids)
         count, capacity = goal_position.shape[1], a.goal.shape[1]
         if not 1 <= count <= capacity:
             raise StictionError(f"path of {count} goals: expected 1 to {capacity}")
         a.goal[rows, :count], a.goal_q[rows, :count] = goal_position, goal_quaternion
-        a.count[rows], a.index[rows] = count, 0
+        a.total[rows], a.current[rows] = count, 0
         a.accepted[rows] = a.reached[rows] = np.nan
         self.segment.slow_down(rows, pace)
         self.segment.start(position, quaternion, a.goal[rows, 0], a.goal_q[rows, 0], rows)
@@ -265,33 +260,33 @@ class GoalSequencer:
     @property
     def index(self) -> Index:
         """(N,) goal an arm is moving to, from 0; the number of its goals when finished."""
-        return self.arrays.index.copy()
+        return self.arrays.current.copy()
 
     @property
     def finished(self) -> Bools:
         """(N,) arms that have reached their last goal, or have none."""
-        return self.arrays.index == self.arrays.count
+        return self.arrays.current == self.arrays.total
 
     @property
     def goal(self) -> tuple[Array, Array]:
         """Pose (N, 3) [m], (N, 4) an arm is moving to, or rests at."""
-        at = np.maximum(np.minimum(self.arrays.index, self.arrays.count - 1), 0)
+        at = np.maximum(np.minimum(self.arrays.current, self.arrays.total - 1), 0)
         rows = np.arange(len(at))
         return self.arrays.goal[rows, at], self.arrays.goal_q[rows, at]
 
     @property
     def onward(self) -> Array:
         """(N, 3) from the goal an arm is moving to, to the next goal; 0 at the last [m]."""
-        rows, last = np.arange(len(self.arrays.count)), np.maximum(self.arrays.count - 1, 0)
+        rows, last = np.arange(len(self.arrays.total)), np.maximum(self.arrays.total - 1, 0)
         here, there = (
-            self.arrays.goal[rows, np.minimum(self.arrays.index + k, last)] for k in (0, 1)
+            self.arrays.goal[rows, np.minimum(self.arrays.current + k, last)] for k in (0, 1)
         )
         return there - here
 
     @property
     def goals_left(self) -> Index:
         """(N,) goals that are not reached yet, including the one an arm is moving to."""
-        return self.arrays.count - self.arrays.index
+        return self.arrays.total - self.arrays.current
 
     @property
     def accepted_at(self) -> Array:

@@ -66,9 +66,9 @@ class Goals(NamedTuple):
     """(N, G, 3) [m]."""
     goal_q: Array
     """(N, G, 4)."""
-    count: Index
+    total: Index
     """(N,) goals of each arm."""
-    index: Index
+    current: Index
     """(N,) goal that an arm is moving to."""
     accepted: Array
     """(N, G) times at which goals were accepted [s], NaN where not yet."""
@@ -200,7 +200,7 @@ def accept(
     """
     if not now >= goals.due[i]:
         return False
-    at = goals.index[i]
+    at = goals.current[i]
     square = 0.0
     for k in range(3):
         square += (position[k] - goals.goal[i, at, k]) ** 2
@@ -210,8 +210,8 @@ def accept(
         return False
     goals.reached[i, at] = now
     at += 1
-    goals.index[i], goals.due[i] = at, np.inf
-    if at >= goals.count[i]:
+    goals.current[i], goals.due[i] = at, np.inf
+    if at >= goals.total[i]:
         return False
     plan(i, position, quaternion, goals.goal[i, at], goals.goal_q[i, at], movement)
     goals.accepted[i, at] = goals.begun[i] = now

@@ -130,7 +130,7 @@ class LoopBatch(CopiedBatch):
 
     def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
-        super().__init__(model, nsim, threads, persistent=threads != 1)
+        super().__init__(model, nsim, threads)
         self._own_models: list[mujoco.MjModel] = []
         self._own_data: list[mujoco.MjData] = []
         self._loops: list[Loop] = []
@@ -169,11 +169,6 @@ class LoopBatch(CopiedBatch):
         self._begun = False
         out: dict[str, Array] = super().rollout(nstep, **options)
         return out
-
-    def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
-        """As `Batch.step`."""
-        self._begun = False
-        super().step(ids, nstep, stage)
 
     @property
     def loops(self) -> list[Loop]:

@@ -306,7 +306,6 @@ class Plant:
         """
         s, batch, first = self.sticking, self._batch, self._batch.state.ctypes.data
         torque = batch.bind("ctrl")[:, self._torque_columns]
-        columns = [(x.ctypes.data - first) // 8 for x in (self._qpos, self._qvel, torque)]
         nothing = np.zeros((0, 0))
         nothing.flags.writeable = False
 
@@ -314,8 +313,10 @@ class Plant:
             return batch.bind(name) if senses_torque else nothing
 
         return PlantArrays(
-            batch.state,
-            *columns,
+            state=batch.state,
+            qpos=(self._qpos.ctypes.data - first) // 8,
+            qvel=(self._qvel.ctypes.data - first) // 8,
+            torque=(torque.ctypes.data - first) // 8,
             motor=s.motor,
             spring=s.spring,
             substeps=self._substeps,

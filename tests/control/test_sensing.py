@@ -15,6 +15,7 @@ from stiction_envs.control.sensing import (
     load_sensing,
     low_pass_gain,
 )
+from stiction_envs.control.sensing_kernels import sense_arm
 from stiction_envs.errors import StictionError
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
@@ -30,14 +31,9 @@ def read_all(sensing, q, *, hold=1, seeds=SEED, dq=None, torque=None):
     senses.reset(np.arange(nsim), q[:, 0], np.resize(seeds, nsim))
     out = np.empty((3, *q.shape))
     for k in range(steps):
-        zero = np.zeros((nsim, n))
-        senses.read(
-            k % hold == 0,
-            np.full(nsim, k),
-            np.ascontiguousarray(q[:, k]),
-            zero if dq is None else np.ascontiguousarray(dq[:, k]),
-            zero if torque is None else np.ascontiguousarray(torque[:, k]),
-        )
+        for i in range(nsim):
+            true = [np.zeros(n) if x is None else x[i, k] for x in (q, dq, torque)]
+            sense_arm(k % hold == 0, i, k, *true, senses.arrays)
         out[:, :, k] = senses.q, senses.dq, senses.torque
     return out
 
@@ -109,9 +105,10 @@ def test_a_delay_shifts_the_phase_by_2_pi_f_d(delay):
     seen = read_all(sensing, state, dq=state, torque=state)[:, 0, 100:]
     line = CommandLine(sensing, 1, 2)
     line.reset(np.array([0]), SEED)
-    sent = [line.send(True, np.array([k]), state[:, k])[0].copy() for k in range(steps)]
+    sent = state.copy()
+    line.send_block(np.array([0]), np.arange(steps)[None], sent)
     zero = phase_of(wave.imag[100:], wave[100:])
-    for signal in (*seen[:, :, 0], np.array(sent)[100:, 0]):
+    for signal in (*seen[:, :, 0], sent[0, 100:, 0]):
         lag = (zero - phase_of(signal, wave[100:])) % (2 * np.pi)
         assert lag == pytest.approx(2 * np.pi * frequency * delay, rel=2e-3)
 
@@ -165,15 +162,13 @@ def test_a_lost_command_is_the_one_before():
     """FCI reuses the torque of the last packet that it received (sources.md 8.2)."""
     line = CommandLine(Sensing(missed_cycles=0.2), 3, 2, hold_steps=2)
     line.reset(np.arange(3), np.arange(3, dtype=np.uint64), 0.0)
-    lost, last = 0, np.zeros((3, 2))
-    for k in range(4000):
-        due, command = k % 2 == 0, np.full((3, 2), 1.0 + k)
-        arrived = line.send(due, np.full(3, k), command)
-        for i in range(3):
-            kept = np.array_equal(arrived[i], last[i])
-            assert kept or (due and np.array_equal(arrived[i], command[i]))
-            lost += due and kept
-        last = arrived.copy()
+    sent = np.tile(1.0 + np.arange(4000.0)[:, None], (3, 1, 2))
+    arrived = sent.copy()
+    line.send_block(np.arange(3), np.tile(np.arange(4000), (3, 1)), arrived)
+    kept = np.diff(arrived[..., 0], axis=1, prepend=0.0) == 0.0
+    assert np.array_equal(arrived[~kept], sent[~kept])
+    assert kept[:, 1::2].all()
+    lost = kept[:, ::2].sum()
     assert lost / 6000 == pytest.approx(0.2, abs=4 * np.sqrt(0.2 * 0.8 / 6000))
 
 
@@ -201,11 +196,11 @@ def spring_on_angles_read(resolution: float, stiffness: float) -> np.ndarray:
     push = np.array([[0], [0], [1 / MOTOR_LAG]])
     advance, pushed, *_ = cont2discrete((rates, push, np.eye(3), 0 * push), CONTROL_DT)
     senses = Senses(Sensing(measurement_delay=READ_LATE, angle_resolution=resolution), 1, 1)
-    state, zero = np.array([2e-3, 0.0, 0.0]), np.zeros((1, 1))
+    state, zero = np.array([2e-3, 0.0, 0.0]), np.zeros(1)
     senses.reset(np.array([0]), state[None, :1], SEED)
     out = np.empty(6000)
     for k in range(len(out)):
-        senses.read(True, np.array([k]), state[None, :1].copy(), zero, zero)
+        sense_arm(True, 0, k, state[:1].copy(), zero, zero, senses.arrays)
         state = advance @ state - stiffness * senses.q[0, 0] * pushed[:, 0]
         out[k] = state[0]
     return out

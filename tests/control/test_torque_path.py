@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stiction_envs.control.kernels import pass_torque
-from stiction_envs.control.torque_path import CONTROL_RATE_HZ, TorqueInterface, TorquePath
+from stiction_envs.control.torque_path import (
+    CONTROL_RATE_HZ,
+    TorqueInterface,
+    TorquePath,
+    pass_torque,
+)
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
 
@@ -111,7 +115,8 @@ def test_any_split_gives_the_same_bits(lowpass, amplitude):
         )
     path, cycles = TorquePath(interface(**kwargs), 3, 2), np.empty_like(u)
     for k in range(40):
-        pass_torque(u[:, k], *path.arguments, cycles[:, k])
+        for i in range(3):
+            pass_torque(i, u[:, k], path.arrays, cycles[:, k])
     for out in (*outs[1:], cycles):
         assert out.tobytes() == outs[0].tobytes()
 

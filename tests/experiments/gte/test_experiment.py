@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
+from stiction_envs.control.impedance import renew_space
 from stiction_envs.control.trajectory import MotionLimits, Segment
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
@@ -45,8 +46,12 @@ def test_tracking_error_without_friction_is_the_impedance_laws():
     b = bench(kind="none", scatter=False)
     case = Case(trajectory="there", stiffness=SOFT)
     run, rig = one(b, case), following(b, case)
-    inertia, damping = rig.controller.inertia[0], rig.controller.damping[0]
-    stiffness = rig.controller.stiffness[0]
+    rig.advance(1)
+    a = rig.controller.arrays
+    a.null_active[0] = True
+    assert renew_space(0, rig.end_effector.jacobian[0], rig._model.mass[0], a)
+    inertia, damping = a.inertia[0], -a.gain[0, :, 6:]
+    stiffness = -a.gain[0, :, :6]
     segment = Segment(1, b.motion)
     segment.start(np.zeros((1, 3)), STILL[None], PATHS["there"].position, STILL[None])
     x, v, dt, predicted = np.zeros(6), np.zeros(6), 1e-3, []

@@ -67,20 +67,18 @@ def test_the_controller_has_the_angles_that_were_read():
     rig = following(bench(sensing=Sensing(measurement_delay=delay), scatter=False), STILL)
     states = []
 
-    def watch():
+    for _ in range(200):
+        state = rig.plant.position, rig.plant.velocity
+        rig.advance(1)
         seen = rig.senses.q.copy(), rig.senses.dq.copy(), rig.seen_end_effector.position.copy()
-        states.append(
-            (rig.plant.position, rig.plant.velocity, *seen, rig.end_effector.position.copy())
-        )
-
-    rig.advance(400, watch)
+        states.append((*state, *seen, rig.end_effector.position.copy()))
     q, dq, seen_q, seen_dq, seen_x, x = (np.array(s) for s in zip(*states, strict=True))
     late = round(delay / CONTROL_DT)
     assert np.abs(dq).max() > 1e-3
     np.testing.assert_array_equal(seen_q[late:], q[:-late])
     np.testing.assert_array_equal(seen_dq[late:], dq[:-late])
     np.testing.assert_allclose(seen_x[late:], x[:-late], atol=1e-12)
-    np.testing.assert_array_equal(rig.controller._q, rig.senses.q)
+    np.testing.assert_array_equal(rig.controller.arrays.q, rig.senses.q)
 
 
 def test_commands_act_later():
@@ -88,12 +86,10 @@ def test_commands_act_later():
     free = {"scatter": False, "sensing": Sensing(command_delay=late * CONTROL_DT)}
     rig = following(bench(**free), STILL)
     sent, acting = [], []
-
-    def watch():
+    for _ in range(100):
+        rig.advance(1)
         sent.append(rig.controller.command.copy())
         acting.append(rig._line.arrived.copy())
-
-    rig.advance(100, watch)
     assert np.abs(sent).max() > 0.1
     np.testing.assert_array_equal(acting[late:], sent[:-late])
     assert not np.any(acting[:late])
@@ -102,7 +98,8 @@ def test_commands_act_later():
 @pytest.mark.parametrize("robot", ["iiwa14", "panda"])
 def test_joint_torques_are_those_that_move_the_links(robot):
     """Law checked: M q̈ + C q̇ of the links, rotors left out, less what `offset` balances."""
-    rig = following(bench(robot, scatter=False, friction=None), STILL)
+    useless = Sensing(speed_cutoff=100.0)
+    rig = following(bench(robot, scatter=False, friction=None, sensing=useless), STILL)
     plant, sticking = rig.plant, rig.plant.sticking
     spec = sticking.arm.spec()
     spec.option.gravity[:] = 0.0
@@ -110,13 +107,12 @@ def test_joint_torques_are_those_that_move_the_links(robot):
     data = mujoco.MjData(model)
     acceleration, pushed = (plant.batch.bind(x) for x in ("qacc", "qfrc_applied"))
     log = []
-
-    def watch():
-        link = sticking.link_position(acceleration)[0]
+    for _ in range(500):
         outside = pushed[0, sticking.motor].copy()
-        log.append((plant.position[0], plant.velocity[0], link, outside, plant.joint_torque[0]))
-
-    rig.advance(500, watch)
+        link = sticking.link_position(acceleration)[0]
+        state = plant.position[0], plant.velocity[0], link, outside
+        rig.advance(1)
+        log.append((*state, rig.senses.torque[0].copy()))
     q, dq, ddq, outside, measured = (np.array(x) for x in zip(*log, strict=True))
     expected = np.zeros_like(measured)
     for k in range(1, len(log)):  # a step's acceleration belongs to the state before it

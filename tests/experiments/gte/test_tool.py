@@ -102,10 +102,12 @@ def test_dither_of_joint_7_alone_is_seen():
     assert d.vibration_at_rest[0, 5] > 10 * d.vibration_at_rest[0, 3:5].max()
 
     rig, angle = following(b, case), []
-    rig.advance(4000, lambda: angle.append(rig.plant.position[0, 6]))
+    for _ in range(2000):
+        angle.append(rig.plant.position[0, 6])
+        rig.advance(1)
     band = butterworth_highpass(b.protocol.vibration_low, 1000.0)
     shaken = np.array([angle]) - angle[0]
     filter_sections(band, shaken, np.zeros((len(band), 1, 2)))
-    theta = np.sqrt(np.mean(shaken[0, 2000:] ** 2))
+    theta = np.sqrt(np.mean(shaken[0, 1000:] ** 2))
     expected = b.protocol.vibration_lever * theta
     assert d.vibration_at_rest[0, 5] == pytest.approx(expected, rel=0.05)
