@@ -25,7 +25,6 @@ from stiction_envs.control.trapezoid import (
     Goals,
     Movement,
     Reference,
-    accept,
     plan,
     sample,
 )
@@ -78,92 +77,27 @@ class MotionLimits:
                 raise StictionError(f"motion {name} is {value!r}: {problem}") from None
 
 
-class Segment:
-    """One straight movement of each of N arms, from rest to rest.
-
-    Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
-    distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
-    orientation turns about one axis along the shorter arc. A stretched movement runs the same
-    profile more slowly, so it keeps the limits too.
-    """
-
-    def __init__(self, nsim: int, limits: MotionLimits) -> None:
-        """Make N movements at rest at the origin; `start` gives them a goal."""
-        self.limits = limits
-        s, still = limits, np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
-        self.arrays = Movement(
-            acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
-            deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
-            speed=np.array([s.translational_speed, s.rotational_speed], float),
-            synchronised=bool(limits.synchronised),
-            start=np.zeros((nsim, 3)),
-            start_q=still.copy(),
-            goal=np.zeros((nsim, 3)),
-            goal_q=still,
-            distance=np.zeros((nsim, 2)),
-            rise=np.zeros((nsim, 2)),
-            flat=np.zeros((nsim, 2)),
-            fall=np.zeros((nsim, 2)),
-            pace=np.ones((nsim, 2)),
-            direction=np.zeros((nsim, 3)),
-            asked=np.ones(nsim),
-            duration=np.zeros(nsim),
-        )
-        """What compiled functions read and write; always the same objects."""
-
-    @property
-    def duration(self) -> Array:
-        """(N,) time from start to rest [s]."""
-        return self.arrays.duration.copy()
-
-    def slow_down(self, ids: Index, pace: ArrayLike) -> None:
-        """Stretch later movements of arms ``ids`` by 1/pace in time.
-
-        Args:
-            ids: (M,) simulations.
-            pace: one number or (M,), over 0 to 1 [-].
-        """
-        self.arrays.asked[ids] = pace
-
-    def start(
-        self,
-        position: ArrayLike,
-        quaternion: ArrayLike,
-        goal_position: ArrayLike,
-        goal_quaternion: ArrayLike,
-        ids: Index | None = None,
-    ) -> None:
-        """Give arms a new movement.
-
-        Args:
-            position: (M, 3) start [m].
-            quaternion: (M, 4) w, x, y, z.
-            goal_position: (M, 3) [m].
-            goal_quaternion: (M, 4); or its negative, which is the same orientation.
-            ids: (M,) simulations, None for all.
-        """
-        a = self.arrays
-        rows = np.arange(len(a.duration)) if ids is None else np.asarray(ids)
-        m = len(rows)
-        start, start_q = _sized(position, m, 3), _sized(quaternion, m, 4)
-        goal, goal_q = _sized(goal_position, m, 3), _sized(goal_quaternion, m, 4)
-        for row, i in enumerate(rows):
-            plan(i, start[row], start_q[row], goal[row], goal_q[row], a)
-
-    def sample(self, t: ArrayLike) -> Reference:
-        """Return the reference at times t (N,) or one number [s] after the starts.
-
-        Before 0 it rests exactly at the start, from `duration` on exactly at the goal. The sign of
-        a quaternion continues from the start's.
-        """
-        out: Reference = sample(_sized(t, len(self.arrays.duration)), self.arrays)
-        return out
-
-
-def _sized(values: ArrayLike, *shape: int) -> Array:
-    """Return values of a shape; compiled code does not check sizes."""
-    array = np.ascontiguousarray(values, dtype=float)
-    return array if array.shape == shape else np.broadcast_to(array, shape).copy()
+def new_movements(nsim: int, s: MotionLimits) -> Movement:
+    """Return the movements of N arms within limits, at rest at the origin until `plan`."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+    return Movement(
+        acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
+        deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
+        speed=np.array([s.translational_speed, s.rotational_speed], float),
+        synchronised=bool(s.synchronised),
+        start=np.zeros((nsim, 3)),
+        start_q=still.copy(),
+        goal=np.zeros((nsim, 3)),
+        goal_q=still,
+        distance=np.zeros((nsim, 2)),
+        rise=np.zeros((nsim, 2)),
+        flat=np.zeros((nsim, 2)),
+        fall=np.zeros((nsim, 2)),
+        pace=np.ones((nsim, 2)),
+        direction=np.zeros((nsim, 3)),
+        asked=np.ones(nsim),
+        duration=np.zeros(nsim),
+    )
 
 
 class GoalSequencer:
@@ -176,10 +110,9 @@ class GoalSequencer:
 
     def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
         """Make N sequencers of at most ``capacity`` goals each; all are finished until `start`."""
-        if nsim < 1 or capacity < 1:
-            raise StictionError(f"goals of {nsim} arms, {capacity} each: expected 1 or more")
-        self.segment, turns = Segment(nsim, limits), np.zeros((nsim, capacity, 4))
+        turns = np.zeros((nsim, capacity, 4))
         turns[..., 0] = 1.0
+        self.movement = new_movements(nsim, limits)
         self.arrays = Goals(
             near_position=float(limits.position_tolerance),
             near_rotation=float(limits.rotation_tolerance),
@@ -197,65 +130,36 @@ class GoalSequencer:
 
     def start(
         self,
-        ids: Index | None,
+        i: int,
         goal_position: Array,
         goal_quaternion: Array,
         position: Array,
         quaternion: Array,
-        t: ArrayLike = 0.0,
-        pace: ArrayLike = 1.0,
+        pace: float = 1.0,
     ) -> None:
-        """Give arms their goals and accept the first of them.
+        """Give arm ``i`` its goals, and accept the first of them at time 0.
 
         Args:
-            ids: (M,) simulations, None for all.
-            goal_position: (M, G, 3), G ≤ capacity, base frame [m].
-            goal_quaternion: (M, G, 4).
-            position: (M, 3) measured [m].
-            quaternion: (M, 4) measured.
-            t: now, one number or (M,) [s].
-            pace: of the movements, one number or (M,), over 0 to 1 [-].
-
-        Raises:
-            StictionError: no goal, or more than the capacity.
+            i: the arm.
+            goal_position: (G, 3), G ≤ capacity, base frame [m].
+            goal_quaternion: (G, 4).
+            position: (3,) measured [m].
+            quaternion: (4,) measured.
+            pace: of the movements, over 0 to 1: they take 1/pace of the time [-].
         """
-        a = self.arrays
-        rows = np.arange(len(a.total)) if ids is None else np.asarray(ids)
-        count, capacity = goal_position.shape[1], a.goal.shape[1]
-        if not 1 <= count <= capacity:
-            raise StictionError(f"path of {count} goals: expected 1 to {capacity}")
-        a.goal[rows, :count], a.goal_q[rows, :count] = goal_position, goal_quaternion
-        a.total[rows], a.current[rows] = count, 0
-        a.accepted[rows] = a.reached[rows] = np.nan
-        self.segment.slow_down(rows, pace)
-        self.segment.start(position, quaternion, a.goal[rows, 0], a.goal_q[rows, 0], rows)
-        a.accepted[rows, 0] = a.begun[rows] = t
-        a.due[rows] = np.asarray(t, float) + self.segment.duration[rows]
+        a, count = self.arrays, len(goal_position)
+        a.goal[i, :count], a.goal_q[i, :count] = goal_position, goal_quaternion
+        a.total[i], a.current[i] = count, 0
+        a.accepted[i] = a.reached[i] = np.nan
+        self.movement.asked[i] = pace
+        plan(i, position, quaternion, a.goal[i, 0], a.goal_q[i, 0], self.movement)
+        a.accepted[i, 0] = a.begun[i] = 0.0
+        a.due[i] = self.movement.duration[i]
 
-    def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> Bools:
-        """Start the arms that have reached their goal towards the next.
-
-        Args:
-            position: (N, 3) measured, base frame [m].
-            quaternion: (N, 4) measured.
-            t: now, one number or (N,) [s].
-
-        Returns:
-            (N,) arms that accepted a new goal in this call.
-        """
-        nsim = len(self.arrays.due)
-        if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
-            raise StictionError(
-                f"accept: poses of shape {position.shape} and {quaternion.shape}: expected "
-                f"({nsim}, 3) and ({nsim}, 4)"
-            )
-        now, arrays = _sized(t, nsim), (self.arrays, self.segment.arrays)
-        poses = zip(position, quaternion, now, strict=True)
-        return np.array([accept(i, x, q, at, *arrays) for i, (x, q, at) in enumerate(poses)])
-
-    def reference(self, t: ArrayLike) -> Reference:
-        """Return the reference of all arms at time t, one number or (N,) [s]."""
-        return self.segment.sample(np.asarray(t, dtype=float) - self.arrays.begun)
+    def reference(self, t: Array) -> Reference:
+        """Return the reference of all arms at times t (N,) [s]."""
+        out: Reference = sample(t - self.arrays.begun, self.movement)
+        return out
 
     @property
     def index(self) -> Index:

@@ -19,7 +19,13 @@ _TINY = np.finfo(np.float64).tiny
 
 
 class Movement(NamedTuple):
-    """One straight movement of each of N arms; pairs are of translation and rotation."""
+    """One straight movement of each of N arms from rest to rest; pairs: translation, rotation.
+
+    Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
+    distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
+    orientation turns about one axis along the shorter arc. A stretched movement runs the same
+    profile more slowly, so it keeps the limits too.
+    """
 
     acceleration: Array
     """(2,) [m/s², rad/s²]."""
@@ -122,7 +128,11 @@ def plan(
 
 @compiled
 def sample(clock: Array, movement: Movement) -> Reference:
-    """Return the reference at times ``clock`` (N,) [s] after the movements began."""
+    """Return the reference at times ``clock`` (N,) [s] after the movements began.
+
+    Before 0 it rests exactly at the start, from the duration on exactly at the goal. The sign of a
+    quaternion continues from the start's.
+    """
     n = len(clock)
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
     velocity, speed = np.empty((n, 3)), np.empty(n)

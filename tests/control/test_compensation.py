@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from stiction_envs.control.compensation import (
-    KINDS,
     Compensation,
     Compensations,
     Compensator,
@@ -17,12 +14,9 @@ from stiction_envs.control.compensation import (
 )
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.control.impedance import CartesianImpedance
-from stiction_envs.control.laws import base, law_torque
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from tests.control.rig import poses
 
@@ -86,38 +80,6 @@ def test_push_is_the_law():
     assert np.all(torque * pull > -1e-24)  # rounding, where there is no pull
 
 
-@pytest.mark.parametrize(("factor", "left"), [(0.0, 1.0), (0.7, 0.3), (1.0, 0.0), (1.3, -0.3)])
-def test_feedforward_takes_coulomb_friction_away(factor, left):
-    """A rigid joint at constant speed under PD control lags by (1 − factor) F_c/k.
-
-    Friction without Stribeck and viscous part, so that F_c is all of it, and the gain.
-    """
-    friction, zero = load_friction("panda", 7), np.zeros(7)
-    friction = friction.rigid().replace(
-        stiction=np.full((7, 2), 1.0),
-        coulomb_ratio=np.ones((7, 2)),
-        viscous=np.zeros((7, 2)),
-        load_coefficient=zero,
-        ripple_amplitude=zero,
-        offset=zero,
-        gravity_error=zero,
-    )
-    plant = Plant(build(load_arm("panda"), friction), 1)
-    speed, stiffness = 0.2, 50
-    compensation = Compensation.from_friction("feedforward", friction, factor)
-    c = replace(compensation, speed=(1e-3,))
-    seen = np.zeros(base.SEEN)
-    seen[base.WANTED_SPEED] = speed
-    fed = law_torque(KINDS.index(c.kind), c.packed()[6], seen, np.zeros(1), 1e-3)
-    start, error = plant.position[0, 6], []
-    for _ in range(3000):
-        torque = np.zeros((1, 1, 7))
-        error.append(plant.position[0, 6] - start - speed * 1e-3 * len(error))
-        torque[0, 0, 6] = -stiffness * error[-1] - 4.0 * (plant.velocity[0, 6] - speed) + fed
-        plant.run(torque)
-    assert error[-1] == pytest.approx(-left * 1.0 / stiffness, abs=0.02 / stiffness)
-
-
 # ---- where gains are from --------------------------------------------------------------------
 
 
@@ -131,16 +93,6 @@ def test_gains_are_the_breakaway_torques():
     assert c == Compensation.from_friction("push", p, 0.7)
     assert hash(c) != hash(loaded)
     assert len(c.speed) == len(c.error) == c.n == 7
-
-
-def test_table_of_gains(tmp_path):
-    path = tmp_path / "gains.csv"
-    path.write_text("joint,gain_nm,speed_rad_s\n7,0.5,0.1\n2,0.8,\n")
-    c = read_compensation(path, "push", 7, factor=2.0)
-    assert c.gain == (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
-    usual = Compensation(kind="push", gain=(1.0,) * 7)
-    assert c.speed == (*usual.speed[:6], 0.1)
-    assert c.error == usual.error
 
 
 @pytest.mark.parametrize(

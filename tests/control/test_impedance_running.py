@@ -84,20 +84,6 @@ def test_bad_settings_say_what_and_what_was_expected(change, words):
         ImpedanceSettings(**change)
 
 
-def test_defaults_are_the_tomls_and_the_thesiss():
-    """Thesis 4.1 and sources.md 6.1: 200/20/0, critical, 1 N·m per cycle at 1 kHz, filters off."""
-    s = ImpedanceSettings()
-    np.testing.assert_array_equal(s.translational_stiffness, [200.0] * 3)
-    np.testing.assert_array_equal(s.rotational_stiffness, [20.0] * 3)
-    assert s.nullspace_stiffness == 0.0
-    np.testing.assert_array_equal(s.damping_ratio, [1.0] * 6)
-    assert (s.torque_rate, s.rate_hz) == (1.0, 1000.0)
-    assert s.filter_step == 1.0
-    # controllers share them
-    with pytest.raises(ValueError, match="read-only"):
-        s.damping_ratio[0] = 0.5
-
-
 def test_controllers_that_cannot_be_made_are_refused():
     limits = load_arm("panda").limits
     with pytest.raises(StictionError, match="number of simulations 0"):

@@ -6,7 +6,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
 
 from stiction_envs.control.sensing import (
     CommandLine,
@@ -175,68 +174,6 @@ def test_a_lost_command_is_the_one_before():
 # ---- quantisation --------------------------------------------------------------------------------
 
 
-def quantiser(amplitude: float, step: float) -> float:
-    """Describing function of a rounding quantiser (sources.md 8.4)."""
-    k = np.arange(1, int(amplitude / step + 0.5) + 1)
-    root = np.sqrt(1 - ((2 * k - 1) * step / (2 * amplitude)) ** 2)
-    return float(4 * step / (np.pi * amplitude) * root.sum())
-
-
-INERTIA, DAMPING, MOTOR_LAG = 0.2, 10.0, 0.01
-"""Of a joint [kg·m², N·m·s/rad] under a torque behind a lag of first order [s]."""
-READ_LATE = 0.004
-"""Delay of its angles [s]."""
-
-
-def spring_on_angles_read(resolution: float, stiffness: float) -> np.ndarray:
-    """Angles (K,) [rad] of the joint under τ = −K q, with q as read, in steps of 1 ms."""
-    rates = np.array(
-        [[0, 1, 0], [0, -DAMPING / INERTIA, 1 / INERTIA], [0, 0, -1 / MOTOR_LAG]], dtype=float
-    )
-    push = np.array([[0], [0], [1 / MOTOR_LAG]])
-    advance, pushed, *_ = cont2discrete((rates, push, np.eye(3), 0 * push), CONTROL_DT)
-    senses = Senses(Sensing(measurement_delay=READ_LATE, angle_resolution=resolution), 1, 1)
-    state, zero = np.array([2e-3, 0.0, 0.0]), np.zeros(1)
-    senses.reset(np.array([0]), state[None, :1], SEED)
-    out = np.empty(6000)
-    for k in range(len(out)):
-        sense_arm(True, 0, k, state[:1].copy(), zero, zero, senses.arrays)
-        state = advance @ state - stiffness * senses.q[0, 0] * pushed[:, 0]
-        out[k] = state[0]
-    return out
-
-
-def half_a_turn() -> tuple[float, float]:
-    """Frequency ω at which that loop turns by 180° [rad/s], and the stiffness it then bears."""
-    omega = np.linspace(5, 200, 200_000)
-    joint = 1j * omega * (INERTIA * 1j * omega + DAMPING) * (MOTOR_LAG * 1j * omega + 1)
-    turned = np.unwrap(np.angle(1 / joint)) - omega * (READ_LATE + 0.5 * CONTROL_DT)
-    at = int(np.argmin(np.abs(turned + np.pi)))
-    return float(omega[at]), float(abs(joint[at]))
-
-
-@pytest.mark.parametrize("margin", [1.1, 1.2])
-def test_quantised_angles_give_the_limit_cycle_of_the_describing_function(margin):
-    """Law checked: the cycle has N(A) = the gain margin, at the frequency of 180°.
-
-    A spring that is stable on true angles, by a margin below the 4/π that a quantiser amplifies at
-    most, cycles on quantised ones. Its delay is the reading's, and half of the hold.
-    """
-    step = 1e-3
-    omega, critical = half_a_turn()
-    fine = spring_on_angles_read(0.0, critical / margin)[-500:]
-    cycle = spring_on_angles_read(step, critical / margin)[-3000:]
-    assert np.abs(fine).max() < 0.01 * np.abs(cycle).max()
-
-    sizes = np.linspace(step / np.sqrt(2), 1.45 * step, 2000)
-    gains = np.array([quantiser(a, step) for a in sizes])
-    spectrum = np.abs(np.fft.rfft(cycle * np.hanning(3000), 2**17))
-    found = 2 * np.pi * np.fft.rfftfreq(2**17, CONTROL_DT)[spectrum.argmax()]
-    assert found == pytest.approx(omega, rel=0.02)
-    amplitude = sizes[np.argmin(np.abs(gains - margin))]
-    assert np.sqrt(2) * cycle.std() == pytest.approx(amplitude, rel=0.05)
-
-
 def test_angles_and_torques_are_multiples_of_their_resolution():
     rng = np.random.default_rng(0)
     q, torque = rng.normal(size=(2, 1, 100, 2))
@@ -299,14 +236,3 @@ def test_senses_that_are_not_known_are_refused(tmp_path):
     own = load_arm(write_arms(tmp_path) / "two.urdf")
     with pytest.raises(StictionError, match=r"no senses of .* are known, but of .*panda"):
         load_sensing(own, "robot")
-
-
-def test_fields_per_joint_are_known_by_their_type_however_it_is_written():
-    """A subclass whose annotations are types and not text has the same fields per joint."""
-    per_joint = [("angle_noise", float | tuple[float, ...], 0.0)]
-    kind = dataclasses.make_dataclass(
-        "OwnSensing", per_joint, bases=(Sensing,), frozen=True, kw_only=True
-    )
-    assert kind(angle_noise=(0.1, 0.2)).of_joint("angle_noise", 2).tolist() == [0.1, 0.2]
-    with pytest.raises(StictionError, match="sensing angle_noise of 2 joints: expected 3, or one"):
-        kind(angle_noise=(0.1, 0.2)).check(3)

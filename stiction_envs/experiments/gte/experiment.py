@@ -24,7 +24,8 @@ from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.control.trajectory import MotionLimits, Path, new_movements
+from stiction_envs.control.trapezoid import plan
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
@@ -214,11 +215,11 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return times of the movements between goals (M,), −1 being the start, to goals (M,)."""
         position = np.concatenate([np.zeros((1, 3)), path.position])
         quaternion = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], path.quaternion])
-        segment = Segment(len(ends), self.motion)
-        segment.slow_down(np.arange(len(ends)), path.pace)
-        begin, goal = starts + 1, ends + 1
-        segment.start(position[begin], quaternion[begin], position[goal], quaternion[goal])
-        return segment.duration
+        movement = new_movements(len(ends), self.motion)
+        movement.asked[:] = path.pace
+        for k, (start, end) in enumerate(zip(starts + 1, ends + 1, strict=True)):
+            plan(k, position[start], quaternion[start], position[end], quaternion[end], movement)
+        return movement.duration
 
     def expected_seconds(self, cases: Sequence[Case], iterations: int | None = None) -> float:
         """Return the simulated time [s] that cases take an arm that follows exactly."""

@@ -115,7 +115,7 @@ class GTEObserver:
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
-            "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
+            "remaining": np.nan_to_num(sequencer.movement.duration - since)[ids],
             "goal": (sequencer.goal[0] - hand.position)[ids],
             "onward": sequencer.onward[ids],
             "goals_left": sequencer.goals_left[ids],

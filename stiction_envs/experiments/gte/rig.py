@@ -163,12 +163,9 @@ class GTERig(Rig):
         self.compensator.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0
         for row, i in enumerate(ids):
-            here = np.array([i])
             goals, turns = paths[row].goals(self.start_position[None], self.start_quaternion[None])
-            self.sequencer.start(
-                *(here, goals, turns, x[row : row + 1], quaternion[row : row + 1], 0.0),
-                paths[row].pace,
-            )
+            here = x[row], quaternion[row]
+            self.sequencer.start(int(i), goals[0], turns[0], *here, paths[row].pace)
 
     @property
     def undithered_torque(self) -> Array:
@@ -212,7 +209,7 @@ class GTERig(Rig):
             position=pose.position,
             quaternion=pose.quaternion,
             jacobian=pose.jacobian,
-            movement=self.sequencer.segment.arrays,
+            movement=self.sequencer.movement,
             goals=self.sequencer.arrays,
             impedance=self.controller.arrays,
             compensated=bool((self.compensator.arrays.kind >= 0).any()),

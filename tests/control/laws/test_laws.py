@@ -81,14 +81,6 @@ def test_gain_zero_is_nothing(kind):
     assert not a.reads_model[0]
 
 
-@pytest.mark.parametrize("kind", [k for k in KINDS if k not in ("push", "momentum_observer")])
-def test_torque_grows_with_friction(kind):
-    """Twice as much friction is twice the torque: all that has its unit grows with it."""
-    c = Compensation.from_friction(kind, load_friction("panda", 7))
-    seen = {"WANTED_SPEED": 0.1, "SPEED": 0.05, "ERROR": 0.001}
-    assert torque(c.times(2.0), **seen) == pytest.approx(2 * torque(c, **seen), rel=1e-12)
-
-
 def test_numbers_that_do_not_fit_are_refused():
     for kind, numbers, words in (
         ("feedforward", {"error": 0.1}, "feedforward has none: expected speed"),
@@ -172,30 +164,6 @@ def test_lugre_observer_is_the_plants_bristle_in_steady_sliding():
     assert force[-1] == pytest.approx(0.7 * c.gain[JOINT] + 0.2 * speed, rel=0.01)
 
 
-@pytest.mark.parametrize(("factor", "moves"), [(0.0, 0.01), (1.0, 1.0)])
-def test_lugre_observer_leaves_the_frictionless_motion(factor, moves):
-    """Perfect model, no delay, a torque below stiction: the joint moves as if nothing held it."""
-    plant, c, inertia = sliding_joint()
-    start, state, path = plant.position[0, JOINT], np.zeros(1), []
-    push, period = 0.3 * c.gain[JOINT], 1.0
-
-    def law() -> np.ndarray:
-        out, t = np.zeros((1, 7)), H * len(path)
-        path.append(plant.position[0, JOINT] - start)
-        out[0, JOINT] = push * np.sin(2 * np.pi * t / period)
-        out[0, JOINT] += factor * observed(c, state, plant.velocity[0, JOINT])
-        return out
-
-    for _ in range(1000):
-        plant.run(law()[None])
-    t, w = H * np.arange(1000), 2 * np.pi / period
-    free = push / inertia * (t / w - np.sin(w * t) / w**2)
-    if factor:
-        np.testing.assert_allclose(path, free, atol=0.03 * free[-1])
-    else:
-        assert np.abs(path).max() < moves * free[-1]
-
-
 def test_lugre_observer_integrates_the_error_up_to_stiction():
     """A joint that rests with an error: k σ0 e per second, at most F_s."""
     c = of("lugre_observer", gain=1.0, coulomb=0.7, speed=0.1, stiffness=1000.0, injection=2.0)
@@ -245,17 +213,3 @@ def test_momentum_observer_amplifies_what_pushes_a_joint_at_rest(share):
         for _ in range(5000):
             command = push + torque(c, state, TORQUE=command)
         assert command == pytest.approx(push + min(share * push / (1 - share), share * gain))
-
-
-def test_momentum_observer_starts_anew():
-    compensator, impedance = one_arm(Compensation(kind="momentum_observer", gain=(1.0,) * 7))
-    impedance.command[:] = 1.0
-    arguments = *POSE, np.zeros((1, 7)), np.eye(7)[None], impedance, compensator.arrays
-    first = []
-    for _ in range(2):
-        compensate(0, *arguments)
-        first.append(compensator.arrays.torque.copy())
-        compensate(0, *arguments)
-        assert (compensator.arrays.torque > first[0]).all()
-        compensator.reset(np.array([0]))
-    np.testing.assert_array_equal(*first)

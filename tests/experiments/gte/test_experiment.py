@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import cache
 
 import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.impedance import renew_space
-from stiction_envs.control.trajectory import MotionLimits, Segment
+from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
     PHASES,
     Case,
-    Run,
     load_gte_protocol,
 )
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
+from tests.control.movements import Segment
 from tests.experiments.gte.short_paths import (
     DITHER,
     PATHS,
@@ -68,15 +67,6 @@ def test_tracking_error_without_friction_is_the_impedance_laws():
     assert np.abs(error[:, :3] - predicted[:, :3]).max() < 0.1 * size
 
 
-@pytest.mark.parametrize("stiffness", [SOFT, STIFF])
-def test_no_standing_error_without_friction(stiffness):
-    """K e = 0 at rest."""
-    b = bench(kind="none", tail=6.0, scatter=False)
-    error = one(b, Case(trajectory="corner", stiffness=stiffness)).error[0, -1]
-    assert np.abs(error[:3]).max() < 1e-4
-    assert np.abs(error[3:]).max() < 1e-4
-
-
 def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stiffness():
     """e = K⁻¹ F: too much is compensated, so the arm stands too high, and turned by the lever."""
     mass, arm = 0.4, 0.05
@@ -110,19 +100,6 @@ def test_friction_leaves_a_standing_error():
     assert np.abs(sticking[-1, 0]) > 3e-3 > 10 * np.abs(free[-1, 0])
     still = np.abs(np.diff(sticking[-50:], axis=0)).max()
     assert still < 2e-5
-
-
-def test_arm_without_stiffness_sticks():
-    """Zero stiffness is zero torque: friction holds the arm; patience ends the goals."""
-    run = one(bench(), Case(trajectory="away", stiffness=(0.0, 0.0, 0.0)))
-    moved = np.abs(run.actual[0, :, :3] - run.actual[0, 0, :3]).max()
-    assert moved < 1e-3
-    b = bench()
-    expected = b.nominal_duration(PATHS["away"]) + b.motion.patience
-    assert run.reached[0, 0] == pytest.approx(expected, abs=0.011)
-    m = measure(run)
-    assert m.missed.all()
-    assert m.settling[0, 0, 0] == pytest.approx(-0.2, abs=0.01)
 
 
 def test_run_that_never_reaches_its_goal_is_given_up():
@@ -163,18 +140,6 @@ def test_dither_reduces_the_standing_error_and_shakes():
 # ---- the same bits ----------------------------------------------------------------------------
 
 SHAKEN = Case(trajectory="corner", stiffness=STIFF, dither=DITHER, gate_velocity=0.5)
-
-
-@cache
-def eight() -> Run:
-    """Eight arms at once."""
-    return one(bench(threads=2), SHAKEN, 8)
-
-
-@pytest.mark.parametrize(("arms", "threads"), [(1, 1), (3, 1), (8, 1), (3, 2)])
-def test_iterations_do_not_depend_on_how_many_there_are(arms, threads):
-    """Nor on threads: not a bit."""
-    assert_same(one(bench(threads=threads), SHAKEN, arms), eight(), slice(0, arms))
 
 
 def test_case_does_not_depend_on_the_others():

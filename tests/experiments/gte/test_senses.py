@@ -14,26 +14,11 @@ from stiction_envs.plant import CONTROL_DT
 from tests.experiments.gte.short_paths import (
     DITHER,
     SOFT,
-    STIFF,
-    assert_same,
     bench,
     following,
     one,
 )
 
-BAD = Sensing(
-    angle_noise=2e-5,
-    angle_resolution=1e-5,
-    speed_lag=0.005,
-    speed_noise=3e-3,
-    torque_noise=0.05,
-    torque_offset=0.1,
-    measurement_delay=0.0013,
-    measurement_jitter=0.001,
-    command_delay=0.001,
-    missed_cycles=0.02,
-    spread=0.2,
-)
 STILL = Case(trajectory="there", stiffness=SOFT)
 THERE = dataclasses.replace(STILL, dither=DITHER, gate_velocity=0.3)
 
@@ -48,17 +33,6 @@ def test_senses_without_errors_change_nothing(robot):
     assert len(ideal.time) == len(seen.time) > 100
     np.testing.assert_allclose(seen.actual, ideal.actual, atol=1e-9)
     np.testing.assert_allclose(seen.accepted, ideal.accepted, atol=1e-9)
-
-
-def test_an_arm_reads_the_same_bits_in_any_batch_and_on_any_threads():
-    cases = [THERE, Case(trajectory="corner", stiffness=STIFF, dither=DITHER)]
-    together = bench(sensing=BAD, threads=2).run(cases, iterations=3)
-    alone = [one(bench(sensing=BAD, threads=1), case, 3) for case in cases]
-    for a, b in zip(together, alone, strict=True):
-        assert_same(a, b)
-    single = one(bench(sensing=BAD, threads=1), THERE)
-    assert_same(single, dataclasses.replace(together[0]), slice(0, 1))
-    assert not np.array_equal(together[0].actual[0], together[0].actual[1])
 
 
 def test_the_controller_has_the_angles_that_were_read():
@@ -122,11 +96,3 @@ def test_joint_torques_are_those_that_move_the_links(robot):
     error, size = (np.abs(x[200:]).max(axis=0) for x in (measured - expected, expected))
     assert np.all(error < 0.02 * size + 1e-3)
     assert size.max() > 0.2
-
-
-def test_a_provenance_names_the_senses():
-    ideal, robot = (
-        bench(sensing=sensing).measure([THERE], iterations=1).provenance["arguments"]["sensing"]
-        for sensing in ("ideal", "robot")
-    )
-    assert ideal != robot
