@@ -20,6 +20,7 @@ from stiction_envs.control.impedance import Impedance, pose_error
 from stiction_envs.control.laws import LAWS, law_torque
 from stiction_envs.control.laws.base import (
     ERROR,
+    GAIN_FIELD,
     GRAVITY,
     PUSHED,
     SEEN,
@@ -27,7 +28,7 @@ from stiction_envs.control.laws.base import (
     TORQUE,
     WANTED_SPEED,
 )
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 
 KINDS = tuple(LAWS)
@@ -75,28 +76,35 @@ class Compensation:
         if self.kind not in KINDS:
             raise unknown("compensation", self.kind, KINDS)
         law = LAWS[self.kind]
-        gain = _numbers("gain", self.gain, None)
+        expected = "finite numbers, one number per joint [N·m]"
+        gain = checked_array(self.gain, "compensation gain", expected=expected)
         if gain.ndim != 1 or not len(gain):
-            raise StictionError("compensation gain: expected one number per joint [N·m]")
-        own = {field.name: field for field in law.fields}
-        _check("gain", gain, "N·m")
-        object.__setattr__(self, "gain", tuple(map(float, gain)))
-        for name in NUMBERS[1:]:
-            given = getattr(self, name)
-            if name not in own:
+            raise StictionError(f"compensation gain: expected {expected}")
+        own = {field.name: field for field in (GAIN_FIELD, *law.fields)}
+        for name in NUMBERS:
+            given, field = getattr(self, name), own.get(name)
+            if field is None:
                 if np.size(given):
+                    expected = ", ".join(f.name for f in law.fields)
                     raise StictionError(
-                        f"compensation {name}: {self.kind} has none: expected {', '.join(own)}"
+                        f"compensation {name}: {self.kind} has none: expected {expected}"
                     )
                 object.__setattr__(self, name, ())
                 continue
-            field = own[name]
             if not np.size(given):
                 if not field.optional:
                     raise StictionError(f"compensation {name}: {self.kind} needs it [{field.unit}]")
                 given = law.default(name)
-            values = _numbers(name, given, len(gain))
-            _check(name, values, field.unit, positive=field.positive, largest=field.largest)
+            expected = f"one number, or {len(gain)} [{field.unit}]"
+            values = checked_array(
+                given, f"compensation {name}", gain.shape, expected=expected, fill=True
+            )
+            bad = (values <= 0 if field.positive else values < 0) | (values > field.largest)
+            for j in np.flatnonzero(bad):
+                raise StictionError(
+                    f"compensation {name} of joint {j + 1} is {values[j]:g}: "
+                    f"expected {field.expected}"
+                )
             object.__setattr__(self, name, tuple(map(float, values)))
 
     @property
@@ -305,29 +313,3 @@ def compensate(
         torque[i, j] = law_torque(law, a.numbers[i, j], seen, a.state[i, j], a.period)
     for j in range(n):
         a.last_speed[i, j] = dq[i, j]
-
-
-def _numbers(name: str, value: object, n: int | None) -> Array:
-    """Return finite numbers (n,) from one number or (n,)."""
-    try:
-        array = np.array(value, dtype=float)
-        array = array if n is None else np.array(np.broadcast_to(array, (n,)))
-    except (TypeError, ValueError):
-        expected = "numbers" if n is None else f"one number, or {n}"
-        raise StictionError(f"compensation {name} is {value!r}: expected {expected}") from None
-    if not np.isfinite(array).all():
-        raise StictionError(f"compensation {name} is {value!r}: expected finite numbers")
-    return array
-
-
-def _check(
-    name: str, values: Array, unit: str, *, positive: bool = False, largest: float = np.inf
-) -> None:
-    bad = (values <= 0 if positive else values < 0) | (values > largest)
-    if bad.any():
-        j = int(np.argmax(bad))
-        expected = f"> 0 {unit}" if positive else f">= 0 {unit}"
-        expected += f" and <= {largest:g}" if largest < np.inf else ""
-        raise StictionError(
-            f"compensation {name} of joint {j + 1} is {values[j]:g}: expected {expected}"
-        )

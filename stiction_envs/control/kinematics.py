@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import right_matrix
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import checked_array
 from stiction_envs.friction.model import StickingModel
 
 
@@ -287,10 +287,5 @@ def tool_point(tool: ArrayLike | None) -> Array:
     Raises:
         StictionError: not three finite numbers.
     """
-    try:
-        point = np.array((0.0, 0.0, 0.0) if tool is None else tool, dtype=float)
-    except (TypeError, ValueError):
-        point = np.full(0, np.nan)
-    if point.shape != (3,) or not np.isfinite(point).all():
-        raise StictionError(f"tool {tool!r}: expected three finite numbers, x y z in m")
-    return point
+    point = (0.0, 0.0, 0.0) if tool is None else tool
+    return checked_array(point, "tool", (3,), expected="three finite numbers, x y z in m")

@@ -121,7 +121,7 @@ def test_bad_tables(tmp_path, text, words):
         ({"gain": (1.0, -1.0)}, "gain of joint 2 is -1"),
         ({"gain": ()}, "one number per joint"),
         ({"gain": (1.0, np.nan)}, "finite"),
-        ({"gain": "much"}, "expected numbers"),
+        ({"gain": "much"}, "gain is a str: expected finite numbers"),
         ({"speed": (0.1, 0.0)}, "speed of joint 2 is 0"),
         ({"speed": (0.1, 0.1, 0.1)}, "one number, or 2"),
         ({"error": -1.0}, "error of joint 1"),

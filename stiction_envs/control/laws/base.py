@@ -48,7 +48,14 @@ class Field:
     """Whether the compiled law takes 1 over it."""
     largest: float = np.inf
 
+    @property
+    def expected(self) -> str:
+        """Numbers that it may have, for messages."""
+        low = f"> 0 {self.unit}" if self.positive else f">= 0 {self.unit}"
+        return low if self.largest == np.inf else f"{low} and <= {self.largest:g}"
 
+
+GAIN_FIELD = Field(name="gain", column="gain_nm", unit="N·m", optional=False, scales=True)
 SPEED_FIELD = Field(name="speed", column="speed_rad_s", unit="rad/s", positive=True, inverse=True)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
 from stiction_envs.robots import Arm
@@ -208,13 +208,8 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     Raises:
         StictionError: not n numbers, or one that is not within the limits.
     """
-    try:
-        q = np.array(arm.rest if start is None else start, dtype=float)
-    except (TypeError, ValueError):
-        raise StictionError(f"start {start!r}: expected {arm.n} angles in rad") from None
-    if q.shape != (arm.n,):
-        given = f"{q.size} angles" if q.ndim == 1 else f"shape {q.shape}"
-        raise StictionError(f"start: {given}: expected {arm.n}, one per joint of {arm.name}")
+    expected = f"{arm.n} angles in rad, one per joint of {arm.name}"
+    q = checked_array(arm.rest if start is None else start, "start", (arm.n,), expected=expected)
     low, high = arm.limits.position.T
     for j in np.flatnonzero(~((q > low) & (q < high))):
         raise StictionError(
