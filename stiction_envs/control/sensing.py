@@ -13,9 +13,8 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
-from typing import Any, Self, get_type_hints
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +28,7 @@ from stiction_envs.control.sensing_kernels import (
     sense_block,
     uniform,
 )
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import ARMS
@@ -40,6 +39,14 @@ Numbers = float | tuple[float, ...]
 SPEEDS = ("logged", "difference")
 LONGEST = 0.1
 """Longest delay, jitter or lag that is simulated [s]; assumed."""
+PER_JOINT = (
+    *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
+    *("torque_resolution", "torque_noise", "torque_offset"),
+)
+"""Fields of `Sensing` that may have one number per joint."""
+_MOST = {"missed_cycles": 1.0, "spread": 1.0} | dict.fromkeys(
+    ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
+)
 FINEST = 1e-12
 """Finest resolution other than 0 [rad, N·m]; assumed: rounding errors are not far below."""
 
@@ -81,27 +88,32 @@ class Sensing:
     def __post_init__(self) -> None:
         if self.speed not in SPEEDS:
             raise unknown("speed of sensing", self.speed, SPEEDS)
-        most = {"missed_cycles": 1.0, "spread": 1.0, "speed_cutoff": np.inf}
-        most |= dict.fromkeys(
-            ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
-        )
         for field in fields(self):
             if field.name == "speed":
                 continue
-            value = _numbers(field.name, getattr(self, field.name), field.name in _per_joint())
-            high = most.get(field.name, np.inf)
-            good = (value >= 0) & np.isfinite(value) & (value <= high)
+            value = self._checked(field.name)
+            good = (value >= 0) & np.isfinite(value) & (value <= _MOST.get(field.name, np.inf))
             if field.name in ("missed_cycles", "spread"):
                 good &= value < 1
             if field.name.endswith("resolution"):
                 good &= (value == 0) | (value >= FINEST)
             if not good.all():
+                high = _MOST.get(field.name, np.inf)
                 expected = "0" + (f" to {high:g}" if np.isfinite(high) else " or above")
                 raise StictionError(
                     f"sensing {field.name} is {value[~good].flat[0]:g}: expected {expected}"
                 )
             plain = value.tolist()
             object.__setattr__(self, field.name, tuple(plain) if value.ndim else plain)
+
+    def _checked(self, name: str) -> Array:
+        """Return a field as one number, or where it may be per joint also (n,)."""
+        value, per_joint = getattr(self, name), name in PER_JOINT
+        expected = "numbers, one or one per joint" if per_joint else "a number"
+        array = checked_array(value, f"sensing {name}", expected=expected, finite=False)
+        if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
+            raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
+        return array
 
     @classmethod
     def ideal(cls) -> Self:
@@ -126,14 +138,8 @@ class Sensing:
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""
-        for name in _per_joint():
+        for name in PER_JOINT:
             self.of_joint(name, n)
-
-
-@cache
-def _per_joint() -> tuple[str, ...]:
-    """Return the names of the fields that may have one number per joint."""
-    return tuple(k for k, kind in get_type_hints(Sensing).items() if kind == Numbers)
 
 
 SensingLike = str | Path | Sensing
@@ -194,18 +200,6 @@ def _of_table(table: Mapping[str, object], where: str, n: int) -> Sensing:
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
     return out
-
-
-def _numbers(name: str, value: object, per_joint: bool) -> Array:
-    """Return one number, or where ``per_joint`` also (n,)."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        array = np.array(np.nan)
-    if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
-        expected = "numbers, one or one per joint" if per_joint else "a number"
-        raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
-    return array
 
 
 # ---- N arms --------------------------------------------------------------------------------------

@@ -70,7 +70,10 @@ def test_q_and_minus_q_give_the_same_torque():
     [
         ({"translational_stiffness": -1.0}, "translational stiffness is -1.0.*>= 0"),
         ({"rotational_stiffness": [1.0, 2.0]}, "rotational stiffness has shape"),
-        ({"translational_stiffness": "stiff"}, "translational stiffness is a str: expected numbers"),
+        (
+            {"translational_stiffness": "stiff"},
+            "translational stiffness is a str",
+        ),
         ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
         ({"damping_ratio": 1.1}, "damping ratio is 1.1.*<= 1"),
         ({"torque_rate": 0.0}, "torque rate is 0.0.*> 0"),

@@ -208,7 +208,7 @@ def test_a_toml_has_fields_plain_or_with_their_source(tmp_path):
         ("command_delay = 1.0", "command_delay is 1: expected 0 to 0.1"),
         ("angle_noise = inf", "angle_noise is inf: expected 0 or above"),
         ("angle_noise = nan", "angle_noise is nan: expected numbers"),
-        ('angle_noise = "x"', "angle_noise is 'x': expected numbers"),
+        ('angle_noise = "x"', "angle_noise is a str: expected numbers"),
         ("missed_cycles = 1.0", "missed_cycles is 1: expected"),
         ("angle_resolution = 1e-15", "angle_resolution is 1e-15"),
         ('speed = "guess"', "speed of sensing 'guess'.*logged"),
