@@ -115,7 +115,7 @@ BAD = {
         "--compensation push --compensation-table {gains8.csv}": "1 to 7",
         "--compensation push --compensation-table {gains-.csv}": "expected >= 0",
         "--compensation-factor 1": "needs --compensation",
-        "--start 0 0.2": "2 angles: expected 7",
+        "--start 0 0.2": "expected 7 angles",
         "--start 0 0 3 -2 0 1.5 0": "joint 3: 3 rad",
         "--tool 0 0 inf": "finite",
         "--sensing human": "sensing human: expected ideal, robot, or a TOML that is there",
