@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
 from stiction_envs.control.rotation import error_matrix, slerp_one, write_one_error_matrix
 from stiction_envs.control.settings import ImpedanceSettings
@@ -66,6 +66,8 @@ class Impedance(NamedTuple):
     """(N, n) k_n [N·m/rad]."""
     null_damping: Array
     """(N, n) d_n [N·m·s/rad]."""
+    null_torque: Array
+    """(N, n) τ_0 of the last cycle, written [N·m]."""
     projector: Array
     """(N, n, n) P [-]."""
     inertia: Array
@@ -127,6 +129,7 @@ class CartesianImpedance:
             null_q=np.zeros((nsim, n)),
             null_stiffness=np.zeros((nsim, n)),
             null_damping=np.zeros((nsim, n)),
+            null_torque=np.zeros((nsim, n)),
             projector=np.zeros((nsim, n, n)),
             inertia=np.zeros((nsim, 6, 6)),
             singular=np.zeros(nsim, dtype=bool),
@@ -192,7 +195,7 @@ def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
     return renew(jacobian, mass, a.null_active[i], *low, singular, a.inertia[i], a.projector[i])
 
 
-@compiled
+@inlined
 def advance_reference(i: int, a: Impedance) -> None:
     """Move the reference of arm ``i`` one cycle towards its target."""
     if a.filter_step < 1.0:
@@ -207,7 +210,7 @@ def advance_reference(i: int, a: Impedance) -> None:
     write_one_error_matrix(a.quaternion[i], a.error_matrix[i])
 
 
-@compiled
+@inlined
 def impedance_cycle(
     i: int,
     position: Array,
@@ -231,7 +234,6 @@ def impedance_cycle(
         a: the controllers.
     """
     n = dq.shape[1]
-    wrench, joint = np.empty(6), np.empty(n)
     state, wanted = a.state, a.wanted
     pose_error(position[i], quaternion[i], a.position[i], a.error_matrix[i], state[i])
     for k in range(6):
@@ -239,31 +241,29 @@ def impedance_cycle(
         for j in range(n):
             speed += jacobian[i, k, j] * dq[i, j]
         state[i, 6 + k] = speed
-    for k in range(6):
-        total = 0.0
-        for m in range(12):
-            total += a.gain[i, k, m] * state[i, m]
-        wrench[k] = total
     for j in range(n):
         a.q[i, j] = q[i, j]
         wanted[i, j] = 0.0
     for k in range(6):  # joints side by side in memory
+        wrench = 0.0
+        for m in range(12):
+            wrench += a.gain[i, k, m] * state[i, m]
         for j in range(n):
-            wanted[i, j] += jacobian[i, k, j] * wrench[k]
+            wanted[i, j] += jacobian[i, k, j] * wrench
     if a.null_active[i]:  # P (k_n (q_d − q) − d_n q̇)
         for j in range(n):
             spring = a.null_stiffness[i, j] * (a.null_q[i, j] - q[i, j])
-            joint[j] = spring - a.null_damping[i, j] * dq[i, j]
+            a.null_torque[i, j] = spring - a.null_damping[i, j] * dq[i, j]
         for j in range(n):
             total = 0.0
             for m in range(n):
-                total += a.projector[i, j, m] * joint[m]
+                total += a.projector[i, j, m] * a.null_torque[i, m]
             wanted[i, j] += total
     for j in range(n):
         if not a.dither_after:
             wanted[i, j] += added[i, j]
-        limit, sent = a.limit[j], a.sent[i, j]
-        sent = between(wanted[i, j], max(sent - a.rate, -limit), min(sent + a.rate, limit))
+        limit, last = a.limit[j], a.sent[i, j]
+        sent = between(wanted[i, j], max(last - a.rate, -limit), min(last + a.rate, limit))
         a.sent[i, j] = a.command[i, j] = sent
         if a.dither_after:
             a.command[i, j] = between(sent + added[i, j], -limit, limit)
@@ -286,7 +286,7 @@ def read_flags(i: int, a: Impedance, out: Bools) -> None:
             out[2] = True
 
 
-@compiled
+@inlined
 def pose_error(
     position: Array, quaternion: Array, reference: Array, error_matrix: Array, error: Array
 ) -> None:
@@ -308,7 +308,7 @@ def pose_error(
     error[3], error[4], error[5] = factor * x, factor * y, factor * z
 
 
-@compiled
+@inlined
 def between(x: float, low: float, high: float) -> float:
     """Return x within low and high; NaN stays NaN."""
     if x < low:

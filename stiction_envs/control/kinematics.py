@@ -14,7 +14,7 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.rotation import right_matrix
 from stiction_envs.errors import checked_array
 from stiction_envs.friction.model import StickingModel
@@ -67,7 +67,7 @@ class Chain(NamedTuple):
     """(n,) angles at which bodies are turned by `turn` alone [rad]."""
 
 
-@compiled
+@inlined
 def read_hand(i: int, hand: Hand) -> None:
     """Write position, quaternion and Jacobian of simulation ``i``."""
     position, quaternion, jacobian = hand.position, hand.quaternion, hand.jacobian

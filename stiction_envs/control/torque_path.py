@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.impedance import between
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
@@ -139,14 +139,14 @@ class TorquePath:
         return out
 
 
-@compiled
+@inlined
 def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
     """Write the torque of simulation ``i`` behind the path of its command, both (N, n) [N·m]."""
     for j in range(out.shape[1]):
         out[i, j] = _pass_one(i, j, command[i, j], path)
 
 
-@compiled
+@inlined
 def _pass_one(i: int, j: int, u: float, path: Path) -> float:
     """Return the torque of one joint behind the path of a command u [N·m]."""
     step, limit = path.step[i, j], path.limit[i, j]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.rotation import angle_one, slerp_one, write_one_error_matrix
 
 Reference = tuple[Array, Array, Array, Array]
@@ -137,31 +137,36 @@ def sample(clock: Array, movement: Movement) -> Reference:
     position, quaternion = np.empty((n, 3)), np.empty((n, 4))
     velocity, speed = np.empty((n, 3)), np.empty(n)
     for i in range(n):
-        speed[i] = write_sample(i, clock[i], movement, position[i], quaternion[i], velocity[i])
+        moving, speed[i] = write_sample(i, clock[i], movement, position[i], quaternion[i])
+        for k in range(3):
+            velocity[i, k] = moving * movement.direction[i, k]
     return position, quaternion, velocity, speed
 
 
-@compiled
+@inlined
 def write_sample(
-    i: int, clock: float, a: Movement, position: Array, quaternion: Array, velocity: Array
-) -> float:
-    """Write position (3,) [m], quaternion (4,) and velocity (3,) [m/s] of the reference of arm
-    ``i`` a time ``clock`` [s] after its movement began; return its angular speed [rad/s]."""
-    turned, turning = _profile_at(i, 1, clock, a)
+    i: int, clock: float, a: Movement, position: Array, quaternion: Array
+) -> tuple[float, float]:
+    """Write position (3,) [m] and quaternion (4,) of the reference of arm ``i``.
+
+    A time ``clock`` [s] after its movement began; return its speeds [m/s], [rad/s].
+    """
     moved, speed = _profile_at(i, 0, clock, a)
+    turned, turning = _profile_at(i, 1, clock, a)
     for k in range(3):
         between = a.start[i, k] + moved * (a.goal[i, k] - a.start[i, k])
         position[k] = a.goal[i, k] if moved == 1.0 else between
-        velocity[k] = speed * a.direction[i, k]
     slerp_one(a.start_q[i], a.goal_q[i], turned, quaternion)
-    return turning
+    return speed, turning
 
 
 @compiled
 def write_twist(i: int, clock: float, a: Movement, out: Array) -> None:
     """Write the velocity (6,) of the reference of arm ``i`` a time ``clock`` [s] after its
     movement began: linear [m/s], angular [rad/s]."""
-    turning = write_sample(i, clock, a, np.empty(3), np.empty(4), out[:3])
+    speed, turning = write_sample(i, clock, a, np.empty(3), np.empty(4))
+    for k in range(3):
+        out[k] = speed * a.direction[i, k]
     matrix, difference = np.empty((4, 4)), np.empty(4)
     write_one_error_matrix(a.start_q[i], matrix)
     for k in range(4):
@@ -175,7 +180,7 @@ def write_twist(i: int, clock: float, a: Movement, out: Array) -> None:
     out[3], out[4], out[5] = turning * (x / angle), turning * (y / angle), turning * (z / angle)
 
 
-@compiled
+@inlined
 def _profile_at(i: int, k: int, t: float, a: Movement) -> tuple[float, float]:
     """Return the share of the distance covered by arm ``i`` after time t [s], and the speed.
 
@@ -200,7 +205,7 @@ def _profile_at(i: int, k: int, t: float, a: Movement) -> tuple[float, float]:
     return share, speed
 
 
-@compiled
+@inlined
 def accept(
     i: int, position: Array, quaternion: Array, now: float, goals: Goals, movement: Movement
 ) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.robots.stated import COULOMB, STICTION, STRIBECK
 
 
@@ -54,7 +54,7 @@ class PlantArrays(NamedTuple):
     """(N, n) rotor inertia [kg·m²]."""
 
 
-@compiled
+@inlined
 def write_links(i: int, first: int, a: PlantArrays, out: Array) -> None:
     """Write link angles or speeds (n,) of simulation ``i``, from columns of `state` on."""
     for j in range(len(out)):

@@ -24,7 +24,7 @@ from numba import types
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.plant.copies import CopiedBatch
 
 Addresses = Index
@@ -73,14 +73,14 @@ class Loop(NamedTuple):
     bytes to the next one's, number of bytes. The first are its warnings."""
 
 
-@compiled
+@inlined
 def take_fields(i: int, a: Loop) -> None:
     """Give the model what simulation ``i`` has of its own."""
     for k in range(a.inputs.shape[0]):
         copy(a.inputs[k, 2], a.inputs[k, 0] + i * a.inputs[k, 1], a.inputs[k, 3])
 
 
-@compiled
+@inlined
 def _give_fields(i: int, a: Loop) -> None:
     """Hand out state and bound fields of simulation ``i``."""
     get_state(a.model, a.data[i], a.rows[i], STATE)
@@ -104,7 +104,7 @@ def _begin(first: int, end: int, a: Loop) -> None:
             _give_fields(i, a)
 
 
-@compiled
+@inlined
 def advance(i: int, steps: int, a: Loop) -> None:
     """Advance simulation ``i``, whose fields the model has, by physics steps under its controls."""
     set_state(a.model, a.data[i], a.rows[i], STATE)

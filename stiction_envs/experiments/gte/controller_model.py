@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant.loop_batch import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
@@ -109,7 +109,7 @@ def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
     return rows, np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
 
 
-@compiled
+@inlined
 def renew_dynamics(i: int, q: Array, a: ModelArrays) -> None:
     """Write inertia, and the gravity that is compensated wrongly, of arm ``i`` at angles q (N, n).
 

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
 from stiction_envs.control.impedance import (
     Impedance,
@@ -157,7 +157,8 @@ def follow(
     senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
     filters, asymmetric, n = impedance.filter_step < 1.0, plant.asymmetric, q.shape[1]
-    reads_model, substeps, going = compensation.reads_model, plant.substeps, loop.going
+    feeds, reads_model = compensation.feeds, compensation.reads_model
+    substeps, going = plant.substeps, loop.going
     for i in range(first, end):
         if not going[i]:
             continue
@@ -188,8 +189,10 @@ def follow(
                 looks = step[i] % goal_period < hold
                 time = step[i] * CONTROL_DT
                 if looks:
-                    pose = position[i], quaternion[i], jacobian[i]
-                    _look_at_goals(i, time, *pose, movement, goals, impedance, compensation)
+                    _look_at_goals(i, time, position, quaternion, movement, goals, impedance)
+                    if feeds[i]:
+                        clock = time - goals.begun[i]
+                        _feed(i, clock, jacobian[i], movement, compensation)
                 if looks or filters:
                     advance_reference(i, impedance)
                 _shake(i, k, time, dq, shaking)
@@ -234,33 +237,34 @@ def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
     return q, dq, torque
 
 
-@compiled
+@inlined
 def _look_at_goals(
     i: int,
     time: float,
     position: Array,
     quaternion: Array,
-    jacobian: Array,
     movement: Movement,
     goals: Goals,
     impedance: Impedance,
-    compensation: Compensations,
 ) -> None:
     """Renew the reference of arm ``i`` at a time since it began to follow [s].
 
-    Its pose is (3,) [m], (4,), its Jacobian (6, n).
+    The arm's pose is position (N, 3) [m], quaternion (N, 4).
     """
-    accept(i, position, quaternion, time, goals, movement)
-    clock, velocity = time - goals.begun[i], np.empty(3)
+    accept(i, position[i], quaternion[i], time, goals, movement)
     target = impedance.position_target[i], impedance.quaternion_target[i]
-    write_sample(i, clock, movement, target[0], target[1], velocity)
-    if compensation.feeds[i]:
-        twist = np.empty(6)
-        write_twist(i, clock, movement, twist)
-        look_ahead(i, jacobian, twist, compensation)
+    write_sample(i, time - goals.begun[i], movement, target[0], target[1])
 
 
 @compiled
+def _feed(i: int, clock: float, jacobian: Array, movement: Movement, a: Compensations) -> None:
+    """Renew q̇_d of arm ``i`` a time ``clock`` [s] after its movement began."""
+    twist = np.empty(6)
+    write_twist(i, clock, movement, twist)
+    look_ahead(i, jacobian, twist, a)
+
+
+@inlined
 def _shake(i: int, k: int, time: float, dq: Array, a: Shaking) -> None:
     """Write the dither of arm ``i`` in control step ``k``, at speeds dq (N, n) [rad/s]."""
     for j in range(dq.shape[1]):
