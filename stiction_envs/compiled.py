@@ -11,6 +11,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 
+_njit: Any = numba.njit  # `_nrt` has no type
 F = TypeVar("F", bound=Callable[..., Any])
 
 Arguments = tuple[Any, ...]
@@ -36,8 +37,8 @@ def inlined(function: F) -> F:
 
 
 def _compile(function: F, **options: Any) -> F:
-    options = {"error_model": "numpy", "nogil": True} | options  # numba does not type `_nrt`
+    options = {"error_model": "numpy", "nogil": True} | options
     try:
-        return cast(F, numba.njit(cache=True, **options)(function))
+        return cast(F, _njit(cache=True, **options)(function))
     except RuntimeError:  # numba: no locator available
-        return cast(F, numba.njit(**options)(function))
+        return cast(F, _njit(**options)(function))
