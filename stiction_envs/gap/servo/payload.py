@@ -112,7 +112,8 @@ def proposed(
         error = columns[mine].T @ (weight[mine, None] * likely)
         spread += error @ error.T
     covariance = inverse @ spread @ inverse
-    deviation = np.sqrt(np.diag(covariance))
+    variance = np.diag(covariance)  # rounding may leave less than none where nothing is shown
+    deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
     mass, moment = float(found[0]), found[1:]
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
