@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Unpack
 
+from threadpoolctl import threadpool_limits
+
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
@@ -188,16 +190,18 @@ def _diagnose_joint_logs(
     notes: tuple[str, ...] = ()
     if side == "link" and judged.file and judged.friction is not None:
         judged, notes = dataclasses.replace(judged, friction=None), (BEHIND,)
-    found = diagnose_logs(
-        logs,
-        arm,
-        nominal=judged,
-        torque=side,
-        cutoff_hz=options.more["cutoff_hz"],
-        seed=options.more["seed"],
-        progress=options.progress,
-        settings=settings,
-    )
+    # many small systems: a second thread of linear algebra makes them slower, and other bits
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = diagnose_logs(
+            logs,
+            arm,
+            nominal=judged,
+            torque=side,
+            cutoff_hz=options.more["cutoff_hz"],
+            seed=options.more["seed"],
+            progress=options.progress,
+            settings=settings,
+        )
     found = dataclasses.replace(found, notes=(*found.notes, *notes))
     if others and options.progress is not None:
         options.progress("check", 0.0)
