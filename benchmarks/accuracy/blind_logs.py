@@ -86,7 +86,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Of its row."""
+        """Key of the case's row."""
         off = f", links {self.scatter:g} off" if self.scatter else ""
         return f"{self.seed} {' '.join(self.causes)}{off}"
 

@@ -173,7 +173,7 @@ class Compensations(NamedTuple):
     damping: float
     """λ of J^# [m and rad]."""
     period: float
-    """Of the controller's cycles [s]."""
+    """Period of the controller's cycles [s]."""
     kind: Index
     """(N,) number of the law, −1 for none."""
     feeds: Bools

@@ -35,13 +35,13 @@ class Measured(NamedTuple):
     cycle: float
     """Time between two readings [s]."""
     speed_gain: float
-    """Of the low-pass behind the difference of angles [-]; 1 is none."""
+    """Gain of the low-pass behind the difference of angles [-]; 1 is none."""
     delay: float
     """[control steps]."""
     jitter: float
     """[control steps]."""
     lag_gain: Array
-    """Of the filter of the logged speed per control step [-]; 1 is none."""
+    """Gain per control step of the filter of the logged speed [-]; 1 is none."""
     angle_noise: Array
     angle_resolution: Array
     speed_noise: Array

@@ -87,7 +87,7 @@ class Path(NamedTuple):
     step: Array
     """(N, n) largest change per control step [N·m]."""
     gain: float
-    """Of the low-pass, 1 is off [-]."""
+    """Gain of the low-pass; 1 is off [-]."""
     limit: Array
     """(N, n) [N·m]."""
     limited: Array

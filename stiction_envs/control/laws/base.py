@@ -34,7 +34,7 @@ class Field:
     """One number per joint of a law, besides its gain."""
 
     name: str
-    """Of the attribute, and with the law's name before it of its default in ``gte.toml``."""
+    """Name of the attribute; the law's name before it makes the default's key in ``gte.toml``."""
     column: str
     """In tables of gains, with its unit."""
     unit: str

@@ -32,9 +32,9 @@ class ModelArrays(NamedTuple):
     """What `renew_dynamics` computes with, and writes."""
 
     believed: Dynamics
-    """As the controller has them."""
+    """Dynamics that the controller has."""
     true: Dynamics
-    """Those of the plant."""
+    """Dynamics of the plant."""
     is_wrong: bool
     """Whether the two differ."""
     entries: Array

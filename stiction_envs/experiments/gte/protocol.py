@@ -41,7 +41,7 @@ class GTEProtocol:
     window: Positive
     """Half the window of Table 4.11 [s]."""
     sample_rate: Positive
-    """Of the errors [Hz]."""
+    """Rate at which errors are sampled [Hz]."""
     model_steps: Count
     """Control steps between two updates of the controller's model."""
     return_distance: Positive
@@ -79,7 +79,7 @@ class EpisodeSettings:
     """What is drawn for an episode of the environment."""
 
     stiffness: tuple[Stiffness, ...]
-    """Of the triangle and the pentagon."""
+    """Stiffnesses of the triangle and the pentagon."""
     random_paths: Count
     """How many are drawn from."""
     undithered_iterations: Count
@@ -102,15 +102,15 @@ class GTERewardSettings:
     """Weights of the environment's reward, and the unit of its shaking."""
 
     settling_weight: Share
-    """Of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
+    """Weight of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
     power_weight: Positive
-    """Of the mean of (A / A_max)² [-]."""
+    """Weight of the mean of (A / A_max)² [-]."""
     torque_rate_weight: Positive
-    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
     shaking_weight: Positive
-    """Of the vibration [-]."""
+    """Weight of the vibration [-]."""
     shaking_unit: Positive
-    """Of the vibration [m]."""
+    """Unit of the vibration [m]."""
 
 
 def gte_reward_settings() -> GTERewardSettings:
@@ -126,11 +126,11 @@ class Case:
     """Name of the path."""
     stiffness: Stiffness
     dither: tuple[AmplitudeRow, ...] = ()
-    """Of each dithered joint; empty is none."""
+    """Dither of each dithered joint; empty is none."""
     gate_velocity: float = float("inf")
     """v_gate of the dither [rad/s]; inf is not gated."""
     compensation: Compensation | None = None
-    """Of the joints' friction; None is none."""
+    """Compensation of the joints' friction; None is none."""
     phases: str = "random"
     """One of :data:`PHASES`."""
 

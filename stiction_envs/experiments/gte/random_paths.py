@@ -36,9 +36,9 @@ class RandomPathSettings:
     """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
 
     fewest_goals: Count
-    """Of a path."""
+    """Least number of goals of a path."""
     most_goals: Count
-    """Of a path."""
+    """Largest number of goals of a path."""
     smallest: Positive
     """Half the length of the box [m]."""
     largest: Positive
@@ -68,7 +68,7 @@ class RandomPathSettings:
     step: Positive
     """Between two points of a line that are checked [m]."""
     damping: Positive
-    """Of the inverse kinematics [m]."""
+    """Damping of the inverse kinematics [m]."""
     attempts: Count
     """Most draws of one path; after them the arm can follow none."""
 

@@ -28,7 +28,7 @@ from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
 Row = Mapping[str, Any]
-"""Of ``errors.csv`` or ``runs.csv``, by column: `ErrorRow` or `RunRow` as a dict."""
+"""A row of ``errors.csv`` or ``runs.csv``, by column: `ErrorRow` or `RunRow` as a dict."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -56,13 +56,13 @@ class JointCauses:
     """What was found on one joint."""
 
     fit: Fit
-    """Of all fitted parameters, those that belong to no named cause included."""
+    """Fit of all parameters; some belong to no named cause."""
     bounds: tuple[Array, Array]
     """(P,) lower and upper bounds of the fit."""
     causes: dict[str, float]
     """Root mean square without the cause less that with it [rad], by name."""
     minor: tuple[str, ...]
-    """Those of them that take off too little to be named."""
+    """Names of the causes that take off too little to be named."""
     estimates: dict[str, Estimate]
     """By parameter, and of the lag where that is named."""
     confused: dict[str, tuple[str, ...]]

@@ -30,7 +30,7 @@ class Spread:
     """Covariance of parameters."""
 
     names: tuple[str, ...]
-    """Of the F parameters."""
+    """Names of the F parameters."""
     covariance: Array
     """(F, F) in SI units."""
     correlation: Array
