@@ -105,21 +105,27 @@ class Loads:
     """Whether that is far from the assumed one, and all joints that carry a load agree on it."""
 
     @property
-    def unit(self) -> float:
-        """The factor that all joints share, where it is another unit's; else 1 [-]."""
+    def unit(self) -> float | None:
+        """The factor that all joints share, where it is another unit's, else 1 [-].
+
+        None where no two joints show one, or all differ.
+        """
         sure = self.by_load & (self.needed > LEAST_LOAD)
         sure &= self.width < SURE * np.abs(self.factor)
         some = np.abs(self.factor[sure])
         if len(some) < 2:
-            return 1.0
+            return None
         usual, spread = float(np.median(some)), float(some.max() / some.min())
-        return usual if max(usual, 1 / usual) > OTHER_UNIT * spread else 1.0
+        off = max(usual, 1 / usual)
+        if off > OTHER_UNIT * spread:
+            return usual
+        return 1.0 if max(off, spread) < OTHER_UNIT else None
 
     @property
     def findings(self) -> list[str]:
         """Defects of the torques or of the mounting, a sentence each."""
         out = []
-        if (unit := self.unit) != 1:
+        if (unit := self.unit or 1.0) != 1:
             what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
             out.append(
                 f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "

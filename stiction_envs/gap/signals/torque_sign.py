@@ -71,7 +71,7 @@ def correct_sign(
     if known and not shown:
         signs = np.full((1, arm.n), 1 if again else known)
     opposite = (signs < 0).any(axis=0) & (signs <= 0).all(axis=0)
-    unit = _unit([x.unit for x in found.values()], known_unit)
+    unit = shared_unit([x.unit for x in found.values() if x.unit is not None], known_unit)
     done = replace(
         signals,
         torque_sign=-1 if opposite.all() else int(signs.any()),
@@ -95,15 +95,19 @@ def correct_sign(
     return _times(logs, done, side, "sign", text)
 
 
-def _unit(found: Sequence[float], known: Array | None) -> Array:
-    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m."""
-    seen = [x for x in found if x != 1]
+def shared_unit(shown: Sequence[float], known: Array | None) -> Array:
+    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m.
+
+    Args:
+        shown: units of the logs that show one; 1 for N·m.
+        known: (n,) that of an earlier diagnosis; None for N·m.
+    """
+    unit = float(np.median(shown)) if shown else None
     if known is not None:
         usual = float(np.median(known))
-        if not seen or 1 / SAME_UNIT < np.median(seen) / usual < SAME_UNIT:
+        if unit is None or 1 / SAME_UNIT < unit / usual < SAME_UNIT:
             return known
-    unit = float(np.median(seen or [1.0]))
-    return np.full(1, unit if unit < 1 or unit > LARGE_UNIT else 1.0)
+    return np.full(1, unit if unit and (unit < 1 or unit > LARGE_UNIT) else 1.0)
 
 
 def converted(
