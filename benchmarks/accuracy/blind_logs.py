@@ -203,8 +203,8 @@ def second(case: Case, found: Diagnosis) -> Row:
     friction = None if isinstance(case.nominal, str) else case.nominal
 
     def against(logs: list[JointLog], robot: Arm) -> Data:
-        signals = prepare(logs, cutoff_hz=found.data.cutoff, settings=found.settings)
-        return assemble(robot, signals, friction=friction, settings=found.settings)
+        signals = prepare(logs, cutoff_hz=found.data.cutoff)
+        return assemble(robot, signals, friction=friction)
 
     def rms(data: Data, model: Data) -> list[float]:
         off = np.square(data.tau - model.nominal)[data.block >= 0].mean(axis=0)

@@ -17,7 +17,7 @@ from benchmarks.thesis.rosdyn import rosdyn
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import identify
-from stiction_envs.identification.settings import identification_settings
+from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, load_arm
@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few iterations and arms")
     options = parser.parse_args()
     start = time.perf_counter()
-    settings = identification_settings().excitation
+    settings = excitation_settings()
     if options.quick:
         settings = settings.replace(iterations=15, starts=1, randoms=5)
     motions = {}

@@ -365,7 +365,7 @@ NOT_RECORDED = {
     *("command", "run", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
     # no result depends on them
-    *("out", "force", "json", "threads", "slots", "video", "rrd"),
+    *("out", "force", "json", "threads", "video", "rrd"),
 }
 
 

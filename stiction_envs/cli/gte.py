@@ -17,22 +17,14 @@ if TYPE_CHECKING:
 
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
-PHASES = ("random", "zero", "spread")
 COMPENSATIONS = (
     *("feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer"),
 )
-NEEDS = {
-    "dither TABLE.csv": ("gate_velocity", "waveform", "phases"),
-    "compensation KIND": ("compensation_factor", "compensation_table"),
-}
-"""Options that need another one: the latter, with its values, comes first."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
-    from stiction_envs.dither.waveforms import WAVEFORMS
-
     parser = common.add_command(
         subparsers,
         "gte",
@@ -64,23 +56,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--dither",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: run with it "
-        "too, all its joints dithered at once",
-    )
-    parser.add_argument(
-        "--gate-velocity",
-        type=common.number(0, above=True),
-        metavar="V",
-        help="dither fades with joint speed, by exp(-(v/V)^2) [rad/s] (default: it does not)",
-    )
-    parser.add_argument(
-        "--waveform", choices=tuple(WAVEFORMS), help="of every joint (default: the table's)"
-    )
-    parser.add_argument(
-        "--phases",
-        choices=PHASES,
-        help="of the joints' dithers: drawn in every iteration, all 0, or spread over a period "
-        "(default: random)",
+        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm,gate_rad_s]: "
+        "run with it too, all its joints dithered at once",
     )
     parser.add_argument(
         "--compensation",
@@ -89,12 +66,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "feedforward of the reference's motion; a push in the sign of the joint error that fades "
         "with the measured speed; smooth_sign or partial of the measured speed; lugre_observer, "
         "momentum_observer; or gains that were tuned, final.csv or final.yaml",
-    )
-    parser.add_argument(
-        "--compensation-factor",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="times the friction that is compensated (default: 1)",
     )
     parser.add_argument(
         "--compensation-table",
@@ -146,12 +117,10 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
-    for needed, names in NEEDS.items():
-        for name in names:
-            if getattr(args, needed.split()[0]) is None and getattr(args, name) is not None:
-                raise StictionError(f"--{name.replace('_', '-')}: needs --{needed}")
+    if args.compensation is None and args.compensation_table is not None:
+        raise StictionError("--compensation-table: needs --compensation KIND")
     _check_compensation(args)
-    dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
+    dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {**common.model_files(args), "dither": args.dither}
     tuned = args.compensation is not None and args.compensation not in COMPENSATIONS
     inputs["compensation"] = Path(args.compensation) if tuned else None
@@ -171,16 +140,13 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
     compensation = None
     if args.compensation is not None:
-        factor = 1.0 if args.compensation_factor is None else args.compensation_factor
-        compensation = bench.compensation(args.compensation, factor, table=args.compensation_table)
+        compensation = bench.compensation(args.compensation, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
     video = video_file(args, folder)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),
         dither,
-        gate_velocity=args.gate_velocity,
-        phases=args.phases,
         compensation=compensation,
     )
     total = bench.expected_seconds(cases, args.iterations)

@@ -64,13 +64,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="HZ",
         help="cut-off of the low-pass on commanded torque, 0 is off (default: the robot's)",
     )
-    parser.add_argument(
-        "--slots",
-        type=common.whole(1),
-        default=384,
-        metavar="N",
-        help="most simulations at once (default: %(default)s)",
-    )
     add_video_option(
         parser,
         "show the first iteration of the first configuration that is dithered, or of the first,",
@@ -117,7 +110,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             jobs,
             iterations=args.iterations,
             progress=lambda seconds: progress.add("sje", seconds, total),
-            simulations=args.slots,
         )
     stuck = result.describe_stuck()
     if not result.rows:

@@ -359,11 +359,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         Raises:
             StictionError: a joint the arm lacks.
         """
-        n = self.n
-        out = dither_arrays(case.dither, n, case.gate_velocity)
-        out["drawn"] = np.full(n, case.phases == "random")
-        spread = 2 * np.pi * np.arange(n) / n
-        return out | {"phase": spread if case.phases == "spread" else np.zeros(n)}
+        return dither_arrays(case.dither, self.n)
 
 
 def _sha256(text: str) -> str:

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,9 +24,6 @@ _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
 TRAJECTORIES = tuple(PATHS)
-PHASES = ("random", "zero", "spread")
-"""How the joints' dithers start: drawn for every joint and iteration (all 0 without scatter), all
-at 0, or evenly spread over a period."""
 FLAGS = ("singular", "saturated", "near_limit")
 """Flags of the controller, see `control.impedance.read_flags`."""
 
@@ -127,20 +123,14 @@ class Case:
     stiffness: Stiffness
     dither: tuple[AmplitudeRow, ...] = ()
     """Dither of each dithered joint; empty is none."""
-    gate_velocity: float = float("inf")
-    """v_gate of the dither [rad/s]; inf is not gated."""
     compensation: Compensation | None = None
     """Compensation of the joints' friction; None is none."""
-    phases: str = "random"
-    """One of :data:`PHASES`."""
 
     def __post_init__(self) -> None:
         if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
             raise StictionError(
                 f"stiffness {self.stiffness}: expected three finite numbers >= 0 (KT KR KN)"
             )
-        if self.phases not in PHASES:
-            raise unknown("phases", self.phases, PHASES)
 
     @property
     def dithered(self) -> bool:
@@ -219,15 +209,12 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     return q
 
 
-def read_dither(
-    table: str | File, arm: Arm, *, waveform: str | None = None
-) -> tuple[AmplitudeRow, ...]:
+def read_dither(table: str | File, arm: Arm) -> tuple[AmplitudeRow, ...]:
     """Return the rows of an amplitude table that an arm can take.
 
     Args:
         table: the file.
         arm: says how strong and fast a dither it takes.
-        waveform: of every joint; None for the table's.
 
     Raises:
         StictionError: a table that cannot be read, that dithers no joint, or too much.
@@ -240,8 +227,6 @@ def read_dither(
     )
     if not any(row.amplitude_nm > 0 for row in rows):
         raise StictionError(f"{table}: dithers no joint: expected an amplitude_nm above 0")
-    if waveform is not None:
-        rows = [dataclasses.replace(row, waveform=waveform) for row in rows]
     return tuple(rows)
 
 
@@ -250,8 +235,6 @@ def with_and_without(
     stiffness: Stiffness,
     dither: Sequence[AmplitudeRow] = (),
     *,
-    gate_velocity: float | None = None,
-    phases: str | None = None,
     compensation: Compensation | None = None,
 ) -> list[Case]:
     """Return the case without anything, then those with dither, with compensation, with both.
@@ -260,15 +243,11 @@ def with_and_without(
         trajectory: name of the path.
         stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
         dither: of each dithered joint; empty for none.
-        gate_velocity: of the dither [rad/s]; None for no gate.
-        phases: of the joints' dithers; None for the default.
         compensation: of the joints' friction; None for none.
     """
     cases = [Case(trajectory=trajectory, stiffness=stiffness)]
     if dither:
-        options = {"gate_velocity": gate_velocity, "phases": phases}
-        given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
-        cases.append(dataclasses.replace(cases[0], dither=tuple(dither), **given))
+        cases.append(dataclasses.replace(cases[0], dither=tuple(dither)))
     if compensation is not None:
         cases += [dataclasses.replace(case, compensation=compensation) for case in cases]
     return cases

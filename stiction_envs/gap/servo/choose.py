@@ -17,7 +17,7 @@ from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.fit import AGAIN, LAST, LESS, ROUGH, Fit, fit
 from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, PARAMETERS, of_cause
-from stiction_envs.gap.servo.settings import ServoSettings
+from stiction_envs.gap.servo.questions import PASSED, PASSED_SECONDS
 from stiction_envs.gap.servo.spread import LAG, SERVO_LAG, Spread, estimates_of, lag_of, spread_of
 
 Array = NDArray[np.float64]
@@ -45,6 +45,39 @@ BOTH_LIMITS = (0.7, 1.5)
 """Torque and speed limit over those that are reached [-]: a start with both; assumed."""
 DEAD_ZONES = (0.003, 0.015)
 """Dead zones, one per start [rad]; assumed."""
+BLOCK_SECONDS = 2.0
+"""Length of a block of time [s]; longer than the memory of a servo's error; assumed."""
+LEAST_BLOCKS = 4
+"""Blocks with fewer than this show nothing; assumed."""
+LEAST_T = 3.0
+"""Least mean over standard error of what a cause takes off the blocks' squares [-]; assumed."""
+ONE_WAY = 4.0
+"""Least sum of what blocks lose over what others gain without a cause [-]: a limit acts in few
+blocks, which differ too much for a mean, but all in one direction; assumed."""
+ONE_WAY_BLOCKS = 3
+"""Blocks that must lose then; assumed."""
+LEAST_GAIN = 0.02
+"""Least share of the joint's root mean square that a cause must take off [-]; assumed."""
+LEAST_NOISE = 1.0
+"""Least root mean square that a cause takes off, over the noise floor [-]; assumed."""
+LINKS_LEAVE = 5.0
+"""Largest error over the noise floor that links a little off leave, and that needs no cause [-];
+simulated arms of 5 % scatter leave up to 7 (`hidden.servo_logs`); assumed."""
+LINKS_OFF = 0.15
+"""Share by which a joint's gravity may be off without a cause: every link is a little off [-];
+assumed."""
+SOFTER = 0.25
+"""Logarithm of the ratio of stiffnesses that links of 5 % scatter may look like [-]; assumed."""
+SHIFTED = 0.12
+"""Offset of an angle that such links may look like [rad]: 5 mm of a centre 40 mm away; assumed."""
+PERFECT = 100.0
+"""Stiffness of a servo that counts as perfect over that of the joint's own [-]; assumed."""
+CORRELATED = 0.95
+"""Least correlation of two parameters that this log hardly tells apart [-]; assumed."""
+MINOR = 0.06
+"""Share of a joint's nominal error below which what a cause takes off is minor [-]; assumed."""
+REACHED_PERCENT = 99.5
+"""Percentile of torque and speed that counts as reached [%]; starts lie around it; assumed."""
 Start = dict[str, float]
 """Values of some parameters by name, SI units."""
 Stage = tuple[tuple[str, ...], Callable[[Fit], list[Start]]]
@@ -110,7 +143,6 @@ class Question:
     """Noise floor of the measured angle [rad]."""
     judged: bool
     """Whether the nominal simulation could be right: its servos are known."""
-    settings: ServoSettings
 
 
 class Chooser:
@@ -122,12 +154,12 @@ class Chooser:
         seconds = motion.t - motion.t[0]
         segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
         blocks = np.unique(
-            np.stack([segment, seconds // question.settings.selection.block_seconds]),
+            np.stack([segment, seconds // BLOCK_SECONDS]),
             axis=1,
             return_inverse=True,
         )
         self.block = blocks[1].ravel()
-        self.speed = speeds(motion, question.settings.limits.passed_seconds)
+        self.speed = speeds(motion, PASSED_SECONDS)
         self.rows = max(1, int(question.counts.sum()))
 
     # ---- fitting -----------------------------------------------------------------------------
@@ -153,7 +185,7 @@ class Chooser:
         k = INDEX["compensation"]
         low, high = self.q.low.copy(), HIGH.copy()
         if "gravity_compensation_missing" not in causes:
-            high[k] = self.q.settings.selection.links_off
+            high[k] = LINKS_OFF
             low[k] = -high[k]
         return low, high
 
@@ -166,7 +198,7 @@ class Chooser:
         if cause == "servo_stiffness" and not self.q.judged:
             k = INDEX["stiffness"]
             torques = [k] + [INDEX[name] for name in TORQUES if out[INDEX[name]] < FAR]
-            out[torques] *= self.q.settings.selection.perfect
+            out[torques] *= PERFECT
             return out
         for name in of_cause(cause):
             out[INDEX[name]] = self.q.nominal[INDEX[name]]
@@ -212,7 +244,6 @@ class Chooser:
 
     def _stages(self) -> Iterator[Stage]:
         motion = self.q.motion
-        percent = self.q.settings.limits.reached_percent
 
         def friction(best: Fit) -> list[Start]:
             level = best.parameters[INDEX["stiction"]]
@@ -226,7 +257,10 @@ class Chooser:
         def limits(best: Fit) -> list[Start]:
             torque = best.parameters[INDEX["stiffness"]] * np.abs(motion.command - motion.q)
             speed = np.abs(np.diff(motion.q) / np.diff(motion.t))
-            t, v = float(np.percentile(torque, percent)), float(np.percentile(speed, percent))
+            t, v = (
+                float(np.percentile(torque, REACHED_PERCENT)),
+                float(np.percentile(speed, REACHED_PERCENT)),
+            )
             # a limit that is not reached has no slope: starts lie where it would be
             a, b = BOTH_LIMITS
             return [
@@ -331,7 +365,7 @@ class Chooser:
 
     def _agrees(self) -> bool:
         """Return whether the nominal simulation, unknown parameters fitted, leaves only noise."""
-        enough = self.q.settings.selection.links_leave * self.q.noise
+        enough = LINKS_LEAVE * self.q.noise
         return bool(np.sqrt(self._as_it_is().cost / self.rows) < enough)
 
     def _as_it_is(self) -> Fit:
@@ -362,16 +396,15 @@ class Chooser:
         q = self.q
         nominal = q.motion.simulate(q.nominal[None])[0] if q.judged else q.motion.command
         error = float(np.sqrt(np.mean((q.motion.q - nominal)[q.counts] ** 2)))
-        return q.settings.selection.minor * error
+        return MINOR * error
 
     def _tolerated(self, cause: str, best: Fit) -> bool:
         """Return whether links that are a little off would do in its place."""
         stiffness, offset = (best.parameters[INDEX[k]] for k in ("stiffness", "offset"))
-        of = self.q.settings.selection
         ratio = stiffness / self.q.nominal[INDEX["stiffness"]]
         small = {
-            "servo_stiffness": abs(np.log(ratio)) < of.softer,
-            "encoder_offset": abs(offset) < of.shifted,
+            "servo_stiffness": abs(np.log(ratio)) < SOFTER,
+            "encoder_offset": abs(offset) < SHIFTED,
         }
         return self.q.judged and bool(small.get(cause, False))
 
@@ -382,9 +415,9 @@ class Chooser:
         faster motions.
         """
         limit = fit["speed_limit"]
-        near = self.speed >= self.q.settings.limits.passed * limit
+        near = self.speed >= PASSED * limit
         blocks = np.unique(self.block[near & self.q.counts])
-        return limit >= FAR or len(blocks) >= self.q.settings.selection.one_way_blocks
+        return limit >= FAR or len(blocks) >= ONE_WAY_BLOCKS
 
     def _loss(self, best: Fit, less: Fit) -> float:
         return float(np.sqrt(less.cost / self.rows) - np.sqrt(best.cost / self.rows))
@@ -395,20 +428,19 @@ class Chooser:
         Blocks count by what their squares lose, and each alike by the share that it loses: the
         friction that slow motion shows is small beside the errors of fast motion.
         """
-        of = self.q.settings.selection
         rows = np.bincount(self.block, weights=self.q.counts)
         squares = [np.bincount(self.block, weights=f.error**2) for f in (less, best)]
         most, least = (x[rows > 0].astype(np.float64) for x in squares)
-        if len(most) < of.least_blocks:
+        if len(most) < LEAST_BLOCKS:
             return False
         worse, floor = most - least, rows[rows > 0] * self.q.noise**2
         share = np.log((most + floor) / (least + floor))
         up, down = worse[worse > 0].sum(), -worse[worse < 0].sum()
-        clear = (worse > 0).sum() >= of.one_way_blocks and up > of.one_way * down
+        clear = (worse > 0).sum() >= ONE_WAY_BLOCKS and up > ONE_WAY * down
         return bool(
-            (any(_mean_over_error(x) > of.least_t for x in (worse, share)) or clear)
-            and self._loss(best, less) > of.least_gain * np.sqrt(less.cost / self.rows)
-            and less.cost - best.cost > self.rows * (of.least_noise * self.q.noise) ** 2
+            (any(_mean_over_error(x) > LEAST_T for x in (worse, share)) or clear)
+            and self._loss(best, less) > LEAST_GAIN * np.sqrt(less.cost / self.rows)
+            and less.cost - best.cost > self.rows * (LEAST_NOISE * self.q.noise) ** 2
         )
 
     # ---- what is said ------------------------------------------------------------------------
@@ -420,7 +452,7 @@ class Chooser:
         for k in mine:
             for i, name in enumerate(spread.names):
                 other = PARAMETERS[name].cause
-                near = abs(spread.correlation[k, i]) > self.q.settings.selection.alike
+                near = abs(spread.correlation[k, i]) > CORRELATED
                 if other != cause and near:
                     found.add(other)
         return tuple(sorted(found))

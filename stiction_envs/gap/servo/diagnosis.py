@@ -28,6 +28,10 @@ from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import Tip, explains_better, proposed
 from stiction_envs.gap.servo.questions import (
+    GRAVITY_SEEN,
+    LEAST_GRAVITY,
+    MOVES,
+    UNKNOWN_STIFFNESS,
     Servo,
     always_fitted,
     lower_bounds,
@@ -38,8 +42,8 @@ from stiction_envs.gap.servo.questions import (
     sags,
     shown,
 )
-from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.gap.servo.whole_arm import (
+    WORSE,
     ServoCheck,
     check_model,
     folds,
@@ -49,7 +53,6 @@ from stiction_envs.gap.servo.whole_arm import (
     rows,
     touching,
 )
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
@@ -166,31 +169,27 @@ class _Joints:
         arm: Arm,
         servo: Servo,
         workers: ThreadPoolExecutor,
-        settings: ServoSettings,
         motions: list[JointMotion] | None = None,
     ) -> None:
         self.logs, self.arm = logs, arm
-        self.servo, self.workers, self.settings = servo, workers, settings
-        asked = settings.questions
+        self.servo, self.workers = servo, workers
         self.motions = joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([resolution_of(m.q) for m in self.motions])
         self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [rest_noise(m, asked) for m in self.motions]
+            self.resolution / np.sqrt(12.0), [rest_noise(m) for m in self.motions]
         )
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         currents = [
             np.full_like(log.q, np.nan) if log.current is None else log.current for log in logs
         ]
         self.currents = rows(logs, currents)
-        self.nominal = nominal_parameters(servo, self.motions, asked)
+        self.nominal = nominal_parameters(servo, self.motions)
         self.scaled = [
-            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]), asked)
+            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
             for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
-        heads = [
-            shown(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)
-        ]
+        heads = [shown(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)]
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
@@ -201,7 +200,7 @@ class _Joints:
     ) -> _Joints:
         """Return the joints of another arm, or along other motions."""
         arm = self.arm if arm is None else arm
-        return _Joints(self.logs, arm, self.servo, self.workers, self.settings, motions)
+        return _Joints(self.logs, arm, self.servo, self.workers, motions)
 
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
@@ -215,35 +214,31 @@ class _Joints:
                 self.chosen[j],
                 float(self.resolution[j]),
                 scaled,
-                self.settings.questions,
             ),
             low=lower_bounds(
                 self.motions[j],
                 self.chosen[j],
                 float(self.nominal[j, INDEX["stiffness"]]),
-                self.settings.limits,
             ),
             counts=counts,
             noise=float(self.noise[j]),
             judged=not self.servo.perfect,
-            settings=self.settings,
         )
 
     def contacts(self) -> dict[int, Rows]:
         """Return by joint the (T,) rows in which it seems to touch something."""
-        of = self.settings.contact
 
         def error_of(j: int) -> Array:
-            counts = ~contact.suspected(self.motions[j], of)[self.shown[j]]
+            counts = ~contact.suspected(self.motions[j])[self.shown[j]]
             rough, _ = Chooser(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
         for j, error in enumerate(self.workers.map(error_of, range(self.n))):
-            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]), of)
+            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]))
             if touches.any():
                 out[j] = touches
-        many = bool(out) and np.any([*out.values()], axis=0).mean() > of.most
+        many = bool(out) and np.any([*out.values()], axis=0).mean() > contact.MOST
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
@@ -281,15 +276,14 @@ class _Joints:
 
         It is that of the other joints where all servos are the same.
         """
-        asked = self.settings.questions
         same = self.servo.same and bool(stiffnesses)
-        stiffness = float(np.median(stiffnesses)) if same else asked.unknown_stiffness
+        stiffness = float(np.median(stiffnesses)) if same else UNKNOWN_STIFFNESS
         for j in light:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             largest = float(np.abs(self.motions[j].gravity).max())
-            seen = largest > asked.gravity_seen * self.resolution[j] * stiffness
-            self.scaled[j] = same and bool(seen) and largest > asked.least_gravity
+            seen = largest > GRAVITY_SEEN * self.resolution[j] * stiffness
+            self.scaled[j] = same and bool(seen) and largest > LEAST_GRAVITY
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"
@@ -311,9 +305,9 @@ class _Joints:
         """
         if not any(joint.causes for joint in found.values()):
             return list(found)
-        least = self.settings.questions.moves * self.resolution
+        least = MOVES * self.resolution
         moving = np.array([np.ptp(m.q) for m in self.motions]) >= least
-        worse = moving & (extended > self.settings.validation.worse * nominal)
+        worse = moving & (extended > WORSE * nominal)
         share = extended[moving] / np.maximum(nominal[moving], 1e-12)
         if not moving.any() or share.mean() >= 1.0:
             self.notes.append(
@@ -330,7 +324,7 @@ class _Joints:
 
     def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
-        halves = folds(self.motions[0], self.settings.validation)
+        halves = folds(self.motions[0])
 
         def one(j: int, counts: Rows) -> Array:
             start = found[j].fit
@@ -357,16 +351,15 @@ def _with_tip(
     joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
 ) -> tuple[_Joints, dict[int, JointCauses], Tip | None]:
     """Return joints and causes of the arm with a body at its flange, where that explains more."""
-    of = joints.settings.payload
     if joints.servo.perfect:  # its stiffness would take up any body
         return joints, found, None
     shifted = [j for j in found if "encoder_offset" in found[j].causes]
-    tip = proposed(joints.arm, joints.motions, joints.nominal, free, of, shifted=shifted)
+    tip = proposed(joints.arm, joints.motions, joints.nominal, free, shifted=shifted)
     if tip is None:
         return joints, found, None
     loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
-    return (loaded, again, tip) if explains_better(tip, found, again, of) else (joints, found, None)
+    return (loaded, again, tip) if explains_better(tip, found, again) else (joints, found, None)
 
 
 def _with_zero(
@@ -412,7 +405,6 @@ def diagnose_servo(
     check: Sequence[ServoLog] = (),
     threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
-    settings: GapSettings | None = None,
 ) -> ServoDiagnosis:
     """Name what a simulated position servo gets wrong about servo logs.
 
@@ -426,13 +418,11 @@ def diagnose_servo(
         check: logs that take no part and test the model.
         threads: threads, 0 for all processors.
         progress: called with a stage and its part done.
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    settings = settings or gap_settings()
     say = progress or (lambda *_: None)
     say("inverse dynamics", 0.0)
     with ThreadPoolExecutor(max_workers=threads or None) as workers:
-        joints = _Joints(logs, arm, servo, workers, settings.servo)
+        joints = _Joints(logs, arm, servo, workers)
         say("columns of all causes", 0.0)
         contacts = joints.contacts()
         t = joints.motions[0].t
@@ -445,7 +435,7 @@ def diagnose_servo(
         say("refitting", 0.0)
         final, parts = joints.refits(found, free)
         say("forward validation", 0.0)
-        first = folds(joints.motions[0], settings.servo.validation)[0]
+        first = folds(joints.motions[0])[0]
         jobs = [
             workers.submit(simulate_arm, joints.arm, logs, p, joints.load, threads=1) for p in parts
         ]
@@ -459,9 +449,7 @@ def diagnose_servo(
     )
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(
-            causes, tip, _lost(before, found, free), nominal_rms, settings.servo.payload
-        )
+        causes = with_payload(causes, tip, _lost(before, found, free), nominal_rms)
     checked = None
     if check:
         say("check", 0.0)
@@ -470,13 +458,12 @@ def diagnose_servo(
             nominal_angles(arm, check, servo, before.nominal, before.load),
             simulate_arm(joints.arm, check, final, joints.load),
             extended_rms,
-            settings.servo.validation,
         )
     return ServoDiagnosis(
         robot=arm.name,
         servo=servo,
         payload=tip,
-        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise, settings),
+        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
         causes=causes,
         minor=minor,
         nominal_rms=nominal_rms,

@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause
 from stiction_envs.gap.servo import contact
-from stiction_envs.gap.servo.choose import JointCauses
+from stiction_envs.gap.servo.choose import LINKS_LEAVE, JointCauses
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
-from stiction_envs.gap.servo.payload import Tip
-from stiction_envs.gap.servo.settings import ServoPayloadSettings
+from stiction_envs.gap.servo.payload import ACTS, Tip
 from stiction_envs.gap.servo.spread import EXTRA_STICTION, SERVO_LAG
-from stiction_envs.gap.settings import GapSettings
 
 Array = NDArray[np.float64]
 CLOSE = 3.0
@@ -141,7 +139,6 @@ def with_payload(
     tip: Tip,
     lost: Array,
     nominal_rms: Array,
-    settings: ServoPayloadSettings,
 ) -> tuple[NamedCause, ...]:
     """Return the causes with a body at the flange among them.
 
@@ -150,9 +147,8 @@ def with_payload(
         tip: the body.
         lost: (n,) error that it takes off [rad].
         nominal_rms: (n,) [rad].
-        settings: on which joints it is named.
     """
-    acts = tip.torque > settings.acts * tip.torque.max()
+    acts = tip.torque > ACTS * tip.torque.max()
     share = np.clip(lost / np.maximum(nominal_rms, 1e-12), 0.0, 1.0)
     body = NamedCause(
         name="payload",
@@ -175,11 +171,10 @@ def verdict_of(
     nominal: Array,
     extended: Array,
     noise: Array,
-    settings: GapSettings,
 ) -> str:
     """Return the verdict; errors and noise floor are (n,) [rad]."""
     if not causes:
-        enough = settings.servo.selection.links_leave * noise
+        enough = LINKS_LEAVE * noise
         return "no discrepancy" if (nominal < enough).all() else "cannot tell"
     enough = CLOSE * noise
     return "explained" if (extended < enough).all() else "partly explained"

@@ -23,12 +23,38 @@ from stiction_envs.gap.servo.choose import JointCauses, count_named, criterion
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.settings import ServoPayloadSettings
 from stiction_envs.gap.signals.prepare import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
+ROW_SECONDS = 0.1
+"""Time between the rows of the regression [s]; assumed."""
+BLOCK_SECONDS = 4.0
+"""Blocks of time whose scatter gives the interval [s]; assumed."""
+SLOW = 0.02
+"""Speed at which dry friction is nearly its level [rad/s]; assumed."""
+LINKS_OFF = 0.08
+"""Usual error of a joint's gravity because links are a little off [-]; assumed."""
+ZERO_OFF = 0.02
+"""Usual error of a joint's zero [rad]; assumed."""
+USUAL_MASS = 2.0
+"""Usual mass that is not in the model [kg]; assumed."""
+ROUNDS = 4
+"""Rounds of weighing the joints by their error; assumed."""
+REACH = 0.1
+"""Usual distance of its centre from the flange [m]; assumed."""
+LEAST_T = 3.0
+"""Least mass over its standard error to be tried [-]; assumed."""
+ACTS = 0.1
+"""Least gravity of the body on a joint that it is named on, over its largest [-]; assumed."""
+LOADED = 0.2
+"""Least gravity of a loaded joint over that of the most loaded one [-]; assumed."""
+LEAST_SHARE = 0.3
+"""Gravity of the body over a loaded joint's own [-] below which it must spare causes; assumed,
+twice links_off of the selection."""
+BODY_PARAMETERS = 4
+"""Parameters of a body, each as dear as a cause [-]; mass and three coordinates."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +94,6 @@ def proposed(
     motions: Sequence[JointMotion],
     nominal: Array,
     rows: NDArray[np.bool_],
-    settings: ServoPayloadSettings,
     *,
     shifted: Sequence[int] = (),
 ) -> Tip | None:
@@ -79,27 +104,26 @@ def proposed(
         motions: of its joints.
         nominal: (n, P) parameters of the simulation that is judged; the servos' stiffness is known.
         rows: (T,) without contact.
-        settings: when one is proposed.
         shifted: joints (from 0) whose zero seems to be off.
     """
-    every = motions[0].rows_in(settings.row_seconds)
+    every = motions[0].rows_in(ROW_SECONDS)
     kept = np.flatnonzero(rows)[::every]
     q = np.stack([m.q[kept] for m in motions], axis=1)
     body = gravity_of_tip(arm, q)
-    blocks = (motions[0].t[kept] // settings.block_seconds).astype(int)
+    blocks = (motions[0].t[kept] // BLOCK_SECONDS).astype(int)
     _, block = np.unique(blocks, return_inverse=True)
     parts = []
     for j, (m, p) in enumerate(zip(motions, nominal, strict=True)):
-        torque, nuisance, prior = _residual(m, p, kept, settings)
+        torque, nuisance, prior = _residual(m, p, kept)
         if j in shifted:
             prior[-1] = np.inf
         parts.append(_without(torque, nuisance, prior, body[:, j]))
     torque = np.concatenate([part[0] for part in parts])
     columns = np.concatenate([part[1] for part in parts])
     joint, block = np.repeat(np.arange(arm.n), len(kept)), np.tile(block, arm.n)
-    unit = np.diag(1.0 / np.array([1.0, *[settings.reach] * 3]) ** 2) / settings.usual_mass**2
+    unit = np.diag(1.0 / np.array([1.0, *[REACH] * 3]) ** 2) / USUAL_MASS**2
     found = np.zeros(4)
-    for _ in range(settings.rounds):  # joints weigh by what the body leaves on them
+    for _ in range(ROUNDS):  # joints weigh by what the body leaves on them
         left = (torque - columns @ found) ** 2
         weight = 1.0 / np.maximum(np.bincount(joint, weights=left) / len(kept), 1e-12)[joint]
         inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns) + unit)
@@ -117,8 +141,8 @@ def proposed(
     mass, moment = float(found[0]), found[1:]
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
-    loaded = own > settings.loaded * own.max()
-    if not 0 < mass >= settings.least_t * deviation[0]:  # nuisances may leave nothing of it
+    loaded = own > LOADED * own.max()
+    if not 0 < mass >= LEAST_T * deviation[0]:  # nuisances may leave nothing of it
         return None
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
@@ -139,20 +163,17 @@ def explains_better(
     tip: Tip,
     without: Mapping[int, JointCauses],
     with_it: Mapping[int, JointCauses],
-    settings: ServoPayloadSettings,
 ) -> bool:
     """Return whether a body at the flange explains the joints better than their own causes.
 
     A small body must also save causes: links that are a little off look like one.
     """
-    if tip.share < settings.least_share and count_named(with_it) >= count_named(without):
+    if tip.share < LEAST_SHARE and count_named(with_it) >= count_named(without):
         return False
-    return criterion(with_it, settings.parameters) < criterion(without)
+    return criterion(with_it, BODY_PARAMETERS) < criterion(without)
 
 
-def _residual(
-    motion: JointMotion, p: Array, kept: NDArray[np.int64], settings: ServoPayloadSettings
-) -> tuple[Array, Array, Array]:
+def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:
     """Return what the servo's torque leaves [N·m], (R, N) nuisances, and their (N,) priors.
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
@@ -162,11 +183,11 @@ def _residual(
     acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
     torque = p[INDEX["stiffness"]] * (motion.command - motion.q) - p[INDEX["damping"]] * speed
     torque = torque - motion.gravity - motion.coupling - motion.inertia * acceleration
-    direction = np.tanh(speed / settings.slow)
+    direction = np.tanh(speed / SLOW)
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
     nuisance = np.stack(columns, axis=1)
-    prior = np.array([np.inf, np.inf, np.inf, np.inf, settings.links_off, settings.zero_off])
+    prior = np.array([np.inf, np.inf, np.inf, np.inf, LINKS_OFF, ZERO_OFF])
     return torque[kept], nuisance[kept], prior
 
 

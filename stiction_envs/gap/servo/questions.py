@@ -11,13 +11,35 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion, speeds
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
-from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
 from stiction_envs.gap.servo.spread import LAG
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+MOST_SECONDS = 240.0
+"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
+GRAVITY_SEEN = 3.0
+"""Least sag of a joint by gravity over the angle's resolution that scales its servo's stiffness
+[-]; assumed."""
+LEAST_GRAVITY = 0.02
+"""Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
+CALM_ROWS = 9
+"""Rows for which a command rests where the angle's noise is taken; assumed."""
+LEAST_CALM = 20
+"""Least rows that show it; assumed."""
+MOVES = 5.0
+"""Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
+UNKNOWN_STIFFNESS = 10.0
+"""Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
+PASSED_SECONDS = 0.1
+"""Time over which a speed counts as passed [s]; assumed."""
+PASSED_PERCENT = 99.0
+"""Percentile of such speeds that counts as the largest [%]; assumed."""
+PASSED = 0.9
+"""Least speed limit over the largest speed that was passed [-]; assumed."""
+OFTEN_PERCENT = 85.0
+"""Percentile of the distance from the command that no torque limit lies below [%]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,16 +63,13 @@ class Servo:
         return self.stiffness is None and self.parameters is None
 
 
-def nominal_parameters(
-    servo: Servo, motions: Sequence[JointMotion], settings: ServoQuestionSettings
-) -> Array:
+def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
     """Return (n, P) parameters of the nominal simulation."""
     if servo.parameters is not None:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
-    out[:, INDEX["stiffness"]] = (
-        settings.unknown_stiffness if servo.stiffness is None else servo.stiffness
-    )
+    known = servo.stiffness
+    out[:, INDEX["stiffness"]] = UNKNOWN_STIFFNESS if known is None else known
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
     elif servo.stiffness is not None:
@@ -97,7 +116,6 @@ def possible_causes(
     motion: JointMotion,
     resolution: float,
     scaled: bool,
-    settings: ServoQuestionSettings,
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
@@ -106,9 +124,8 @@ def possible_causes(
         motion: of the joint.
         resolution: step of its angle [rad].
         scaled: whether gravity scales its servo's torque.
-        settings: what moves.
     """
-    least = settings.moves * resolution
+    least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
         return ()
     out = ["servo_stiffness"] if scaled else []
@@ -122,21 +139,16 @@ def possible_causes(
     return tuple(cause for cause in out if cause not in unknown)
 
 
-def sags(
-    motion: JointMotion,
-    resolution: float,
-    stiffness: float | None,
-    settings: ServoQuestionSettings,
-) -> bool:
+def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
     """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
     g, error = motion.gravity, motion.command - motion.q
-    if np.abs(g).max() < settings.least_gravity:
+    if np.abs(g).max() < LEAST_GRAVITY:
         return False
     sag = float(error @ g) / float(g @ g) if stiffness is None else 1 / stiffness
-    return bool(sag * np.sqrt(np.mean(g**2)) > settings.gravity_seen * resolution)
+    return bool(sag * np.sqrt(np.mean(g**2)) > GRAVITY_SEEN * resolution)
 
 
 def resolution_of(q: Array) -> float:
@@ -146,16 +158,16 @@ def resolution_of(q: Array) -> float:
     return float(np.percentile(steps, 10)) if len(steps) else 1e-6
 
 
-def rest_noise(motion: JointMotion, settings: ServoQuestionSettings) -> float:
+def rest_noise(motion: JointMotion) -> float:
     """Return the noise of the angle while the command rests [rad]."""
     still = np.concatenate([[False], np.diff(motion.command) == 0.0])
-    calm = np.convolve(still, np.ones(settings.calm_rows), "same") >= settings.calm_rows
+    calm = np.convolve(still, np.ones(CALM_ROWS), "same") >= CALM_ROWS
     jump = motion.q[1:-1] - 0.5 * (motion.q[:-2] + motion.q[2:])
     jump = jump[calm[1:-1]]
-    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > settings.least_calm else 0.0
+    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > LEAST_CALM else 0.0
 
 
-def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSettings) -> Index:
+def shown(motion: JointMotion, resolution: float) -> Index:
     """Return (S,) how many rows of each segment show a joint's causes.
 
     The heads of all segments in which it moves, equally long: a limit shows in one motion, friction
@@ -163,11 +175,9 @@ def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSetting
     """
     lengths = np.diff(motion.bounds)
     parts = [slice(a, b) for a, b in pairwise(motion.bounds)]
-    moves = np.array(
-        [np.ptp(motion.command[p]) >= settings.moves * resolution for p in parts], dtype=bool
-    )
+    moves = np.array([np.ptp(motion.command[p]) >= MOVES * resolution for p in parts], dtype=bool)
     lengths = np.where(moves, lengths, 0) if moves.any() else lengths
-    most = settings.most_seconds / motion.step
+    most = MOST_SECONDS / motion.step
     # the longest head of which all segments together have no more than that
     heads = np.sort(lengths)
     totals = np.cumsum(heads) + heads * np.arange(len(heads) - 1, -1, -1)
@@ -178,22 +188,19 @@ def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSetting
     return np.minimum(lengths, max(head, 1))
 
 
-def lower_bounds(
-    motion: JointMotion, part: JointMotion, stiffness: float, settings: ServoLimitSettings
-) -> Array:
+def lower_bounds(motion: JointMotion, part: JointMotion, stiffness: float) -> Array:
     """Return (P,) lower bounds: no limit lies below what was passed or needed most of the time.
 
     Args:
         motion: of the joint.
         part: of it, on which causes are chosen.
         stiffness: of its servo [N·m/rad].
-        settings: what was passed.
     """
     low = LOW.copy()
-    v, rows = speeds(motion, settings.passed_seconds), motion.rows_in(settings.passed_seconds)
+    v, rows = speeds(motion, PASSED_SECONDS), motion.rows_in(PASSED_SECONDS)
     inside = (v[a + rows : b] for a, b in pairwise(motion.bounds) if b - a > rows)
-    passed = max((float(np.percentile(x, settings.passed_percent)) for x in inside), default=0.0)
-    low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], settings.passed * passed)
-    stretched = float(np.percentile(np.abs(part.command - part.q), settings.often_percent))
+    passed = max((float(np.percentile(x, PASSED_PERCENT)) for x in inside), default=0.0)
+    low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], PASSED * passed)
+    stretched = float(np.percentile(np.abs(part.command - part.q), OFTEN_PERCENT))
     low[INDEX["torque_limit"]] = max(low[INDEX["torque_limit"]], stiffness * stretched)
     return low

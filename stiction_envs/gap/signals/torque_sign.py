@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.loads import loads
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.measured.logs.corrections import Correction
@@ -32,7 +31,6 @@ def correct_sign(
     logs: Sequence[JointLog],
     signals: Signals,
     arm: Arm,
-    settings: GapSettings | None = None,
     known: int = 0,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
@@ -44,7 +42,6 @@ def correct_sign(
         logs: of one robot, with one convention.
         signals: made of them.
         arm: the nominal rigid arm.
-        settings: constants of the method; None for those of ``settings.toml``.
         known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
             that changes overrides it.
         known_unit: likewise, (n,) what 1 N·m is in the unit of the torques; None for 1.
@@ -56,7 +53,7 @@ def correct_sign(
         StictionError: a joint's torque has the opposite sign in one log, and not in another.
     """
     numbers = dict.fromkeys(s.log for s in signals.segments)
-    found = {k: loads(signals, k, arm, settings) for k in numbers}
+    found = {k: loads(signals, k, arm) for k in numbers}
     shown = {k: x for k, x in found.items() if x.by_load.any()}
     for j in range(arm.n):
         each = {int(x.sign[j]): k for k, x in shown.items() if x.by_load[j]}

@@ -100,7 +100,6 @@ class Replay:
             torque=self.data.recording.torque,
             cutoff_hz=self.cutoff_hz,
             seed=seed,
-            settings=self.data.settings,
         )
 
     def in_band(self, x: Array) -> Array:
