@@ -41,7 +41,11 @@ def with_friction(arm: Arm, state: tuple[Array, Array, Array]) -> Array:
     n = arm.n
     own = np.zeros((len(q), n, 3, n))
     j = np.arange(n)
-    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = excited.direction(dq), dq, 1.0
+    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = (
+        np.sign(excited.presliding(q, 1e-9)),
+        dq,
+        1.0,
+    )
     links = torque_regressor(arm.pinocchio(), q, dq, ddq)
     return np.concatenate([links, own.reshape(len(q), n, -1)], axis=2)
 

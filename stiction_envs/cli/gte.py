@@ -13,7 +13,6 @@ from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
-    from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
@@ -89,16 +88,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="the point that is controlled and measured, from the flange in the hand's frame [m]; "
         "the Panda's hand has 0 0 0.1034 (default: the flange)",
     )
-    parser.add_argument(
-        "--compensate-payload",
-        **common.PAYLOAD,
-        help="payload in the controller's model (default: the true one)",
-    )
-    parser.add_argument(
-        "--compensate-tilt",
-        **common.TILT,
-        help="inclination in the controller's model [rad] (default: the true one)",
-    )
     common.add_experiment_options(parser)
     add_video_option(parser, "show the first iteration of every case")
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
@@ -115,7 +104,6 @@ def run(args: argparse.Namespace) -> common.Answer:
         with_and_without,
     )
 
-    controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
     if args.compensation is None and args.compensation_table is not None:
         raise StictionError("--compensation-table: needs --compensation KIND")
@@ -132,7 +120,6 @@ def run(args: argparse.Namespace) -> common.Answer:
         start=args.start,
         tool=args.tool,
         paths={} if own is None else {own.name: own},
-        controller_model=controller_model,
         sensing=args.sensing,
         scatter=not args.no_scatter,
         seed=args.seed,
@@ -182,18 +169,3 @@ def _check_compensation(args: argparse.Namespace) -> None:
         raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
     if args.compensation_table is not None:
         raise StictionError("--compensation-table: not with --compensation FILE, which has gains")
-
-
-def _read_controller_model(args: argparse.Namespace) -> Arm | None:
-    """Return the controller's own model of the arm; None for the true one."""
-    if args.compensate_payload is None and args.compensate_tilt is None:
-        return None
-    from stiction_envs.robots import load_arm
-
-    payload, tilt = args.compensate_payload, args.compensate_tilt
-    return load_arm(
-        args.robot,
-        payload=args.payload if payload is None else payload,
-        tilt=args.tilt if tilt is None else tilt,
-        chain=args.chain,
-    )

@@ -77,7 +77,6 @@ BAD = {
         "--payload nan 0 0 0": "finite",
         "--payload -1 0 0 0": "negative",
         "--payload 1": "4 arguments",
-        "--controller-rate 300": "divisors of 1000",
         "--friction {no.toml}": "not a TOML file",
         "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",
         "--sensing {friction.toml}": "expected a table [sensing]",
@@ -88,7 +87,6 @@ BAD = {
         "{waveform.csv}": "sine, square, triangle",
         "{strong.csv}": "torque limit of joint 7",
         "{fast.csv}": "at most 1000 Hz",
-        "{good.csv} --controller-rate 10": "at most 10 Hz",
         "{good.csv} --joint 1 2": "tested are 1, 2",
     },
     "gte": {

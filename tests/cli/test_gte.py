@@ -90,8 +90,6 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
         "start": ["--start", 0, -0.6, 0, -2.2, 0, 1.6, 0.8],
         "tool": ["--tool", 0, 0, 0.1034],
         "payload": ["--payload", 0.5, 0, 0, 0.05],
-        "controller_model": ["--compensate-payload", 0.5, 0, 0, 0.05],
-        "tilt": ["--compensate-tilt", 0.05, -2e-2],
         "sensing": ["--sensing", inputs / "late.toml"],
     }
     errors = {}
@@ -100,8 +98,8 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
         rows = read(work / name / "errors.csv")
         errors[name] = tuple(tuple(r["rms"] for r in rows if r["case"] == c) for c in CASES)
     assert len({e[1] for e in errors.values()}) == len(variants)
-    found = json.loads((work / "controller_model" / "provenance.json").read_text())
-    assert found["arguments"]["compensate_payload"] == [0.5, 0.0, 0.0, 0.05]
+    found = json.loads((work / "payload" / "provenance.json").read_text())
+    assert found["arguments"]["payload"] == [0.5, 0.0, 0.0, 0.05]
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 

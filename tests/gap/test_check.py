@@ -12,7 +12,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation.check import check_model, describe, refuse_unfit
+from stiction_envs.gap.validation.check import check_model, refuse_unfit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, dry, found, hidden, motion, only, panda, write_csv
@@ -48,7 +48,7 @@ def test_a_right_model_holds_down_to_the_noise(two, friction):
     assert (check.extended_rms < 1.3 * friction.extended_rms).all()
     (cause,) = check.transfers
     np.testing.assert_allclose(cause.without, check.nominal_rms, rtol=0.05)
-    assert "holds" in describe(check)
+    assert "holds" in str(check)
 
 
 def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
@@ -62,7 +62,7 @@ def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
     assert by["external_spring"].harmed == (1,)
     assert by["external_spring"].without[0] < 0.1 * check.extended_rms[0]
     assert not by["coulomb_friction"].harmed
-    text = describe(check)
+    text = str(check)
     assert "does not hold on joint 1" in text
     assert "Not transferring: external_spring (joint 1)" in text
     assert check.to_json() == {

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow
 from tuning.settings import BoundsSettings, tuning_settings
@@ -238,23 +238,15 @@ def _check_names(table: Mapping[str, object], where: str, kind: str, known: Sequ
             raise StictionError(f"{where}{unknown(kind, name, known)}")
 
 
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise StictionError(f"{where} is {value!r}: expected a finite number")
-    return float(value)
-
-
 def _positive(value: object, where: str) -> float:
-    number = _number(value, where)
+    number = float(checked_array(value, where, ()))
     if number <= 0:
         raise StictionError(f"{where} is {number:g}: expected more than 0")
     return number
 
 
 def _pair(value: object, where: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise StictionError(f"{where} is {value!r}: expected [low, high]")
-    low, high = (_number(x, where) for x in value)
+    low, high = checked_array(value, where, (2,), expected="[low, high], finite numbers").tolist()
     if not low < high:
         raise StictionError(f"{where} is {value!r}: expected [low, high] with low < high")
     return low, high

@@ -116,6 +116,23 @@ class Check:
             "cutoff_hz": self.data.cutoff,
         }
 
+    def __str__(self) -> str:
+        many = "the log that took no part" if len(self.logs) == 1 else "logs that took no part"
+        before, after, worse = self.nominal_rms, self.extended_rms, self.worse_joints
+        if worse:
+            each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in worse)
+            text = f"does not hold on {joint_list(worse)}, whose errors go from {each} N·m"
+        elif not self.transfers:
+            text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
+        else:
+            text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with"
+            text += " it"
+        text = f"On {many} the model {text}" + ("." if worse else " (mean of joints).")
+        harm = [f"{x.name} ({joint_list(x.harmed)})" for x in self.transfers if x.fails]
+        if harm:
+            text += f" Not transferring: {', '.join(harm)}."
+        return text
+
 
 def refuse_unfit(logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: Arm) -> None:
     """Refuse logs that cannot check a model of ``diagnosed`` ones.
@@ -240,21 +257,3 @@ def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tup
             )
         )
     return tuple(out)
-
-
-def describe(check: Check) -> str:
-    """Return the verdict in a sentence or two."""
-    many = "the log that took no part" if len(check.logs) == 1 else "logs that took no part"
-    before, after = check.nominal_rms, check.extended_rms
-    if check.worse_joints:
-        each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in check.worse_joints)
-        text = f"does not hold on {joint_list(check.worse_joints)}, whose errors go from {each} N·m"
-    elif not check.transfers:
-        text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
-    else:
-        text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with it"
-    text = f"On {many} the model {text}" + ("." if check.worse_joints else " (mean of joints).")
-    harm = [f"{x.name} ({joint_list(x.harmed)})" for x in check.transfers if x.fails]
-    if harm:
-        text += f" Not transferring: {', '.join(harm)}."
-    return text
