@@ -231,7 +231,6 @@ def _diagnose_servo_logs(
         check=others,
         threads=options.threads,
         progress=options.progress,
-        settings=settings,
     )
     return ServoResult(diagnosis=found, arm=arm, before=judged, **identity)
 

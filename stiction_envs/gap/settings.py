@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 from typing import get_type_hints
 
-from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.measured.settings import MeasuredSettings, MotionThresholds, measured_settings
 from stiction_envs.method_settings import Count, load_settings
 
@@ -30,8 +29,6 @@ class GapSettings:
     """When a joint moves."""
     recording: RecordingSettings
     """Held-out blocks of time."""
-    servo: ServoSettings
-    """Servo logs."""
 
     @property
     def motion(self) -> MotionThresholds:

@@ -6,48 +6,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.settings import ServoContactSettings
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
+FAR_OFF = 8.0
+"""Least error of the fitted model in contact, over its usual size [-]; assumed."""
+STRETCHED, ELSEWHERE = 1.3, 99.0
+"""Least distance from the command in contact over the largest elsewhere [-], and the percentile
+that counts as the largest [%]; assumed."""
+SUSPECT, USUAL = 3.0, 85.0
+"""Distance from the command that is suspected over the usual one [-], and the percentile that
+counts as usual [%]; assumed."""
+STALLED, MOVING = 0.1, 75.0
+"""Largest speed in contact over the mean of the fastest [-], and the percentile above which speeds
+are these [%]; assumed."""
+AROUND = 0.5
+"""Time left out before and after a contact [s]; assumed."""
+MOST = 0.4
+"""Largest share of the rows: more is no contact but another cause [-]; assumed."""
 
 
-def suspected(motion: JointMotion, settings: ServoContactSettings) -> Rows:
+def suspected(motion: JointMotion) -> Rows:
     """Return (T,) rows in which a joint stands much further from its command than usually.
 
     They would bend a fit to all rows, and are judged by one to the others.
     """
     stretched = np.abs(motion.command - motion.q)
-    usual = np.percentile(stretched, settings.usual_percent)
-    return np.asarray(stretched > settings.suspect * usual)
+    usual = np.percentile(stretched, USUAL)
+    return np.asarray(stretched > SUSPECT * usual)
 
 
-def in_contact(
-    motion: JointMotion, error: Array, resolution: float, settings: ServoContactSettings
-) -> Rows:
+def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
     """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
 
     Args:
         motion: of the joint.
         error: (T,) measured angle less that of a model fitted without suspected rows [rad].
         resolution: step of the measured angle [rad].
-        settings: when it touches.
     """
     usual = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), resolution)
     stretched = np.abs(motion.command - motion.q)
-    off = np.abs(error) > settings.far_off * usual
-    if not off.any() or off.mean() > settings.most:
+    off = np.abs(error) > FAR_OFF * usual
+    if not off.any() or off.mean() > MOST:
         return np.zeros(len(error), dtype=bool)
     speed = np.abs(np.gradient(motion.q, motion.t))
-    moving = speed[speed > np.percentile(speed, settings.moving_percent)]
-    slow = (
-        speed < settings.stalled * float(moving.mean())
-        if len(moving)
-        else np.ones(len(speed), bool)
-    )
-    elsewhere = np.percentile(stretched[~off], settings.elsewhere_percent)
-    found = off & slow & (stretched > settings.stretched * elsewhere)
-    reach = motion.rows_in(settings.around_seconds)
+    moving = speed[speed > np.percentile(speed, MOVING)]
+    slow = speed < STALLED * float(moving.mean()) if len(moving) else np.ones(len(speed), bool)
+    elsewhere = np.percentile(stretched[~off], ELSEWHERE)
+    found = off & slow & (stretched > STRETCHED * elsewhere)
+    reach = motion.rows_in(AROUND)
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
     wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0

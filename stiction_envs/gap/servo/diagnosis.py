@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -12,34 +12,47 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question, criterion
 from stiction_envs.gap.servo.findings import (
     named_causes,
     reported_columns,
     verdict_of,
     with_payload,
 )
-from stiction_envs.gap.servo.fit import AGAIN, fit
 from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.judged import (
+    PERFECT,
+    JointFindings,
+    JointProblem,
+    Question,
+    judge,
+    refit,
+)
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.payload import Tip, explains_better, proposed
+from stiction_envs.gap.servo.payload import Tip, proposed
 from stiction_envs.gap.servo.questions import (
+    GRAVITY_SEEN,
+    LEAST_GRAVITY,
+    MOVES,
+    SMALL,
+    UNKNOWN_STIFFNESS,
     Servo,
     always_fitted,
-    lower_bounds,
+    links_off,
     nominal_parameters,
     possible_causes,
     resolution_of,
     rest_noise,
+    sag_of,
     sags,
     shown,
 )
-from stiction_envs.gap.servo.settings import ServoSettings
 from stiction_envs.gap.servo.whole_arm import (
+    WORSE,
     ServoCheck,
     check_model,
     folds,
@@ -49,12 +62,16 @@ from stiction_envs.gap.servo.whole_arm import (
     rows,
     touching,
 )
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
+STAMPS = 3e-3
+"""Usual error of a log's stamps [s]; assumed."""
+LEFT = 0.02
+"""Part of a servo's torque that no model has, in the motion of links that are a little off [-];
+assumed."""
 EARLY = 0.025
 """Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
 angles of a bus of six servos are 20 ms younger than their stamps."""
@@ -166,31 +183,28 @@ class _Joints:
         arm: Arm,
         servo: Servo,
         workers: ThreadPoolExecutor,
-        settings: ServoSettings,
         motions: list[JointMotion] | None = None,
     ) -> None:
         self.logs, self.arm = logs, arm
-        self.servo, self.workers, self.settings = servo, workers, settings
-        asked = settings.questions
+        self.servo, self.workers = servo, workers
         self.motions = joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([resolution_of(m.q) for m in self.motions])
         self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [rest_noise(m, asked) for m in self.motions]
+            self.resolution / np.sqrt(12.0), [rest_noise(m) for m in self.motions]
         )
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         currents = [
             np.full_like(log.q, np.nan) if log.current is None else log.current for log in logs
         ]
         self.currents = rows(logs, currents)
-        self.nominal = nominal_parameters(servo, self.motions, asked)
+        self.nominal = nominal_parameters(servo, self.motions)
         self.scaled = [
-            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]), asked)
+            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
             for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
-        heads = [
-            shown(m, float(r), asked) for m, r in zip(self.motions, self.resolution, strict=True)
-        ]
+        self.links = links_off(arm, self.motions)
+        heads = [shown(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)]
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
@@ -201,49 +215,46 @@ class _Joints:
     ) -> _Joints:
         """Return the joints of another arm, or along other motions."""
         arm = self.arm if arm is None else arm
-        return _Joints(self.logs, arm, self.servo, self.workers, self.settings, motions)
+        return _Joints(self.logs, arm, self.servo, self.workers, motions)
 
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
-        scaled = self.scaled[j]
+        scaled, nominal = self.scaled[j], self.nominal[j].copy()
+        perfect = self.servo.perfect and scaled
+        if perfect:
+            nominal[INDEX["stiffness"]] = PERFECT / sag_of(self.chosen[j])
+        causes = [
+            possible_causes(self.servo, m, float(r), of_gravity)
+            for m, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
+        ]
+        stretched = (self.chosen[j].command - self.chosen[j].q)[counts]
+        left = LEFT * np.sqrt(np.mean(stretched**2))
         return Question(
             motion=self.chosen[j],
-            nominal=self.nominal[j],
+            nominal=nominal,
             always=always_fitted(self.servo, scaled),
-            candidates=possible_causes(
-                self.servo,
-                self.chosen[j],
-                float(self.resolution[j]),
-                scaled,
-                self.settings.questions,
-            ),
-            low=lower_bounds(
-                self.motions[j],
-                self.chosen[j],
-                float(self.nominal[j, INDEX["stiffness"]]),
-                self.settings.limits,
-            ),
+            candidates=causes[j],
+            hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
-            noise=float(self.noise[j]),
-            judged=not self.servo.perfect,
-            settings=self.settings,
+            floor=float(np.hypot(self.noise[j], left)),
+            small=dict(zip(SMALL, (STAMPS, *self.links[j].tolist()), strict=True)),
+            perfect=perfect,
         )
 
     def contacts(self) -> dict[int, Rows]:
         """Return by joint the (T,) rows in which it seems to touch something."""
-        of = self.settings.contact
 
         def error_of(j: int) -> Array:
-            counts = ~contact.suspected(self.motions[j], of)[self.shown[j]]
-            rough, _ = Chooser(self.question(j, counts)).rough()
+            counts = ~contact.suspected(self.motions[j])[self.shown[j]]
+            rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
         for j, error in enumerate(self.workers.map(error_of, range(self.n))):
-            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]), of)
+            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]))
             if touches.any():
                 out[j] = touches
-        many = bool(out) and np.any([*out.values()], axis=0).mean() > of.most
+        many = bool(out) and np.any([*out.values()], axis=0).mean() > contact.MOST
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
@@ -259,12 +270,12 @@ class _Joints:
                 )
         return {j: touches for j, touches in out.items() if touches.any()}
 
-    def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointCauses]:
+    def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointFindings]:
         """Return the causes of each joint; ``free`` are the (T,) rows without contact."""
-        out: dict[int, JointCauses] = {}
+        out: dict[int, JointFindings] = {}
 
-        def one(j: int) -> JointCauses:
-            found = Chooser(self.question(j, free[self.shown[j]])).choose()
+        def one(j: int) -> JointFindings:
+            found = judge(self.question(j, free[self.shown[j]]))
             say("choosing causes", (len(out) + 1) / self.n)
             return found
 
@@ -281,15 +292,14 @@ class _Joints:
 
         It is that of the other joints where all servos are the same.
         """
-        asked = self.settings.questions
         same = self.servo.same and bool(stiffnesses)
-        stiffness = float(np.median(stiffnesses)) if same else asked.unknown_stiffness
+        stiffness = float(np.median(stiffnesses)) if same else UNKNOWN_STIFFNESS
         for j in light:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             largest = float(np.abs(self.motions[j].gravity).max())
-            seen = largest > asked.gravity_seen * self.resolution[j] * stiffness
-            self.scaled[j] = same and bool(seen) and largest > asked.least_gravity
+            seen = largest > GRAVITY_SEEN * self.resolution[j] * stiffness
+            self.scaled[j] = same and bool(seen) and largest > LEAST_GRAVITY
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"
@@ -299,7 +309,7 @@ class _Joints:
                 "friction, damping and limits scale with it"
             )
 
-    def helped(self, found: dict[int, JointCauses], nominal: Array, extended: Array) -> list[int]:
+    def helped(self, found: dict[int, JointFindings], nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
 
         A model that is worse than the simulation on held-out time explains nothing.
@@ -311,9 +321,9 @@ class _Joints:
         """
         if not any(joint.causes for joint in found.values()):
             return list(found)
-        least = self.settings.questions.moves * self.resolution
+        least = MOVES * self.resolution
         moving = np.array([np.ptp(m.q) for m in self.motions]) >= least
-        worse = moving & (extended > self.settings.validation.worse * nominal)
+        worse = moving & (extended > WORSE * nominal)
         share = extended[moving] / np.maximum(nominal[moving], 1e-12)
         if not moving.any() or share.mean() >= 1.0:
             self.notes.append(
@@ -328,22 +338,12 @@ class _Joints:
             )
         return np.flatnonzero(moving & ~worse).tolist()
 
-    def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
+    def refits(self, found: dict[int, JointFindings], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
-        halves = folds(self.motions[0], self.settings.validation)
+        halves = folds(self.motions[0])
 
         def one(j: int, counts: Rows) -> Array:
-            start = found[j].fit
-            low, high = found[j].bounds
-            return fit(
-                self.motions[j],
-                start.parameters,
-                start.free,
-                counts=counts,
-                iterations=AGAIN,
-                low=low,
-                high=high,
-            ).parameters
+            return refit(self.motions[j], found[j], counts)
 
         fits = [
             self.workers.map(partial(one, counts=counts), range(self.n))
@@ -353,52 +353,59 @@ class _Joints:
         return final, parts
 
 
+def _score(found: Mapping[int, JointFindings]) -> float:
+    """Return log evidence and log prior odds of all joints, less what every name must bring."""
+    return sum(joint.score - NAMED * len(joint.causes) for joint in found.values())
+
+
 def _with_tip(
-    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointCauses], Tip | None]:
-    """Return joints and causes of the arm with a body at its flange, where that explains more."""
-    of = joints.settings.payload
+    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointFindings], Tip | None, float]:
+    """Return joints and causes of the arm with a body at its flange, where that explains more.
+
+    And the body, and the nats against the arm without it.
+    """
     if joints.servo.perfect:  # its stiffness would take up any body
-        return joints, found, None
+        return joints, found, None, 0.0
     shifted = [j for j in found if "encoder_offset" in found[j].causes]
-    tip = proposed(joints.arm, joints.motions, joints.nominal, free, of, shifted=shifted)
-    if tip is None:
-        return joints, found, None
+    tip = proposed(joints.arm, joints.motions, joints.nominal, free, shifted=shifted)
+    if tip is None or tip.nats < NAMED:
+        return joints, found, None, 0.0
     loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
-    return (loaded, again, tip) if explains_better(tip, found, again, of) else (joints, found, None)
+    nats = min(_score(again) - _score(found) - tip.cost, tip.nats)
+    return (loaded, again, tip, nats) if nats > NAMED else (joints, found, None, 0.0)
 
 
 def _with_zero(
-    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointCauses]]:
+    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointFindings]]:
     """Return joints and causes where the others know of one joint whose zero is off.
 
     It changes the gravity of its neighbours, which would otherwise need offsets of their own.
     """
-    name = "encoder_offset"
-    off = [j for j, r in found.items() if name in r.causes and name not in r.minor]
+    off = [j for j, r in found.items() if "encoder_offset" in r.causes]
     best = joints, found
     for j in off:
         zeros = np.zeros(joints.n)
-        zeros[j] = found[j].fit.parameters[INDEX["offset"]]
+        zeros[j] = found[j].fit["offset"]
         motions = joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
         known = joints.with_other(motions=motions)
         again = known.choose(free, say)
-        if criterion(again) < criterion(best[1]):
+        if _score(again) > _score(best[1]):
             best = known, again
     return best
 
 
-def _lost(joints: _Joints, found: dict[int, JointCauses], free: Rows) -> Array:
+def _lost(joints: _Joints, found: dict[int, JointFindings], free: Rows) -> Array:
     """Return (n,) error [rad] that the causes found leave on an arm without its payload, more."""
 
     def one(j: int) -> float:
         chosen, fit = joints.chosen[j], found[j].fit
         counts = free[joints.shown[j]]
         angle = chosen.simulate(fit.parameters[None])[0]
-        with_it = fit.cost / max(1, int(counts.sum()))
+        with_it = np.mean(fit.error[counts] ** 2)
         return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
 
     return np.array([one(j) for j in range(joints.n)])
@@ -412,7 +419,6 @@ def diagnose_servo(
     check: Sequence[ServoLog] = (),
     threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
-    settings: GapSettings | None = None,
 ) -> ServoDiagnosis:
     """Name what a simulated position servo gets wrong about servo logs.
 
@@ -426,13 +432,11 @@ def diagnose_servo(
         check: logs that take no part and test the model.
         threads: threads, 0 for all processors.
         progress: called with a stage and its part done.
-        settings: constants of the method; None for those of ``settings.toml``.
     """
-    settings = settings or gap_settings()
     say = progress or (lambda *_: None)
     say("inverse dynamics", 0.0)
     with ThreadPoolExecutor(max_workers=threads or None) as workers:
-        joints = _Joints(logs, arm, servo, workers, settings.servo)
+        joints = _Joints(logs, arm, servo, workers)
         say("columns of all causes", 0.0)
         contacts = joints.contacts()
         t = joints.motions[0].t
@@ -440,12 +444,12 @@ def diagnose_servo(
         found = joints.choose(free, say)
         plain = nominal_angles(arm, logs, servo, joints.nominal, joints.load)
         before = joints
-        joints, found, tip = _with_tip(joints, found, free, say)
+        joints, found, tip, nats = _with_tip(joints, found, free, say)
         joints, found = _with_zero(joints, found, free, say)
         say("refitting", 0.0)
         final, parts = joints.refits(found, free)
         say("forward validation", 0.0)
-        first = folds(joints.motions[0], settings.servo.validation)[0]
+        first = folds(joints.motions[0])[0]
         jobs = [
             workers.submit(simulate_arm, joints.arm, logs, p, joints.load, threads=1) for p in parts
         ]
@@ -454,14 +458,10 @@ def diagnose_servo(
     nominal_rms = rms(q - rows(logs, plain), free)
     extended_rms = rms(q - rows(logs, held), free)
     helped = joints.helped(found, nominal_rms, extended_rms)
-    causes, minor = named_causes(
-        {j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms
-    )
+    causes = named_causes({j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms)
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(
-            causes, tip, _lost(before, found, free), nominal_rms, settings.servo.payload
-        )
+        causes = with_payload(causes, tip, _lost(before, found, free), nominal_rms, nats)
     checked = None
     if check:
         say("check", 0.0)
@@ -470,15 +470,13 @@ def diagnose_servo(
             nominal_angles(arm, check, servo, before.nominal, before.load),
             simulate_arm(joints.arm, check, final, joints.load),
             extended_rms,
-            settings.servo.validation,
         )
     return ServoDiagnosis(
         robot=arm.name,
         servo=servo,
         payload=tip,
-        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise, settings),
+        verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
         causes=causes,
-        minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=joints.noise,

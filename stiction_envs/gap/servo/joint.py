@@ -81,6 +81,7 @@ class JointMotion:
             self.inertia,
             self.coupling,
             float(np.abs(self.gravity).mean()),
+            float(self.inertia.min()),
             max(1, int(np.ceil(self.step / STEP - 1e-6))),
             out,
         )
@@ -144,6 +145,7 @@ def _simulate(  # type: ignore[no-untyped-def]
     inertia,
     coupling,
     usual,
+    lightest,
     substeps,
     out,
 ):
@@ -163,6 +165,7 @@ def _simulate(  # type: ignore[no-untyped-def]
             inertia[a:b],
             coupling[a:b],
             usual,
+            lightest,
             substeps,
             out[c, a:b],
         )
@@ -170,11 +173,25 @@ def _simulate(  # type: ignore[no-untyped-def]
 
 @compiled
 def _segment(  # type: ignore[no-untyped-def]
-    p, t, measured, times, integral, gravity, slope, inertia, coupling, usual, substeps, out
+    p,
+    t,
+    measured,
+    times,
+    integral,
+    gravity,
+    slope,
+    inertia,
+    coupling,
+    usual,
+    lightest,
+    substeps,
+    out,
 ):
     """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`.
 
-    The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant.
+    The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant, and is
+    one number: a stiffness that followed the length of a row or the pose would make a joint that
+    sticks creep. It holds for the ``lightest`` inertia [kg·m²].
     """
     stiffness, viscous, armature, delay, stiction, drop, stribeck, load = p[:8]
     presliding, limit, fastest, dead, offset, compensated = p[8:]
@@ -192,14 +209,15 @@ def _segment(  # type: ignore[no-untyped-def]
     level = max(stiction + load * abs(weight), 1e-6)
     push = _servo(reference - angle - offset, stiffness, dead, limit) - pull
     stiffest = max(stiction + load * usual, 1e-6) / presliding
+    least = SLOWEST * STEP * STEP * stiffness
+    bristle = min(stiffest, STIFFEST * max(lightest + armature, least) / (STEP * STEP))
     # at rest the bristle carries what it can
-    deflection = max(-level, min(level, push)) / stiffest
+    deflection = max(-level, min(level, push)) / bristle
     n = len(out)
     for k in range(n - 1):
         out[k] = angle + offset
         h = (t[k + 1] - t[k]) / substeps
-        mass = max(inertia[k] + armature, SLOWEST * h * h * stiffness)
-        bristle = min(stiffest, STIFFEST * mass / (h * h))
+        mass = max(inertia[k] + armature, least)
         damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
         for j in range(substeps):
             part = j / substeps

@@ -1,14 +1,14 @@
-"""A mass at the tip that the model lacks: proposed by a regression, accepted if causes get fewer.
+"""A mass at the tip that the model lacks: proposed by a regression, judged by the joints' evidence.
 
 A body at the flange sags all joints under gravity, each as a softer servo would. One regression
 over all joints of the servos' torques K (q_cmd − q) on the torques of such a body, with friction,
-lag, and links a little off as nuisances, proposes its mass and centre. It is named only where the
-joints with it leave less error or need fewer causes than without (`explains_better`).
+lag, and links a little off as nuisances, proposes its mass and centre. It is named where it adds
+more to the evidence of the joints than its own four numbers cost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,16 +19,32 @@ from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
-from stiction_envs.gap.servo.choose import JointCauses, count_named, criterion
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.settings import ServoPayloadSettings
 from stiction_envs.gap.signals.prepare import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
+ROW_SECONDS, BLOCK = 0.1, 4.0
+"""Time between the rows of the regression, and blocks whose scatter gives the interval [s];
+assumed."""
+SLOW = 0.02
+"""Speed at which dry friction is nearly its level [rad/s]; assumed."""
+LINKS_OFF, ZERO_OFF = 0.08, 0.02
+"""Usual error of a joint's gravity because links are a little off [-], and of its zero [rad];
+assumed."""
+CARRIES = 1 / 3
+"""Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
+LOOKS_LIKE = 0.03
+"""Likewise of one that links a little off look like [-]; assumed."""
+REACH = 0.1
+"""Usual distance of its centre from the flange [m]; assumed."""
+ROUNDS = 4
+"""Rounds of weighing the joints by their error; assumed."""
+PROMISING = 3.0
+"""Least mass over its standard error to be judged [-]: another cause is found anew with it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,8 +61,10 @@ class Tip:
     """Lower and upper ends [m]."""
     torque: Array
     """(n,) root mean square of its gravity on each joint [N·m]."""
-    share: float
-    """Largest share of it in the own gravity of a loaded joint [-]."""
+    cost: float
+    """Log evidence that it costs against no body: by how much it narrows its prior [nats]."""
+    nats: float
+    """Log evidence for a usual body against links that are a little off [nats]."""
 
     @property
     def parameters(self) -> dict[str, Estimate]:
@@ -68,7 +86,6 @@ def proposed(
     motions: Sequence[JointMotion],
     nominal: Array,
     rows: NDArray[np.bool_],
-    settings: ServoPayloadSettings,
     *,
     shifted: Sequence[int] = (),
 ) -> Tip | None:
@@ -79,27 +96,29 @@ def proposed(
         motions: of its joints.
         nominal: (n, P) parameters of the simulation that is judged; the servos' stiffness is known.
         rows: (T,) without contact.
-        settings: when one is proposed.
         shifted: joints (from 0) whose zero seems to be off.
     """
-    every = motions[0].rows_in(settings.row_seconds)
+    every = motions[0].rows_in(ROW_SECONDS)
     kept = np.flatnonzero(rows)[::every]
     q = np.stack([m.q[kept] for m in motions], axis=1)
     body = gravity_of_tip(arm, q)
-    blocks = (motions[0].t[kept] // settings.block_seconds).astype(int)
+    blocks = (motions[0].t[kept] // BLOCK).astype(int)
     _, block = np.unique(blocks, return_inverse=True)
     parts = []
     for j, (m, p) in enumerate(zip(motions, nominal, strict=True)):
-        torque, nuisance, prior = _residual(m, p, kept, settings)
+        torque, nuisance, prior = _residual(m, p, kept)
         if j in shifted:
             prior[-1] = np.inf
         parts.append(_without(torque, nuisance, prior, body[:, j]))
     torque = np.concatenate([part[0] for part in parts])
     columns = np.concatenate([part[1] for part in parts])
     joint, block = np.repeat(np.arange(arm.n), len(kept)), np.tile(block, arm.n)
-    unit = np.diag(1.0 / np.array([1.0, *[settings.reach] * 3]) ** 2) / settings.usual_mass**2
+    own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
+    of_mass = np.sqrt(np.mean(body[..., 0] ** 2, axis=0)).max()
+    usual = CARRIES * own.max() / max(of_mass, 1e-12) * np.array([1.0, REACH, REACH, REACH])
+    unit = np.diag(1.0 / usual**2)
     found = np.zeros(4)
-    for _ in range(settings.rounds):  # joints weigh by what the body leaves on them
+    for _ in range(ROUNDS):  # joints weigh by what the body leaves on them
         left = (torque - columns @ found) ** 2
         weight = 1.0 / np.maximum(np.bincount(joint, weights=left) / len(kept), 1e-12)[joint]
         inverse = np.linalg.pinv(columns.T @ (weight[:, None] * columns) + unit)
@@ -115,10 +134,10 @@ def proposed(
     deviation = np.sqrt(np.diag(covariance))
     mass, moment = float(found[0]), found[1:]
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
-    own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
-    loaded = own > settings.loaded * own.max()
-    if not 0 < mass >= settings.least_t * deviation[0]:  # nuisances may leave nothing of it
+    if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it
         return None
+    little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
+    cost = _cost(found / usual, covariance / np.outer(usual, usual))
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
     return Tip(
@@ -130,28 +149,18 @@ def proposed(
         ),
         com_ci95=(com - wide, com + wide),
         torque=torque_of_it,
-        share=float((torque_of_it / np.maximum(own, 1e-12))[loaded].max()),
+        cost=cost,
+        nats=_cost(found / little, covariance / np.outer(little, little)) - cost,
     )
 
 
-def explains_better(
-    tip: Tip,
-    without: Mapping[int, JointCauses],
-    with_it: Mapping[int, JointCauses],
-    settings: ServoPayloadSettings,
-) -> bool:
-    """Return whether a body at the flange explains the joints better than their own causes.
-
-    A small body must also save causes: links that are a little off look like one.
-    """
-    if tip.share < settings.least_share and count_named(with_it) >= count_named(without):
-        return False
-    return criterion(with_it, settings.parameters) < criterion(without)
+def _cost(found: Array, covariance: Array) -> float:
+    """Return nats that four numbers in units of their priors cost by Laplace's approximation."""
+    narrowed = np.clip(np.linalg.eigvalsh(covariance), 1e-9, 1.0)
+    return 0.5 * float(found @ found - np.log(narrowed).sum())
 
 
-def _residual(
-    motion: JointMotion, p: Array, kept: NDArray[np.int64], settings: ServoPayloadSettings
-) -> tuple[Array, Array, Array]:
+def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:
     """Return what the servo's torque leaves [N·m], (R, N) nuisances, and their (N,) priors.
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
@@ -161,11 +170,11 @@ def _residual(
     acceleration = np.gradient(lowpass(speed, rate, CUTOFF_HZ), motion.t)
     torque = p[INDEX["stiffness"]] * (motion.command - motion.q) - p[INDEX["damping"]] * speed
     torque = torque - motion.gravity - motion.coupling - motion.inertia * acceleration
-    direction = np.tanh(speed / settings.slow)
+    direction = np.tanh(speed / SLOW)
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
     nuisance = np.stack(columns, axis=1)
-    prior = np.array([np.inf, np.inf, np.inf, np.inf, settings.links_off, settings.zero_off])
+    prior = np.array([np.inf, np.inf, np.inf, np.inf, LINKS_OFF, ZERO_OFF])
     return torque[kept], nuisance[kept], prior
 
 

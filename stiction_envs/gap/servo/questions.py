@@ -9,15 +9,37 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion, speeds
+from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
-from stiction_envs.gap.servo.settings import ServoLimitSettings, ServoQuestionSettings
-from stiction_envs.gap.servo.spread import LAG
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+LAG = ("damping", "armature", "delay")
+"""Causes, each with a parameter of its name, whose sum, the lag, a log shows better than each."""
+SMALL = ("delay", "compensation", "offset")
+"""Parameters that are a little off on any robot: stamps, and gravity's size and direction."""
+SERVO_LAG = "servo_lag"
+"""The cause that is named instead of them where they cannot be told apart."""
+MOST_SECONDS = 240.0
+"""Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
+GRAVITY_SEEN = 3.0
+"""Least sag of a joint by gravity over the angle's resolution that scales its servo's stiffness
+[-]; assumed."""
+LEAST_GRAVITY = 0.02
+"""Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
+LINK_MASSES, LINK_CENTRES = 0.07, 0.007
+"""Usual error of the links' masses [-] and of their centre [m]; assumed."""
+CALM_ROWS, LEAST_CALM = 9, 20
+"""Rows for which a command rests where the angle's noise is taken, and the least number of such
+rows that show it; assumed."""
+MOVES = 5.0
+"""Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
+PASSED = 3
+"""Number of rows that show that a speed was passed; assumed."""
+UNKNOWN_STIFFNESS = 10.0
+"""Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -41,16 +63,12 @@ class Servo:
         return self.stiffness is None and self.parameters is None
 
 
-def nominal_parameters(
-    servo: Servo, motions: Sequence[JointMotion], settings: ServoQuestionSettings
-) -> Array:
+def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
     """Return (n, P) parameters of the nominal simulation."""
     if servo.parameters is not None:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
-    out[:, INDEX["stiffness"]] = (
-        settings.unknown_stiffness if servo.stiffness is None else servo.stiffness
-    )
+    out[:, INDEX["stiffness"]] = UNKNOWN_STIFFNESS if servo.stiffness is None else servo.stiffness
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
     elif servo.stiffness is not None:
@@ -83,10 +101,10 @@ def _add_stated(out: Array, arm: Arm, motions: Sequence[JointMotion], *, known: 
 
 
 def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:
-    """Return what is fitted and no cause: links that are a little off, unknown damping."""
+    """Return what is fitted and no cause: stamps and links a little off, unknown damping."""
     if servo.perfect:
-        return ()
-    out = ["compensation"] if scaled else []
+        return SMALL[:1]
+    out = list(SMALL if scaled else SMALL[:1])
     if servo.damping is None and servo.parameters is None:
         out.append("damping")
     return tuple(out)
@@ -97,7 +115,6 @@ def possible_causes(
     motion: JointMotion,
     resolution: float,
     scaled: bool,
-    settings: ServoQuestionSettings,
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
@@ -106,9 +123,8 @@ def possible_causes(
         motion: of the joint.
         resolution: step of its angle [rad].
         scaled: whether gravity scales its servo's torque.
-        settings: what moves.
     """
-    least = settings.moves * resolution
+    least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
         return ()
     out = ["servo_stiffness"] if scaled else []
@@ -118,25 +134,72 @@ def possible_causes(
         if not servo.perfect:
             out += ["encoder_offset", "gravity_compensation_missing"]
     out += ["torque_limit", "speed_limit", "dead_zone"]
-    unknown = always_fitted(servo, scaled)
-    return tuple(cause for cause in out if cause not in unknown)
+    if "damping" in always_fitted(servo, scaled):
+        out.remove("damping")
+    return tuple(out)
 
 
 def sags(
     motion: JointMotion,
     resolution: float,
     stiffness: float | None,
-    settings: ServoQuestionSettings,
 ) -> bool:
     """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
-    g, error = motion.gravity, motion.command - motion.q
-    if np.abs(g).max() < settings.least_gravity:
+    g = motion.gravity
+    if np.abs(g).max() < LEAST_GRAVITY:
         return False
-    sag = float(error @ g) / float(g @ g) if stiffness is None else 1 / stiffness
-    return bool(sag * np.sqrt(np.mean(g**2)) > settings.gravity_seen * resolution)
+    sag = sag_of(motion) if stiffness is None else 1 / stiffness
+    return bool(sag * np.sqrt(np.mean(g**2)) > GRAVITY_SEEN * resolution)
+
+
+def sag_of(motion: JointMotion) -> float:
+    """Return by how much a joint sags per torque of gravity [rad/(N·m)]; below 0 if it rises."""
+    return float((motion.command - motion.q) @ motion.gravity) / float(
+        motion.gravity @ motion.gravity
+    )
+
+
+def passed_speed(motion: JointMotion) -> float:
+    """Return the least speed limit that the motion allows [rad/s].
+
+    Over some time a joint goes no further than its reference, but for how far it stood behind at
+    first and is ahead at last; the reference is no further from it than its command.
+    """
+    fastest = 0.0
+    for seconds in (0.25, 0.5, 1.0):
+        k = motion.rows_in(seconds)
+        for a, b in pairwise(motion.bounds):
+            went = motion.q[a + k : b] - motion.q[a : b - k]
+            if len(went) < PASSED:
+                continue
+            ahead = (motion.command - motion.q)[a:b]
+            before, after = np.sign(went) * ahead[:-k], -np.sign(went) * ahead[k:]
+            alone = np.abs(went) - np.maximum(before, 0.0) - np.maximum(after, 0.0)
+            fastest = max(fastest, float(np.sort(alone)[-PASSED:].mean()) / seconds)
+    return fastest
+
+
+def links_off(arm: Arm, motions: Sequence[JointMotion]) -> Array:
+    """Return (n, 2) usual error of each joint's gravity because links are off.
+
+    Of its size, over it [-], and as an angle [rad].
+    """
+    model = arm.model()
+    moment = np.zeros(arm.n)
+    for j in range(arm.n):
+        beyond, body = [], model.jnt_bodyid[j]
+        for k in range(body, model.nbody):
+            at = k
+            while at > body:
+                at = model.body_parentid[at]
+            beyond.append(model.body_mass[k] * (at == body))
+        moment[j] = LINK_CENTRES * np.linalg.norm(model.opt.gravity) * np.linalg.norm(beyond)
+    amplitude = np.array([np.sqrt(np.mean(m.gravity**2 + m.slope**2)) for m in motions])
+    angle = moment / np.maximum(amplitude, 1e-9)
+    return np.stack([np.hypot(LINK_MASSES, angle), angle], axis=1)
 
 
 def resolution_of(q: Array) -> float:
@@ -146,16 +209,16 @@ def resolution_of(q: Array) -> float:
     return float(np.percentile(steps, 10)) if len(steps) else 1e-6
 
 
-def rest_noise(motion: JointMotion, settings: ServoQuestionSettings) -> float:
+def rest_noise(motion: JointMotion) -> float:
     """Return the noise of the angle while the command rests [rad]."""
     still = np.concatenate([[False], np.diff(motion.command) == 0.0])
-    calm = np.convolve(still, np.ones(settings.calm_rows), "same") >= settings.calm_rows
+    calm = np.convolve(still, np.ones(CALM_ROWS), "same") >= CALM_ROWS
     jump = motion.q[1:-1] - 0.5 * (motion.q[:-2] + motion.q[2:])
     jump = jump[calm[1:-1]]
-    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > settings.least_calm else 0.0
+    return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > LEAST_CALM else 0.0
 
 
-def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSettings) -> Index:
+def shown(motion: JointMotion, resolution: float) -> Index:
     """Return (S,) how many rows of each segment show a joint's causes.
 
     The heads of all segments in which it moves, equally long: a limit shows in one motion, friction
@@ -163,11 +226,9 @@ def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSetting
     """
     lengths = np.diff(motion.bounds)
     parts = [slice(a, b) for a, b in pairwise(motion.bounds)]
-    moves = np.array(
-        [np.ptp(motion.command[p]) >= settings.moves * resolution for p in parts], dtype=bool
-    )
+    moves = np.array([np.ptp(motion.command[p]) >= MOVES * resolution for p in parts], dtype=bool)
     lengths = np.where(moves, lengths, 0) if moves.any() else lengths
-    most = settings.most_seconds / motion.step
+    most = MOST_SECONDS / motion.step
     # the longest head of which all segments together have no more than that
     heads = np.sort(lengths)
     totals = np.cumsum(heads) + heads * np.arange(len(heads) - 1, -1, -1)
@@ -176,24 +237,3 @@ def shown(motion: JointMotion, resolution: float, settings: ServoQuestionSetting
     k = int(np.argmax(totals > most))
     head = int((most - heads[:k].sum()) / (len(heads) - k))
     return np.minimum(lengths, max(head, 1))
-
-
-def lower_bounds(
-    motion: JointMotion, part: JointMotion, stiffness: float, settings: ServoLimitSettings
-) -> Array:
-    """Return (P,) lower bounds: no limit lies below what was passed or needed most of the time.
-
-    Args:
-        motion: of the joint.
-        part: of it, on which causes are chosen.
-        stiffness: of its servo [N·m/rad].
-        settings: what was passed.
-    """
-    low = LOW.copy()
-    v, rows = speeds(motion, settings.passed_seconds), motion.rows_in(settings.passed_seconds)
-    inside = (v[a + rows : b] for a, b in pairwise(motion.bounds) if b - a > rows)
-    passed = max((float(np.percentile(x, settings.passed_percent)) for x in inside), default=0.0)
-    low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], settings.passed * passed)
-    stretched = float(np.percentile(np.abs(part.command - part.q), settings.often_percent))
-    low[INDEX["torque_limit"]] = max(low[INDEX["torque_limit"]], stiffness * stretched)
-    return low

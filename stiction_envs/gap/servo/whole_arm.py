@@ -13,11 +13,15 @@ from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.gap.servo.settings import ServoValidationSettings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+FOLD_SECONDS = 10.0
+"""Length of the blocks of time that are held out in turn [s]; assumed."""
+WORSE = 1.1
+"""Least error of the extended model over the nominal one on other logs that is worse [-];
+assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -46,11 +50,11 @@ class ServoCheck:
         }
 
 
-def folds(motion: JointMotion, settings: ServoValidationSettings) -> list[NDArray[np.bool_]]:
+def folds(motion: JointMotion) -> list[NDArray[np.bool_]]:
     """Return two halves of the rows, in alternating blocks of time."""
     segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
     since = motion.t - motion.t[motion.bounds[segment]]
-    even = (since // settings.fold_seconds + segment) % 2 == 0
+    even = (since // FOLD_SECONDS + segment) % 2 == 0
     return [even, ~even]
 
 
@@ -107,7 +111,6 @@ def check_model(
     plain: Sequence[Array],
     model: Sequence[Array],
     fitted_rms: Array,
-    settings: ServoValidationSettings,
 ) -> ServoCheck:
     """Return the errors of both models on logs that took no part.
 
@@ -116,13 +119,12 @@ def check_model(
         plain: per log, (T, n) angles of the nominal simulation [rad].
         model: per log, (T, n) angles of the extended model [rad].
         fitted_rms: (n,) held-out error where the model was fitted [rad].
-        settings: what is worse.
     """
     q = rows(logs, [log.q for log in logs])
     all_rows = np.ones(len(q), dtype=bool)
     before = rms(q - rows(logs, plain), all_rows)
     after = rms(q - rows(logs, model), all_rows)
-    worse = np.flatnonzero((after > settings.worse * before) & (after > fitted_rms))
+    worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
     return ServoCheck(
         nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
     )

@@ -35,7 +35,6 @@ from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Run, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
@@ -48,7 +47,6 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
-from stiction_envs.method_settings import override
 from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
@@ -208,8 +206,7 @@ def plan(
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
-    settings = override(gap_settings(), options.get("settings"))
-    subject, jobs = _planned(own, causes, settings)
+    subject, jobs = _planned(own, causes)
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
@@ -228,12 +225,10 @@ def plan(
     )
 
 
-def _planned(
-    own: DiagnosisResult, causes: Sequence[str] | None, settings: GapSettings
-) -> tuple[Subject, list[Job]]:
+def _planned(own: DiagnosisResult, causes: Sequence[str] | None) -> tuple[Subject, list[Job]]:
     """Return the logs of a diagnosis, and the jobs."""
     if isinstance(own, ServoResult):
-        servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts), settings)
+        servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
         return servos, servos.jobs_of(causes or EFFECTS)
     assert isinstance(own, LogDiagnosis)
     hidden = [c for c in registered() if causes is None or c.name in causes]

@@ -19,13 +19,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.choose import ALIKE
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
+from stiction_envs.gap.servo.findings import ALIKE
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import gravity_of_tip
 from stiction_envs.gap.servo.questions import (
+    SERVO_LAG,
     Servo,
     always_fitted,
     nominal_parameters,
@@ -33,8 +34,6 @@ from stiction_envs.gap.servo.questions import (
     resolution_of,
     sags,
 )
-from stiction_envs.gap.servo.spread import SERVO_LAG
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.hidden.rehearsal.jobs import (
     LARGE_NOISE,
     LARGE_SHARE,
@@ -85,7 +84,6 @@ class HiddenServos:
     """(n,) root mean square of it, at least the noise floor [rad]."""
     resolution: Array
     """(n,) step of the angles [rad]."""
-    settings: GapSettings
 
     def jobs_of(self, names: Collection[str]) -> list[Job]:
         """Return the jobs of causes, in the order of their table."""
@@ -102,19 +100,19 @@ class HiddenServos:
 
     def _why_not(self, name: str, j: int) -> str:
         """Return why a cause cannot show on a joint (from 0), or nothing."""
-        asked, motion = self.settings.servo.questions, self.motions[j]
+        motion = self.motions[j]
         step = float(self.resolution[j])
         known = None if self.servo.perfect else float(self.base[j, INDEX["stiffness"]])
-        scaled = sags(motion, step, known, asked)
+        scaled = sags(motion, step, known)
         if self.servo.perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if self.servo.perfect and name in (
             *("encoder_offset", "gravity_compensation_missing", "payload"),
         ):
             return "nobody said how stiff the servos are, and softer ones sag alike"
-        if name in always_fitted(self.servo, scaled):
+        if name == "damping" and name in always_fitted(self.servo, scaled):
             return "nobody said what it should be, so it is fitted and not judged"
-        possible = possible_causes(self.servo, motion, step, scaled, asked)
+        possible = possible_causes(self.servo, motion, step, scaled)
         if not possible:
             return f"joint {j + 1} hardly moves"
         if name in possible or name in FIXED:
@@ -179,7 +177,7 @@ class HiddenServos:
                 if job.cause == "external_contact":
                     wall[j] = sizes[str(j + 1)]
         logs = self._logs(parameters, mass, wall, rng)
-        said = diagnose_servo(logs, self.arm, self.servo, threads=1, settings=self.settings)
+        said = diagnose_servo(logs, self.arm, self.servo, threads=1)
         named = []
         for c in said.causes:
             joints = [j for j in c.joints if c.name == job.cause or (c.name, j) not in self.right]
@@ -215,16 +213,15 @@ def _behind_wall(angle: Array, depth: Array | float) -> Array:
     return np.minimum(angle, angle.max(axis=0) - depth)
 
 
-def subject_of(own: ServoDiagnosis, arm: Arm, settings: GapSettings) -> HiddenServos:
+def subject_of(own: ServoDiagnosis, arm: Arm) -> HiddenServos:
     """Return the logs of a diagnosis, to hide causes in them.
 
     Args:
         own: their diagnosis.
         arm: the rigid arm that was judged.
-        settings: constants of the method.
     """
     motions = joint_motions(arm, own.logs)
-    base = _base(own, motions, settings)
+    base = _base(own, motions)
     left = []
     for log, angle, touched in zip(own.logs, own.angles, own.touching, strict=True):
         error = np.nan_to_num(log.q - angle)
@@ -247,13 +244,12 @@ def subject_of(own: ServoDiagnosis, arm: Arm, settings: GapSettings) -> HiddenSe
         left=tuple(left),
         noise=noise,
         resolution=np.array([resolution_of(m.q) for m in motions]),
-        settings=settings,
     )
 
 
-def _base(own: ServoDiagnosis, motions: Sequence[JointMotion], settings: GapSettings) -> Array:
+def _base(own: ServoDiagnosis, motions: Sequence[JointMotion]) -> Array:
     """Return (n, P) parameters of the arm as it is judged; what is unknown is as it was found."""
-    out = nominal_parameters(own.servo, motions, settings.servo.questions)
+    out = nominal_parameters(own.servo, motions)
     found = {name: own.parameters[:, k] for name, k in INDEX.items()}
     early = found["delay"] < 0.0
     out[early, INDEX["delay"]] = np.minimum(out[:, INDEX["delay"]], found["delay"])[early]

@@ -8,7 +8,6 @@ import numpy as np
 
 from stiction_envs.gap.servo.diagnosis import _Joints
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.gap.servo.small_arm import two_links
 
@@ -19,7 +18,7 @@ def _joints(folder: Path, workers: ThreadPoolExecutor, second: float) -> _Joints
     t = np.arange(0.0, 4.0, 0.02)
     command = np.stack([0.4 * np.sin(2.0 * t), second * np.sin(3.0 * t)], axis=1)
     log = ServoLog(source="plan.csv", t=t, q=command.copy(), dq=None, q_cmd=command)
-    return _Joints([log], two_links(folder), Servo(), workers, gap_settings().servo)
+    return _Joints([log], two_links(folder), Servo(), workers)
 
 
 def test_a_joint_that_the_model_makes_worse_has_no_causes(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.payload import gravity_of_tip, proposed
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.gap.servo.small_arm import two_links
@@ -48,12 +47,11 @@ def test_servos_that_nobody_knows_are_not_asked_for_a_payload(tmp_path: Path) ->
 
 def test_a_body_is_proposed_where_one_is_hidden() -> None:
     arm = load_arm("panda", payload=(0.3, 0.0, 0.0, 0.1))
-    settings = gap_settings().servo
     for causes, expected in ((["payload"], True), ([], False)):
         h = hide(arm, causes, seed=4, seconds=40.0)
         motions = joint_motions(arm, [h.log])
-        nominal = nominal_parameters(h.servo, motions, settings.questions)
-        found = proposed(arm, motions, nominal, np.ones(len(h.log.t), bool), settings.payload)
+        nominal = nominal_parameters(h.servo, motions)
+        found = proposed(arm, motions, nominal, np.ones(len(h.log.t), bool))
         assert (found is not None) is expected
         if found is not None:
             assert h.payload is not None

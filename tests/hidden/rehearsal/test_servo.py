@@ -12,7 +12,6 @@ import pytest
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
 from stiction_envs.hidden.rehearsal.servo import HiddenServos, _base
@@ -130,5 +129,5 @@ def test_with_nothing_hidden_a_joint_is_as_it_is_judged(
     found = parameters(damping=1.0, delay=expected["delay"] or 0.02, stiction=0.3)[None]
     own = SimpleNamespace(servo=Servo(**known), parameters=found)
     t = 0.01 * np.arange(1500)
-    base = _base(own, [motion(0.4 * np.sin(t), gravity=1.0)], gap_settings())[0]  # type: ignore[arg-type]
+    base = _base(own, [motion(0.4 * np.sin(t), gravity=1.0)])[0]  # type: ignore[arg-type]
     assert {name: base[INDEX[name]] for name in expected} == pytest.approx(expected)
