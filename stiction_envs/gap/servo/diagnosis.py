@@ -38,7 +38,6 @@ from stiction_envs.gap.servo.questions import (
     GRAVITY_SEEN,
     LEAST_GRAVITY,
     MOVES,
-    SMALL,
     UNKNOWN_STIFFNESS,
     Servo,
     always_fitted,
@@ -67,8 +66,6 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
-STAMPS = 3e-3
-"""Usual error of a log's stamps [s]; assumed."""
 LEFT = 0.02
 """Part of a servo's torque that no model has, in the motion of links that are a little off [-];
 assumed."""
@@ -232,12 +229,11 @@ class _Joints:
         return Question(
             motion=self.chosen[j],
             nominal=nominal,
-            always=always_fitted(self.servo, scaled),
+            always=always_fitted(self.servo, self.chosen[j], self.links[j], scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
             floor=float(np.hypot(self.noise[j], left)),
-            small=dict(zip(SMALL, (STAMPS, *self.links[j].tolist()), strict=True)),
             perfect=perfect,
         )
 

@@ -54,8 +54,9 @@ class Question:
     motion: JointMotion
     nominal: Array
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
-    always: tuple[str, ...]
-    """Parameters that are fitted and belong to no cause: small errors, and what is unknown."""
+    always: Mapping[str, float]
+    """Parameters that are fitted and no cause, with the usual size of their change [SI]: small
+    errors, and of the cause's size (NaN) what is unknown."""
     candidates: tuple[str, ...]
     """Causes that this motion could show."""
     hypotheses: int
@@ -64,8 +65,6 @@ class Question:
     """(T,) rows that count."""
     floor: float
     """Error of the angle that every model leaves [rad]."""
-    small: dict[str, float]
-    """Usual size of the parameters that are a little off where their cause is absent [SI]."""
     perfect: bool = False
     """Whether the servo of the nominal simulation is `PERFECT` times as stiff as the joint's."""
 
@@ -119,6 +118,8 @@ class JointProblem:
             "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
         }
         self.passed = passed_speed(m)
+        self.dry = bool(q.nominal[INDEX["stiction"]] > 0)
+        """Whether the nominal simulation has dry friction."""
         self.fits: dict[Causes, Fit] = {}
         self._tried = set[tuple[Term, ...]]()
 
@@ -126,8 +127,7 @@ class JointProblem:
 
     def needs(self, cause: str) -> tuple[str, ...]:
         """Return what a cause refines, where the nominal simulation does not have it."""
-        dry = self.q.nominal[INDEX["stiction"]] > 0
-        return ("coulomb_friction",) if cause in LAW and not dry else ()
+        return ("coulomb_friction",) if cause in LAW and not self.dry else ()
 
     def odds(self, causes: Iterable[str]) -> float:
         """Return log prior odds against causes: every joint has some friction."""
@@ -135,14 +135,16 @@ class JointProblem:
 
     def coordinates(self, causes: Causes) -> Coordinates:
         """Return the free parameters of a choice of causes, with their priors."""
-        free = [n for n in NAMES if PARAMETERS[n].cause in causes or n in self.q.always]
+        dry = "coulomb_friction" in causes or self.dry
+        always = {n for n in self.q.always if n != "bristle" or dry}
+        free = [n for n in NAMES if PARAMETERS[n].cause in causes or n in always]
         at = np.array([INDEX[n] for n in free], dtype=np.int64)
         centre, size = self.q.nominal[at].copy(), np.empty(len(at))
         for k, name in enumerate(free):
             p = PARAMETERS[name]
             size[k] = p.size * (self.own if p.scale == "stiffness" else 1.0)
-            if p.cause not in causes:
-                size[k] = self.q.small.get(name, size[k])
+            if p.cause not in causes and not np.isnan(self.q.always[name]):
+                size[k] = self.q.always[name]
             if name in LIMITS and centre[k] >= FAR:
                 centre[k] = self.reached[name]
             if name == "stiffness":
@@ -150,6 +152,8 @@ class JointProblem:
         ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
         low = LOW.copy()
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
+        if "armature" not in causes:  # of links that are lighter than in the file
+            low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
             base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
         ).within(low[at], HIGH[at])
@@ -415,11 +419,13 @@ def judge(question: Question) -> JointFindings:
 def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
     """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
 
-    Links that lean are no offset, which would move the links beyond: they are left as they are.
+    Small errors of links are left as they are: they are no offset, which would move the links
+    beyond, and no armature.
     """
     noise = Noise.of(motion.t, motion.bounds, counts, found.noise.floor, motion.step)
     of = found.fit.coordinates
-    if "encoder_offset" not in found.causes:
-        of = of.fixed(INDEX["offset"])
+    for name, cause in (("offset", "encoder_offset"), ("armature", "armature")):
+        if cause not in found.causes and found.lag is None:
+            of = of.fixed(INDEX[name])
     noise = noise.lasting(found.noise.last)
     return fit(motion, noise, of, found.fit.parameters[None], STEPS).parameters

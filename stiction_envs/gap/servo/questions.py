@@ -18,8 +18,6 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 LAG = ("damping", "armature", "delay")
 """Causes, each with a parameter of its name, whose sum, the lag, a log shows better than each."""
-SMALL = ("delay", "compensation", "offset")
-"""Parameters that are a little off on any robot: stamps, and gravity's size and direction."""
 SERVO_LAG = "servo_lag"
 """The cause that is named instead of them where they cannot be told apart."""
 MOST_SECONDS = 240.0
@@ -29,8 +27,12 @@ GRAVITY_SEEN = 3.0
 [-]; assumed."""
 LEAST_GRAVITY = 0.02
 """Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
-LINK_MASSES, LINK_CENTRES = 0.07, 0.007
-"""Usual error of the links' masses [-] and of their centre [m]; assumed."""
+LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
+"""Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
+STAMPS = 3e-3
+"""Usual error of a log's stamps [s]; assumed."""
+BRISTLES = 0.5
+"""Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
 """Rows for which a command rests where the angle's noise is taken, and the least number of such
 rows that show it; assumed."""
@@ -100,14 +102,29 @@ def _add_stated(out: Array, arm: Arm, motions: Sequence[JointMotion], *, known: 
         out[:, INDEX["compensation"]] = share
 
 
-def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:
-    """Return what is fitted and no cause: stamps and links a little off, unknown damping."""
-    if servo.perfect:
-        return SMALL[:1]
-    out = list(SMALL if scaled else SMALL[:1])
-    if servo.damping is None and servo.parameters is None:
-        out.append("damping")
-    return tuple(out)
+def unknown_damping(servo: Servo) -> bool:
+    """Return whether the servos' damping is fitted and not judged."""
+    return servo.damping is None and servo.parameters is None and not servo.perfect
+
+
+def always_fitted(
+    servo: Servo, motion: JointMotion, links: Array, scaled: bool
+) -> dict[str, float]:
+    """Return what is fitted and no cause, with the usual size of its change [SI].
+
+    Small errors of stamps, links and bristles; unknown damping, whose size is NaN.
+
+    Args:
+        servo: what is known.
+        motion: of the joint.
+        links: (2,) as of `links_off`.
+        scaled: whether gravity scales its servo's torque.
+    """
+    out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
+    out["bristle"] = BRISTLES
+    if scaled and not servo.perfect:
+        out |= zip(("compensation", "offset"), links.tolist(), strict=True)
+    return out | ({"damping": np.nan} if unknown_damping(servo) else {})
 
 
 def possible_causes(
@@ -134,7 +151,7 @@ def possible_causes(
         if not servo.perfect:
             out += ["encoder_offset", "gravity_compensation_missing"]
     out += ["torque_limit", "speed_limit", "dead_zone"]
-    if "damping" in always_fitted(servo, scaled):
+    if unknown_damping(servo):
         out.remove("damping")
     return tuple(out)
 

@@ -22,12 +22,11 @@ def _asked(log: JointMotion) -> Question:
     return Question(
         motion=log,
         nominal=parameters(damping=1.0),
-        always=("delay",),
+        always={"delay": 3e-3, "armature": 2e-3, "bristle": 0.5},
         candidates=CAUSES,
         hypotheses=len(CAUSES),
         counts=np.ones(len(log.t), dtype=bool),
         floor=ENCODER / np.sqrt(12.0),
-        small={"delay": 3e-3},
     )
 
 
