@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +31,7 @@ from stiction_envs.gap.servo.judged import (
     refit,
 )
 from stiction_envs.gap.servo.motion import joint_motions
+from stiction_envs.gap.servo.notes import notes_of
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import Tip, proposed
 from stiction_envs.gap.servo.questions import (
@@ -69,13 +69,6 @@ Rows = NDArray[np.bool_]
 LEFT = 0.02
 """Part of a servo's torque that no model has, in the motion of links that are a little off [-];
 assumed."""
-EARLY = 0.025
-"""Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
-angles of a bus of six servos are 20 ms younger than their stamps."""
-AHEAD = np.arange(0.0, 0.2, 0.002)
-"""Such times that are tried [s]; assumed."""
-EARLY_LEAVES = 0.25
-"""Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,42 +128,6 @@ class ServoDiagnosis(Judgement):
         return out
 
 
-def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
-    """Return what to say of angles beyond the model's limits, and of springs, which it lacks."""
-    q = np.concatenate([log.q for log in logs])
-    out = ["springs of the robot's file are left out"] if arm.stated.stiffness.any() else []
-    turns = arm.limits.assumed("position")
-    for j, (low, high) in enumerate(arm.limits.position):
-        least, most = float(q[:, j].min()), float(q[:, j].max())
-        if turns[j]:
-            continue
-        if least < low or most > high:
-            out.append(
-                f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
-                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
-            )
-    return out
-
-
-def _late_notes(logs: Sequence[ServoLog]) -> list[str]:
-    """Return what to say of logs whose commands come after the motion that should follow them."""
-    out = []
-    for log in logs:
-        left = np.zeros((len(AHEAD), log.n))
-        for s in log.segments:
-            for j in range(log.n):
-                t, command, q = log.t[s], log.q_cmd[s, j], log.q[s, j]
-                left[:, j] += [np.sum(np.square(np.interp(t + x, t, command) - q)) for x in AHEAD]
-        late = AHEAD[np.argmin(left, axis=0)]
-        early = 1e3 * late[(late > EARLY) & (left.min(axis=0) < EARLY_LEAVES * left[0])]
-        if len(early):
-            out.append(
-                f"{Path(log.source).name}: the command comes {early.min():.0f} to "
-                f"{early.max():.0f} ms after the motion of {len(early)} joints: check the stamps"
-            )
-    return out
-
-
 class _Joints:
     """The joints of one arm along its logs, and what is asked about each."""
 
@@ -200,12 +157,14 @@ class _Joints:
             sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
             for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
+        for j in np.flatnonzero(self.scaled) if servo.perfect else []:
+            self.nominal[j, INDEX["stiffness"]] = 1.0 / sag_of(self.motions[j])
         self.links = links_off(arm, self.motions)
         heads = [shown(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)]
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.notes = [*_limit_notes(arm, logs), *_late_notes(logs)]
+        self.notes = notes_of(arm, logs)
 
     def with_other(
         self, arm: Arm | None = None, motions: list[JointMotion] | None = None
@@ -218,8 +177,7 @@ class _Joints:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
-        if perfect:
-            nominal[INDEX["stiffness"]] = PERFECT / sag_of(self.chosen[j])
+        nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
         causes = [
             possible_causes(self.servo, m, float(r), of_gravity)
             for m, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)

@@ -59,8 +59,9 @@ class Coordinates:
     def parameters(self, z: Array) -> Array:
         """Return (C, P) parameters of (C, F) coordinates."""
         out = np.repeat(self.base[None], len(z), axis=0)
-        centre = np.where(self.ratio, self.centre, 1.0)
-        moved = np.where(self.ratio, centre * np.exp(self.size * z), self.centre + self.size * z)
+        moved = np.asarray(self.size * z)
+        factor = np.exp(np.where(self.ratio, moved, 0.0))
+        moved = np.where(self.ratio, self.centre * factor, self.centre + moved)
         out[:, self.at] = moved
         return out
 

@@ -419,13 +419,14 @@ def judge(question: Question) -> JointFindings:
 def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
     """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
 
-    Small errors of links are left as they are: they are no offset, which would move the links
-    beyond, and no armature.
+    Links that lean are no offset, which would move the links beyond, and those that are lighter no
+    negative armature: such small errors are left as they are.
     """
     noise = Noise.of(motion.t, motion.bounds, counts, found.noise.floor, motion.step)
     of = found.fit.coordinates
-    for name, cause in (("offset", "encoder_offset"), ("armature", "armature")):
-        if cause not in found.causes and found.lag is None:
-            of = of.fixed(INDEX[name])
+    if "encoder_offset" not in found.causes:
+        of = of.fixed(INDEX["offset"])
+    low = np.maximum(of.parameters(of.low[None])[0], LOW)
+    of = of.within(low[of.at], HIGH[of.at])
     noise = noise.lasting(found.noise.last)
     return fit(motion, noise, of, found.fit.parameters[None], STEPS).parameters
