@@ -67,8 +67,8 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 LEFT = 0.02
-"""Part of a servo's torque that no model has, in the motion of links that are a little off [-];
-assumed."""
+"""Part of a servo's torque that no model has, but for that of gravity, whose small errors are in
+every model [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,15 +179,17 @@ class _Joints:
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
         causes = [
-            possible_causes(self.servo, m, float(r), of_gravity)
-            for m, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
+            possible_causes(self.servo, x, float(r), of_gravity)
+            for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        stretched = (self.chosen[j].command - self.chosen[j].q)[counts]
-        left = LEFT * np.sqrt(np.mean(stretched**2))
+        m = self.chosen[j]
+        stretched, weight = m.command - m.q, np.stack([m.gravity, m.slope], axis=1)
+        stretched = stretched - weight @ np.linalg.lstsq(weight, stretched, rcond=None)[0]
+        left = LEFT * np.sqrt(np.mean(stretched[counts] ** 2))
         return Question(
-            motion=self.chosen[j],
+            motion=m,
             nominal=nominal,
-            always=always_fitted(self.servo, self.chosen[j], self.links[j], scaled),
+            always=always_fitted(self.servo, m, self.links[j], scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
