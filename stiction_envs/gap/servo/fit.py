@@ -22,6 +22,8 @@ DIFFERENCE = 0.02
 """Difference of a derivative, over the size of the prior [-]; assumed."""
 DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])
 """Damping of the steps that are tried at once, over the last one [-]; assumed."""
+TURN = 6.0
+"""Error of a joint that diverged: about a turn [rad]."""
 LEAST_GAIN = 0.05
 """A fit ends when a step gains less [nats]; assumed."""
 
@@ -168,13 +170,13 @@ def derivatives(motion: JointMotion, of: Coordinates, z: Array, angle: Array) ->
     sign = np.where(z + DIFFERENCE > of.high, -1.0, 1.0)
     varied = z + np.diag(sign * DIFFERENCE)
     change = motion.simulate(of.parameters(varied)) - angle
-    change = np.nan_to_num(change, posinf=0.0, neginf=0.0)
+    change = np.clip(np.nan_to_num(change, posinf=0.0, neginf=0.0), -TURN, TURN)
     return np.asarray(change * (sign / DIFFERENCE)[:, None])
 
 
 def _error(motion: JointMotion, angle: Array) -> Array:
     """Return measured less simulated angle; a joint that diverged is a turn off [rad]."""
-    return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=6.0), -6.0, 6.0))
+    return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=TURN), -TURN, TURN))
 
 
 def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.servo.evidence import Noise
-from stiction_envs.gap.servo.fit import Coordinates, Fit, fit
+from stiction_envs.gap.servo.fit import TURN, Coordinates, Fit, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS, of_cause
 from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
@@ -150,13 +150,15 @@ class JointProblem:
             if name == "stiffness":
                 centre[k] = self.own
         ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
-        low = LOW.copy()
+        low, high = LOW.copy(), HIGH.copy()
+        # a limit that was not reached replaces something else, and spoils faster motions
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
+        high[[INDEX[x] for x in LIMITS]] = [1.1 * max(self.reached[x], 0.1) for x in LIMITS]
         if "armature" not in causes:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
             base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
-        ).within(low[at], HIGH[at])
+        ).within(low[at], np.maximum(low, high)[at])
 
     def trials(self, cause: str, now: Array) -> list[dict[str, float]]:
         """Return values from which the parameters of a cause are fitted, given the others (P,)."""
@@ -282,7 +284,7 @@ class JointProblem:
         """
         old, near = self.best(terms), frozenset(t.cause for t in terms)
         trials = np.stack([self._starts(near, [*terms, *some])[0] for some in offers])
-        columns = np.clip(np.nan_to_num(self.q.motion.simulate(trials) - old.angle), -6.0, 6.0)
+        columns = np.clip(np.nan_to_num(self.q.motion.simulate(trials) - old.angle), -TURN, TURN)
         weighted = old.slopes * old.weights
         cross, force = columns @ weighted.T, weighted @ old.error - old.z
         inverse = np.linalg.inv(old.precision)
@@ -355,7 +357,7 @@ class JointProblem:
                 for k in range(len(self.trials(group[0], before))):
                     start = before.copy()
                     for name in {*LIMITS} & {*more}:
-                        start[INDEX[name]] = 1.5 * self.reached[name]
+                        start[INDEX[name]] = 1.1 * self.reached[name]
                     for cause in group:
                         trials = self.trials(cause, start)
                         for name, x in trials[min(k, len(trials) - 1)].items():
