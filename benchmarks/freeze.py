@@ -9,8 +9,7 @@
 Hashes hold on one machine only (compilers and linear algebra differ in last bits), so those of
 ``--work`` are not kept in the repository. ``benchmarks/freeze.json`` has a few numbers instead,
 which hold on other machines with the pinned versions: `tests/test_freeze.py` compares them.
-``final`` (the tuner) and ``ladder`` (nested models of the thesis's tables) take minutes: they run
-with ``--all`` or by name.
+``final`` (the tuner) takes minutes: it runs with ``--all`` or by name.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from typing import Any
 import numpy as np
 
 TABLE_4_3 = Path(__file__).parents[1] / "stiction_envs" / "measured" / "thesis" / "table_4_3.csv"
-SLOW = ("final", "ladder")
+SLOW = ("final",)
 WORDS = {"evidence", "notes", "record_next", "summary"}
 """Sentences of ``diagnosis.json``: hashed apart, since wording may change where numbers may not."""
 HIDDEN: tuple[tuple[str, int, tuple[str, ...], str, int | None], ...] = (
@@ -180,21 +179,11 @@ def rollouts(work: Path) -> Iterable[tuple[str, str]]:
             yield f"rollout.{name}.{count}", digest.hexdigest()[:16]
 
 
-def ladder(work: Path) -> Iterable[tuple[str, str]]:
-    """Yield the nested models of the thesis's tables, and their page."""
-    out = work / "ladder"
-    words = [sys.executable, "-m", "benchmarks.thesis", "gap", "--out", str(out), "--force"]
-    subprocess.run(words, check=True, capture_output=True)
-    for path in sorted(out.rglob("ladder.json")):
-        yield "ladder", file_hash(path)
-
-
 PARTS: dict[str, Callable[[Path], Iterable[tuple[str, str]]]] = {
     **{part: partial(commands, part) for part in COMMANDS},
     "rollouts": rollouts,
     "calibrate": calibrate,
     "diagnoses": diagnoses,
-    "ladder": ladder,
 }
 
 
@@ -211,14 +200,12 @@ def quick() -> dict[str, Any]:
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
     from stiction_envs.experiments.gte.measures import measure
     from stiction_envs.experiments.gte.protocol import Case
-    from stiction_envs.experiments.settings import experiment_settings
     from stiction_envs.experiments.sje.calibrate import calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.experiments.sje.protocol import Configuration, Job
     from stiction_envs.gap.diagnosis import diagnose_logs
     from stiction_envs.hidden.hidden_logs import make_case
     from stiction_envs.measured import AmplitudeRow, thesis_base
-    from stiction_envs.method_settings import override
 
     dither = {7: (15.0, 0.6), 4: (30.0, 1.2)}
     sje = SingleJointExperiment("panda", threads=1)
@@ -227,8 +214,7 @@ def quick() -> dict[str, Any]:
     gte = GeneratedTrajectoryExperiment("panda", threads=1)
     case = Case(trajectory="triangle", stiffness=(200, 20, 0), dither=rows)
     (run,) = gte.run([case], iterations=1)
-    rough = override(experiment_settings(), {"calibration.tolerance": 0.02}).calibration
-    friction = calibrate(thesis_base("panda"), sje, settings=rough).parameters
+    friction = calibrate(thesis_base("panda"), sje, tolerance=0.02).parameters
     torques = {m.job: m.mean for m in sje.run(jobs, iterations=1)}
     out: dict[str, Any] = {
         "sje": [torques[job] for job in jobs],
@@ -272,7 +258,7 @@ def main() -> int:
     parser.add_argument("--write", action="store_true", help="take these results as the true ones")
     parser.add_argument("--write-quick", action="store_true", help=f"write {QUICK.name}, no more")
     parser.add_argument("--only", nargs="+", choices=list(PARTS), help="some results")
-    parser.add_argument("--all", action="store_true", help="those too that take minutes")
+    parser.add_argument("--all", action="store_true", help="the part too that takes minutes")
     args = parser.parse_args()
     if args.write_quick:
         QUICK.write_text(json.dumps(quick(), indent=1) + "\n", "utf-8")

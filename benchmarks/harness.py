@@ -14,24 +14,21 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 import math
 import os
 import platform
+import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import metadata
-from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, TypeVar
-
-from tqdm import tqdm
+from typing import Any
 
 from benchmarks.reference_loop import USUAL_S
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.templates import render
 
 ROOT = Path(__file__).parents[1]
@@ -50,7 +47,6 @@ LOGS = tuple(
 )
 """Code of the package that decides a diagnosis of joint logs."""
 Row = dict[str, Any]
-Job = TypeVar("Job")
 
 
 @dataclass(frozen=True)
@@ -105,91 +101,23 @@ class Benchmark:
         return text
 
 
-class Rows:
-    """Rows in a file, one JSON line each: a study that was stopped goes on where it stopped.
+class Rows(KeptRows):
+    """Rows of a study, each with the seconds that it took, unless it has its own."""
 
-    Rows of other code are left out; a last line that was cut off is measured anew.
-    """
+    def fill(self, jobs: Mapping[str, Any], measure: Callable[[Any], Any], **how: Any) -> Any:
+        """Measure what is missing, as `KeptRows.fill`; print what is done."""
+        return super().fill(jobs, partial(_timed, measure), tell=_print, **how)
 
-    def __init__(self, path: Path, code: str) -> None:
-        """Read the rows that a code made.
-
-        Args:
-            path: of the file, which need not exist.
-            code: digest of the code: see `code_digest`.
-        """
-        self._path, self._code = path, code
-        self._known: dict[str, Row] = {}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        for line in path.read_text("utf-8").splitlines() if path.exists() else ():
-            try:
-                one = json.loads(line)
-            except json.JSONDecodeError:
-                continue
-            if one["code"] == code:
-                self._known[one["key"]] = one["row"]
-        if path.exists() and not path.read_bytes().endswith(b"\n"):
-            path.write_bytes(path.read_bytes() + b"\n")
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._known
-
-    def __getitem__(self, key: str) -> Row:
-        return self._known[key]
-
-    def add(self, key: str, row: Row) -> None:
-        """Keep a row."""
-        self._known[key] = row
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"key": key, "code": self._code, "row": row}) + "\n")
-
-    def fill(
-        self,
-        jobs: Mapping[str, Job],
-        measure: Callable[[Job], Row],
-        *,
-        processes: int = 1,
-        minutes: float = math.inf,
-    ) -> dict[str, Row]:
-        """Measure what is missing; return the rows of the jobs, in their order.
-
-        Args:
-            jobs: by the keys of their rows.
-            measure: returns the row of a job; with more than one process a function of a module.
-            processes: which measure at the same time.
-            minutes: no row is begun after this time, and the rows that are missing are left out.
-
-        Returns:
-            Rows by key, each with its ``seconds``, unless it has its own.
-        """
-        missing = {key: job for key, job in jobs.items() if key not in self}
-        end = time.monotonic() + 60 * minutes
-        timed = partial(_timed, measure)
-        with tqdm(total=len(jobs), initial=len(jobs) - len(missing), unit="row") as bar:
-
-            def keep(found: Iterator[Row]) -> None:
-                for key, row in zip(missing, found, strict=True):
-                    self.add(key, row)
-                    bar.update()
-                    if time.monotonic() > end:
-                        return
-
-            if minutes > 0 and processes > 1 and missing:
-                pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"))
-                try:
-                    keep(pool.map(timed, missing.values()))
-                finally:
-                    pool.shutdown(cancel_futures=True)
-            elif minutes > 0:
-                keep(map(timed, missing.values()))
-        return self.known(jobs)
-
-    def known(self, keys: Mapping[str, Any] | Sequence[str]) -> dict[str, Row]:
+    def known(self, keys: Iterable[str]) -> dict[str, Row]:
         """Return the rows that there are, by key."""
-        return {key: self._known[key] for key in keys if key in self}
+        return {key: self.every[key] for key in keys if key in self.every}
 
 
-def _timed(measure: Callable[[Job], Row], job: Job) -> Row:
+def _print(key: str, done: int, count: int) -> None:
+    print(f"{done} of {count}: {key}", file=sys.stderr)
+
+
+def _timed(measure: Callable[[Any], Row], job: Any) -> Row:
     start = time.perf_counter()
     row = measure(job)
     return {"seconds": time.perf_counter() - start, **row}

@@ -14,7 +14,7 @@ import numba
 F = TypeVar("F", bound=Callable[..., Any])
 
 Arguments = tuple[Any, ...]
-"""What a compiled function takes in its order: arrays, numbers, and tuples of them."""
+"""Arguments of a compiled function in their order: arrays, numbers, and tuples of both."""
 
 
 def compiled(function: F) -> F:

@@ -1,8 +1,15 @@
-"""What the package raises: `StictionError`, of which `ExperimentError` is one kind."""
+"""Errors of the package: `StictionError`, of which `ExperimentError` is one kind."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class StictionError(ValueError):
@@ -39,3 +46,59 @@ def unknown(what: str, value: object, expected: Iterable[object]) -> StictionErr
 def missing_extra(what: str, package: str, extra: str) -> StictionError:
     """Error for ``what`` needs a ``package`` that only an ``extra`` installs."""
     return StictionError(f"{what} needs {package}: pip install 'stiction-envs[{extra}]'")
+
+
+@contextmanager
+def opening(path: str | os.PathLike[str], expected: str) -> Iterator[None]:
+    """Raise a StictionError in place of the OSError of a file that cannot be opened or read."""
+    try:
+        yield
+    except OSError as error:
+        reason = (error.strerror or str(error) or "cannot be read").lower()
+        raise StictionError(f"{os.fspath(path)}: {reason}: expected {expected}") from None
+
+
+def checked_array(
+    value: object,
+    what: str,
+    shape: tuple[int, ...] | None = None,
+    *,
+    expected: str = "",
+    fill: bool = False,
+    finite: bool = True,
+) -> NDArray[np.float64]:
+    """Return numbers as a new float64 array in C order.
+
+    Args:
+        value: the numbers, as a caller or a file gives them.
+        what: name of the numbers, for the message.
+        shape: shape that they must have; None for any.
+        expected: what the message asks for; "" for finite numbers of that shape.
+        fill: whether numbers of another shape are broadcast.
+        finite: whether inf and NaN are refused.
+
+    Raises:
+        StictionError: no numbers, another shape, or a number that is not finite.
+    """
+    import numpy as np  # the commands' help does without
+
+    def refuse(found: str) -> StictionError:
+        numbers = "finite numbers" if finite else "numbers"
+        of_shape = "" if shape is None else f" of shape {shape}"
+        return StictionError(f"{what} {found}: expected {expected or numbers + of_shape}")
+
+    try:
+        out = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError, OverflowError):
+        raise refuse(f"is a {type(value).__name__}") from None
+    if shape is not None and out.shape != shape:
+        try:
+            filled = np.broadcast_to(out, shape if fill else out.shape)
+        except ValueError:
+            filled = out
+        if filled.shape != shape:
+            raise refuse(f"has shape {out.shape}")
+        out = filled.copy(order="C")
+    if finite and not np.isfinite(out).all():
+        raise refuse(f"is {out[~np.isfinite(out)].flat[0]}")
+    return out

@@ -14,6 +14,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 
 ROOT = Path(__file__).parents[1]
 FLOW = (
+    ("stiction_envs.arrays",),
     (
         "stiction_envs.errors",
         "stiction_envs.compiled",

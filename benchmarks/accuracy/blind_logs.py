@@ -70,17 +70,6 @@ STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 MADE_BY = (*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py")
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
-AMBIGUOUS: tuple[tuple[str, str, int, set[str]], ...] = (
-    # hidden, motion, joint (0: any), what else it may be
-    ("coulomb_friction", "one_way", 0, {"torque_offset", "direction_asymmetry"}),
-    ("torque_offset", "one_way", 0, {"coulomb_friction", "direction_asymmetry"}),
-    ("coulomb_friction", "one_speed", 0, {"viscous_friction"}),
-    ("viscous_friction", "one_speed", 0, {"coulomb_friction"}),
-    ("direction_asymmetry", "fourier", 0, {"torque_offset"}),
-    ("load_dependent_friction", "reversals", 2, {"coulomb_friction"}),
-    ("torque_offset", "fourier", 0, {"direction_asymmetry", "external_spring"}),
-    ("payload", "still", 0, {"torque_offset", "base_tilt"}),
-)
 
 
 # ---- cases ---------------------------------------------------------------------------------------
@@ -92,8 +81,6 @@ class Job:
 
     seed: int
     causes: tuple[str, ...]
-    unclear: int = -1
-    """Number in `AMBIGUOUS`, if it is one of those."""
     scatter: float = 0.0
     """How far every link is off [-]."""
 
@@ -107,11 +94,6 @@ class Job:
         """Simulate it."""
         rng = np.random.default_rng([self.seed, 77])
         make = partial(make_case, self.seed, scatter=self.scatter)
-        if self.unclear >= 0:
-            name, motion, joint, _ = AMBIGUOUS[self.unclear]
-            known = None if name not in ("coulomb_friction", "viscous_friction") else False
-            size = float(rng.uniform(0.4, 1.0))
-            return make((name,), motion=motion, joint=joint or None, known=known, size=size)
         if len(self.causes) > 1:
             same = len(self.causes) == 2 and self.seed % 2
             where = int(rng.choice(common_joints(*self.causes))) if same else None
@@ -153,8 +135,6 @@ def plan(cases: int, scatter: float = 0.0) -> list[Job]:
         for start, each, count in ((2000, PAIRS, 2), (3000, TRIPLES, 3)):
             seeds = [FIRST + start + each * k + i for i in range(each)]
             out += [Job(seed, some(seed, count)) for seed in seeds]
-        number = k % len(AMBIGUOUS)
-        out.append(Job(FIRST + 4000 + k, (AMBIGUOUS[number][0],), number))
     return [replace(job, scatter=scatter) for job in out]
 
 
@@ -179,8 +159,6 @@ def row_of(job: Job) -> Row:
         "verdict": found.verdict,
         "named": [c.name for c in found.causes],
         "joints": [list(c.joints) for c in found.causes],
-        "confused_with": [list(c.confused_with) for c in found.causes],
-        "unclear": job.unclear,
         "right_joint": [estimates_of(found, h) is not None for h in case.hidden],
         "inside": {k: ok for h in case.hidden for k, ok in inside(found, h).items()},
         "held_out_nm": found.extended_rms.tolist(),
@@ -272,16 +250,6 @@ def names_body(row: Row) -> bool:
     return not BODIES.isdisjoint(row["named"])
 
 
-def is_honest(row: Row) -> bool:
-    """Return whether the diagnosis of an ambiguous case names the ambiguity."""
-    hidden, partners = row["hidden"][0], AMBIGUOUS[row["unclear"]][3]
-    return row["verdict"] == "cannot tell" or any(
-        (name == hidden and not partners.isdisjoint(others))
-        or (name in partners and hidden in others)
-        for name, others in zip(row["named"], row["confused_with"], strict=True)
-    )
-
-
 def line(row: Row) -> str:
     """Return a case in a line."""
     hidden = " + ".join(row["hidden"]) or "nothing"
@@ -303,24 +271,22 @@ class Rows:
 
     def __init__(self, rows: list[Row]) -> None:
         self.whole = [r for r in rows if "broken" not in r]
-        self.unclear = [r for r in self.whole if r["unclear"] >= 0]
-        self.clear = [r for r in self.whole if r["unclear"] < 0]
         self.none, self.single, self.pairs, self.triples = (
-            [r for r in self.clear if len(r["hidden"]) == k] for k in range(4)
+            [r for r in self.whole if len(r["hidden"]) == k] for k in range(4)
         )
         self.seen = [r for r in self.single if visible(r)]
         # another cause is named first, or none, where one or nothing is hidden
         self.wrong = [
             r
-            for r in self.clear
+            for r in self.whole
             if (r in self.seen and not first(r)) or (r in self.none and r["named"])
         ]
-        self.held = [r for r in self.clear if "second" in r and r["hidden"] and visible(r)]
+        self.held = [r for r in self.whole if "second" in r and r["hidden"] and visible(r)]
 
 
 def scores(rows: Rows) -> dict[str, tuple[float | None, list[bool]]]:
     """Return what is scored: the share that is aimed at, and which cases reach it."""
-    no_body = [r for r in rows.clear if r["hidden"] and BODIES.isdisjoint(r["expected"])]
+    no_body = [r for r in rows.whole if r["hidden"] and BODIES.isdisjoint(r["expected"])]
     return {
         "one cause is hidden: the strongest named is the hidden one": (
             STRONGEST,
@@ -346,10 +312,6 @@ def scores(rows: Rows) -> dict[str, tuple[float | None, list[bool]]]:
             [all_named(r) for r in rows.triples if visible(r)],
         ),
         "the same, with all triples": (None, [all_named(r) for r in rows.triples]),
-        "an ambiguity is named, or the verdict is cannot tell": (
-            None,
-            [is_honest(r) for r in rows.unclear],
-        ),
         "the model holds on a second motion": (HOLD, [transfer(r) < HOLDS for r in rows.held]),
         "the same, over what the true model leaves there": (
             HOLD,
@@ -399,7 +361,6 @@ def page(by_scatter: Mapping[float, list[Row]]) -> dict[str, Any]:
         "missed": [line(r) for r in sorted(missed, key=transfer, reverse=True)],
         "by_cause": _by_cause(rows.single),
         "together": _together([*rows.pairs, *rows.triples]),
-        "unclear": _unclear(rows.unclear),
     }
 
 
@@ -429,16 +390,6 @@ def _together(rows: list[Row]) -> str:
         lines.append([" + ".join(r["hidden"]), r["motion"], size, named, ratio])
     header = ["hidden together", "motion", "each over the noise", "named", "second motion"]
     return table_text(header, lines)
-
-
-def _unclear(rows: list[Row]) -> str:
-    lines = []
-    for r in rows:
-        pairs = zip(r["named"], r["confused_with"], strict=True)
-        named = "; ".join(f"{n} ({', '.join(c) or '–'})" for n, c in pairs)
-        mark = "" if is_honest(r) else " **not said**"
-        lines.append([r["hidden"][0], r["motion"], r["verdict"], named + mark])
-    return table_text(["ambiguous", "motion", "verdict", "named (may also be)"], lines)
 
 
 def draw(rows: Rows, path: Path) -> None:

@@ -1,8 +1,6 @@
 """Dynamics identification: excitation, consistent links, and the thesis's way beside ours.
 
-    python -m benchmarks.accuracy.identification [--quick]
-
-The real recording is read from ../shared/measured where it is there.
+python -m benchmarks.accuracy.identification [--quick]
 """
 
 from __future__ import annotations
@@ -14,16 +12,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks.harness import MEASURED, Benchmark, Row
+from benchmarks.harness import Benchmark, Row
 from benchmarks.thesis.rosdyn import rosdyn
-from stiction_envs.gap.signals.dataset import assemble
-from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.recording import GUARD
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.excitation import excite
-from stiction_envs.identification.identify import MODELS, identify
+from stiction_envs.identification.identify import identify
 from stiction_envs.identification.settings import identification_settings
-from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, load_arm
@@ -31,7 +25,6 @@ from stiction_envs.robots.regressor import consistent, inertial_parameters, torq
 
 Array = NDArray[np.float64]
 STUDY = Benchmark(__file__, __doc__)
-REAL = MEASURED / "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 RATE, NOISE, SIZE = 200.0, 0.1, 0.2
 """Rate [Hz] and torque noise [N·m] of simulated logs; error of the links [-]; assumed."""
 REACH = 0.5
@@ -39,10 +32,7 @@ REACH = 0.5
 AT_REST = "pose to pose, joints 1 and 2 at rest"
 METHODS = ("nominal", "RosDyn's way", "base parameters", "consistent")
 AT_ONCE = "optimised series, friction without presliding"
-FILTERED = "RosDyn's way, filtered signals"
-COLOURS = {"nominal": "0.75", "nominal + friction": "0.45", "RosDyn's way": "#b03a2e"}
-COLOURS |= {FILTERED: "#e6a49b", "base parameters": "#5b8db8", "consistent": "#d1701a"}
-ORDER = (*MODELS[:2], "RosDyn's way", FILTERED, *MODELS[2:])
+COLOURS = dict(zip(METHODS, ("0.75", "#b03a2e", "#5b8db8", "#d1701a"), strict=True))
 
 
 def with_friction(arm: Arm, state: tuple[Array, Array, Array]) -> Array:
@@ -117,48 +107,10 @@ def simulated(motion: Any, settings: Any, seeds: int) -> dict[str, list[Row]]:
     return rows
 
 
-# ---- the real Panda ------------------------------------------------------------------------------
-
-
-def real() -> tuple[dict[str, Array], Any, Any] | None:
-    """Return held-out residuals (7,) by model, our result, and RosDyn's; None without the log."""
-    if not REAL.is_file():
-        return None
-    arm = load_arm("panda")
-    logs = read_logs([REAL], 7, limits=arm.limits)
-    found = identify(logs, arm, torque="link")
-    held = dict(found.rms)
-    # theirs: fitted to the same parts of the time, judged on the others through the same filter
-    data = assemble(arm, prepare(logs), torque="link")
-    smooth = JointLog(source="filtered", t=data.t, q=data.q, dq=data.dq, tau=data.tau)
-    for name, log in (("RosDyn's way", logs[0]), (FILTERED, smooth)):
-        squares, count = np.zeros(7), 0
-        for block in range(data.blocks):
-            test = data.block == block
-            low, high = data.t[test].min() - GUARD, data.t[test].max() + GUARD
-            fit = rosdyn([without(log, low, high)], arm)
-            columns = with_friction(arm, (data.q[test], data.dq[test], data.ddq[test]))
-            left = data.tau[test] - columns @ np.concatenate([fit.parameters(), np.zeros(7)])
-            squares += np.square(left).sum(axis=0)
-            count += len(left)
-        held[name] = np.sqrt(squares / count)
-    return held, found, rosdyn(logs, arm)
-
-
-def without(log: JointLog, low: float, high: float) -> JointLog:
-    """Return the log without the time from ``low`` to ``high`` [s]."""
-    rows = (log.t < low) | (log.t > high)
-    t = log.t[rows]
-    seams = np.flatnonzero(np.diff(t) > GUARD) + 1
-    dq = None if log.dq is None else log.dq[rows]
-    q, tau, breaks = log.q[rows], log.tau[rows], tuple(seams.tolist())
-    return JointLog(source=log.source, t=t, q=q, dq=dq, tau=tau, breaks=breaks)
-
-
 # ---- page and picture ----------------------------------------------------------------------------
 
 
-def page(motions: dict[str, Any], rows: dict[str, list[Row]], measured: Any) -> dict[str, Any]:
+def page(motions: dict[str, Any], rows: dict[str, list[Row]]) -> dict[str, Any]:
     """Return what the page's template asks for."""
     optimised = rows["optimised series"]
     return {
@@ -169,7 +121,6 @@ def page(motions: dict[str, Any], rows: dict[str, list[Row]], measured: Any) -> 
         "noise": NOISE,
         "rate": RATE,
         "arms": len(optimised),
-        "real": None if measured is None else _real(*measured),
     }
 
 
@@ -211,38 +162,20 @@ def _recordings(rows: dict[str, list[Row]]) -> str:
     return table_text(header, cells)
 
 
-def _real(held: dict[str, Array], found: Any, theirs: Any) -> dict[str, Any]:
-    rows = [[name, *(f"{x:.3g}" for x in held[name])] for name in ORDER]
-    return {
-        "condition": found.condition,
-        "held": table_text(["model", *(f"joint {j}" for j in range(1, 8))], rows),
-        "gain": found.gain_percent,
-        "impossible": len(theirs.impossible),
-        "identified": found.page()[found.page().find("| link") :],
-    }
-
-
-def draw(rows: dict[str, list[Row]], measured: Any, path: Any) -> None:
-    """Draw errors on another motion, and the real Panda's residual."""
-    figure = Figure(figsize=(11, 6), layout="constrained")
-    one, two = figure.subplots(2, 1)
+def draw(rows: dict[str, list[Row]], path: Any) -> None:
+    """Draw errors on another motion."""
+    figure = Figure(figsize=(11, 3.4), layout="constrained")
+    axes = figure.subplots()
     for k, method in enumerate(METHODS):
         values = np.array([[r["wrong"][method] for r in runs] for runs in rows.values()])
         at = np.arange(len(values)) + (k - 1.5) * 0.2
-        one.bar(at, values.mean(axis=1), 0.18, color=COLOURS[method], label=method)
-        one.scatter(at[:, None] + 0 * values, values, s=8, color="black", zorder=3)
-    one.set(yscale="log", ylabel="error of torque on\nanother motion [N·m]")
-    one.set_xticks(range(len(rows)), [n.replace(", ", ",\n") for n in rows])
-    one.set_title("Simulated: nominal and identified arms (dots: single arms)")
-    one.legend(ncols=4, fontsize=8, loc="upper left")
-    one.grid(axis="y", alpha=0.25)
-
-    for k, name in enumerate(ORDER if measured else ()):
-        at = np.arange(1, 8) + (k - 2.5) * 0.14
-        two.bar(at, measured[0][name], 0.12, color=COLOURS[name], label=name)
-    two.set(ylabel="held-out residual [N·m]", xlabel="joint", title="Real Panda, 20 s")
-    two.legend(ncols=3, fontsize=8)
-    two.grid(axis="y", alpha=0.25)
+        axes.bar(at, values.mean(axis=1), 0.18, color=COLOURS[method], label=method)
+        axes.scatter(at[:, None] + 0 * values, values, s=8, color="black", zorder=3)
+    axes.set(yscale="log", ylabel="error of torque on\nanother motion [N·m]")
+    axes.set_xticks(range(len(rows)), [n.replace(", ", ",\n") for n in rows])
+    axes.set_title("Simulated: nominal and identified arms (dots: single arms)")
+    axes.legend(ncols=4, fontsize=8, loc="upper left")
+    axes.grid(axis="y", alpha=0.25)
     save_full(figure, path)
 
 
@@ -260,10 +193,10 @@ def main() -> None:
         motion = excite(name, settings, sweeps=True, seed=0)
         motions[name] = motion, time.perf_counter() - began
     panda = motions["panda"][0]
-    rows, measured = simulated(panda, settings, 2 if options.quick else 8), real()
-    values = page(motions, rows, measured)
+    rows = simulated(panda, settings, 2 if options.quick else 8)
+    values = page(motions, rows)
     STUDY.write_page(options, seconds=time.perf_counter() - start, **values)
-    draw(rows, measured, options.out / "identification.png")
+    draw(rows, options.out / "identification.png")
     panda.plot(options.out / "identification_excitation.png")
 
 

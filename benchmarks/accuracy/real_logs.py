@@ -1,4 +1,4 @@
-"""Three real robots: what today's models leave, what the tool leaves, and what it names.
+"""Two real robots: what today's models leave, what the tool leaves, and what it names.
 
     python -m benchmarks.accuracy.real_logs [--only NAME ...]
 
@@ -9,28 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.accuracy.real_logs_fits import masses, tx40_arm, usual, without_body
 from benchmarks.accuracy.real_logs_page import SWEEP_JOINTS, draw, page
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
-from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
+from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
 
 PANDA = "panda_exciting_trajectory/panda_exciting_trajectory.csv.gz"
 SWEEPS = {j: f"iiwa14_joint_friction/joint{j}.csv.gz" for j in SWEEP_JOINTS}
 POSES = "iiwa14_joint_friction/static_poses.csv.gz"
-TX40 = "staubli_tx40/tx40.csv.gz"
-BODILESS = {
-    *("payload", "link_parameters", "base_tilt", "torque_scale", "load_dependent_friction"),
-    *("joint_elasticity", "actuator_delay"),
-}
-"""Causes that need the masses of a robot."""
 DRAWN = 3000
 """Samples kept of each joint for the pictures."""
 MADE_BY = (*LOGS, "benchmarks/accuracy/real_logs*.py", "!benchmarks/accuracy/real_logs_page.py")
@@ -64,9 +56,7 @@ def iiwa_sweep(joint: int) -> Row:
 def iiwa_poses() -> Row:
     _, poses = iiwa_logs()
     d = diagnose_logs([poses], "iiwa14", torque="link")
-    row = row_of(d, range(1, 8))
-    row["rms"] |= {k: v.tolist() for k, v in masses(d).items()}
-    return row
+    return row_of(d, range(1, 8))
 
 
 def iiwa_together() -> Row:
@@ -74,22 +64,11 @@ def iiwa_together() -> Row:
     return row_of(diagnose_logs([*logs, poses], "iiwa14", torque="link"), range(1, 8))
 
 
-def tx40() -> Row:
-    (log,) = read_logs([MEASURED / TX40], 6)
-    arm = tx40_arm()
-    made, fits = without_body(log, arm)
-    causes = [c for c in CAUSES if c.name not in BODILESS]
-    row = row_of(diagnose_logs([made], arm, causes=causes), range(1, 7))
-    row["rms"] = {"extended": row["rms"]["extended"]} | {k: v.tolist() for k, v in fits.items()}
-    return row
-
-
 CASES: dict[str, Callable[[], Row]] = {
     "panda": panda,
     **{f"iiwa14 joint{j}": partial(iiwa_sweep, j) for j in SWEEPS},
     "iiwa14 poses": iiwa_poses,
     "iiwa14 together": iiwa_together,
-    "tx40": tx40,
 }
 
 
@@ -120,10 +99,45 @@ def row_of(d: Diagnosis, shown: Any) -> Row:
         "blocks": data.blocks,
         "rows": len(data.t),
         "causes": d.to_json()["causes"],
-        "corrections": [[Path(x.source).name, c.text] for x in d.logs for c in x.corrections],
-        "warnings": [[Path(x.source).name, w] for x in d.logs for w in x.warnings],
-        "notes": list(d.notes),
         "samples": samples,
+    }
+
+
+# ---- fits beside the tool's, each block of time under the fit of all others --------------------
+
+
+def held_out(data: Data, columns: list[np.ndarray], target: np.ndarray) -> np.ndarray:
+    """Root mean square (n,) [N·m] that columns (T, k) of each joint leave of a target (T, n)."""
+    out = np.zeros(data.n)
+    for j, x in enumerate(columns):
+        y, left, count = target[:, j], 0.0, 0
+        for b in range(data.blocks):
+            test, fit = data.block == b, (data.block >= 0) & (data.block != b)
+            c = np.linalg.lstsq(x[fit], y[fit], rcond=1e-8)[0] if x.shape[1] else np.zeros(0)
+            left += float(np.sum((y[test] - x[test] @ c) ** 2))
+            count += int(test.sum())
+        out[j] = np.sqrt(left / count)
+    return out
+
+
+def usual(d: Diagnosis) -> dict[str, np.ndarray]:
+    """Rigid body, plus Coulomb and viscous friction, plus an offset: (n,) each [N·m].
+
+    Given published masses, whatever the baseline of the tool was.
+    """
+    data = d.base
+    one = np.ones((len(data.t), 1))
+    friction = [
+        np.column_stack([data.smooth(data.direction(j)), data.dq[:, j]]) for j in range(data.n)
+    ]
+    moves = [np.ptp(data.q[:, j]) > 0.2 for j in range(data.n)]
+    friction = [x if m else x[:, :0] for x, m in zip(friction, moves, strict=True)]
+    return {
+        "rigid": held_out(data, [one[:, :0]] * data.n, data.residual),
+        "coulomb_viscous": held_out(data, friction, data.residual),
+        "coulomb_viscous_offset": held_out(
+            data, [np.hstack([x, one]) for x in friction], data.residual
+        ),
     }
 
 

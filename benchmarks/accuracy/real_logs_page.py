@@ -20,24 +20,6 @@ SWEEP_JOINTS = (1, 2, 3, 5, 6, 7)
 """Joints of the iiwa 14 that have a log of their own."""
 ENDINGS = re.compile(r"_(nm_per_rad|nm_per_s|per_rev|kgm2|nms|nm|rad|kg|m|s)$")
 """Units at the ends of parameters' names."""
-CHECKS = {
-    "panda": (
-        ("1131 repeated rows", "1131 rows repeated"),
-        ("120 rows with an old q", "old q"),
-        ("PC clock; robot samples on whole milliseconds", "regular 1 ms clock"),
-        ("dq lags the derivative of q by 5 ms", "dq lags the derivative of q by 5"),
-        ("q may be the desired position", "may be the commanded position"),
-    ),
-    "iiwa14 joint2": (
-        ("torque has the opposite sign", "opposite sign"),
-        ("channels not time-aligned", "later than the angles"),
-        ("dq is low-passed by the driver", "low-passed, half its power"),
-        ("runs with a clock of their own", "recordings in one file"),
-    ),
-    "iiwa14 poses": (("torque has the opposite sign", "opposite sign"),),
-    "tx40": (("7.4 s of motion, then rest", "the arm rests in"),),
-}
-"""What a README says, and the tool's words for it."""
 
 
 def page(rows: dict[str, Row]) -> dict[str, Any]:
@@ -50,7 +32,6 @@ def page(rows: dict[str, Row]) -> dict[str, Any]:
         "worse": [name for name, percent in below.items() if percent < 0],
         "below": [min(below.values()), max(below.values())],
         "cases": {name: _case(name, row) for name, row in rows.items()},
-        "poses": _poses(rows["iiwa14 poses"]),
     }
 
 
@@ -61,7 +42,6 @@ def joints(rows: dict[str, Row]) -> list[tuple[str, int, Row]]:
     return [
         *(("panda", j, rows["panda"]) for j in rows["panda"]["shown"]),
         *(("iiwa14", j, sweeps[k]) for j, k in iiwa),
-        *(("tx40", j, rows["tx40"]) for j in rows["tx40"]["shown"]),
     ]
 
 
@@ -70,15 +50,15 @@ def _summary(rows: dict[str, Row]) -> tuple[str, dict[str, float]]:
     cells, below = [], {}
     for robot, j, row in joints(rows):
         rms = {k: v[j - 1] for k, v in row["rms"].items()}
-        offset = rms.get("coulomb_viscous_offset")
-        tool, best = rms["extended"], min(rms["coulomb_viscous"], offset or np.inf)
+        offset = rms["coulomb_viscous_offset"]
+        tool, best = rms["extended"], min(rms["coulomb_viscous"], offset)
         below[f"{robot} {j}"] = 100 * (1 - tool / best)
         cells.append(
             [
                 f"{robot} {j}",
                 short(rms["rigid"]),
                 short(rms["coulomb_viscous"]),
-                short(offset) if offset is not None else "in C+V",
+                short(offset),
                 f"**{short(tool)}**",
                 short(row["noise"][j - 1]),
                 f"{number(100 * (1 - tool / rms['coulomb_viscous']), 0)} %",
@@ -106,11 +86,6 @@ def _case(name: str, row: Row) -> dict[str, Any]:
                 ", ".join(cause["confused_with"]),
             ]
         )
-    said = [text for _, text in (*row["corrections"], *row["warnings"])] + row["notes"]
-    checks = [
-        [readme, next((s for s in said if word in s), "**not found**")]
-        for readme, word in CHECKS.get(name, ())
-    ]
     return {
         "name": name,
         "verdict": row["verdict"],
@@ -119,7 +94,6 @@ def _case(name: str, row: Row) -> dict[str, Any]:
         "cutoff": f", cutoff {row['cutoff_hz']:.3g} Hz" if np.isfinite(row["cutoff_hz"]) else "",
         "seconds": row["seconds"],
         "causes": table_text(["cause", "joints", "gain", "parameters", "or"], cells),
-        "checks": table_text(["the README says", "the tool says"], checks) if checks else "",
     }
 
 
@@ -131,20 +105,6 @@ def _parameter(key: str, p: dict[str, Any]) -> str:
     return f"{ENDINGS.sub('', key) if unit else key} {text} {unit}".rstrip() + bound
 
 
-def _poses(row: Row) -> str:
-    names = {
-        "rigid": "rigid",
-        "offset": "offset per joint",
-        "offset_scale": "offset and scale per joint",
-        "extended": "tool",
-        "any_masses": "offsets, and any masses of all links",
-    }
-    cells = [[text, *(short(x) for x in row["rms"][key])] for key, text in names.items()]
-    cells.append(["noise: poses taken twice", *(short(x) for x in row["noise"])])
-    head = ["poses", *(f"joint {j + 1}" for j in range(7))]
-    return table_text(head, cells)
-
-
 # ---- pictures ------------------------------------------------------------------------------------
 
 RIGID, USUAL, TOOL = "#c2590c", "0.45", "#1f5fa8"
@@ -153,7 +113,7 @@ RIGID, USUAL, TOOL = "#c2590c", "0.45", "#1f5fa8"
 def draw(rows: dict[str, Row], folder: Path) -> None:
     """Draw all pictures."""
     _overview(rows, folder / "real_logs.png")
-    for robot in ("panda", "iiwa14", "tx40"):
+    for robot in ("panda", "iiwa14"):
         mine = [(j, row) for r, j, row in joints(rows) if r == robot]
         _residuals(robot, mine, folder / f"real_logs_{robot}.png")
 
@@ -164,7 +124,7 @@ def _overview(rows: dict[str, Row], path: Path) -> None:
     all_of = joints(rows)
     for k, (_, j, row) in enumerate(all_of):
         rms = {name: v[j - 1] for name, v in row["rms"].items()}
-        usual = min(rms["coulomb_viscous"], rms.get("coulomb_viscous_offset", np.inf))
+        usual = min(rms["coulomb_viscous"], rms["coulomb_viscous_offset"])
         axes.vlines(k, rms["extended"], rms["rigid"], color="0.8", lw=2, zorder=1)
         for y, colour, mark, text in (
             (rms["rigid"], RIGID, "o", "rigid"),

@@ -4,13 +4,12 @@
 
 An arm is exported as `stiction export` does for the engine, with both kinds of friction; each joint
 is held at 90 % of its stiction and driven at 110 %. Engines whose extra is not installed keep the
-rows of an earlier run. The solver settings of ``frictionloss`` are compared in stock MuJoCo.
+rows of an earlier run.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import xml.etree.ElementTree as ET
 from itertools import product
 from typing import Any
 
@@ -20,9 +19,8 @@ import numpy as np
 from benchmarks.harness import Benchmark, Row, machine
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance import conformance
-from stiction_envs.experiments.conformance_report import Report
+from stiction_envs.experiments.conformance_report import ConformanceSettings, Report
 from stiction_envs.experiments.engines import ENGINES
-from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.plain_mjcf import HARDEST, NOSLIP, Kind, plain_mjcf
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.reporting.markdown import table_text
@@ -32,7 +30,10 @@ STUDY = Benchmark(
     __doc__,
     made_by=(
         "benchmarks/engines/engines.py",
-        *(f"stiction_envs/experiments/{x}" for x in ("conformance.py", "engines", "settings.toml")),
+        *(
+            f"stiction_envs/experiments/{x}"
+            for x in ("conformance.py", "conformance_report.py", "engines")
+        ),
         *("stiction_envs/friction", "stiction_envs/robots"),
     ),
 )
@@ -45,20 +46,11 @@ ONE_HOLD = 6.0
 TOO_LONG = ("mjx",)
 """Engines in which the ``frictionloss`` of a whole arm takes too long: a step of two Pandas takes
 MJX 10.5 s of processor time."""
-SOLVERS = {
-    "MuJoCo's defaults": (0, 0.001, False, "Euler"),
-    "defaults, noslip": (NOSLIP, 0.001, False, "Euler"),
-    "hardest": (0, 0.001, True, "Euler"),
-    "hardest, noslip (what export writes)": (NOSLIP, 0.001, True, "Euler"),
-    "hardest, 0.25 ms": (0, 0.00025, True, "Euler"),
-    "hardest, implicitfast": (0, 0.001, True, "implicitfast"),
-}
-"""Iterations of noslip, step [s], whether at its hardest, integrator: what is compared."""
 
 
 def short(hold: float, go: float) -> ConformanceSettings:
     """Return the test's settings with a shorter hold [s], its parts in proportion."""
-    usual = experiment_settings().conformance
+    usual = ConformanceSettings()
     share = hold / usual.hold_time
     return dataclasses.replace(
         usual,
@@ -109,25 +101,6 @@ def one_joint(job: tuple[str, str, Kind, ConformanceSettings]) -> Row:
     return row_of(conformance(text, engine=engine, settings=settings, rates=(), threads=1))
 
 
-def with_solver(job: tuple[tuple[int, float, bool, str], ConformanceSettings]) -> Row:
-    """Return the row of the Panda's ``frictionloss`` with solver settings, in stock MuJoCo."""
-    (noslip, step, hard, integrator), settings = job
-    root = ET.fromstring(exported("panda", "frictionloss", "mujoco"))
-    (option,) = root.findall("option")
-    option.attrib |= {
-        "noslip_iterations": str(noslip),
-        "timestep": str(step),
-        "integrator": integrator,
-    }
-    for joint in root.iter("joint"):
-        for key in HARDEST.keys() & joint.keys():
-            joint.attrib.pop(key)
-            if hard:
-                joint.set(key, HARDEST[key].format(2 * step))
-    text = ET.tostring(root, encoding="unicode")
-    return row_of(conformance(text, settings=settings, rates=(), threads=1))
-
-
 def cells(row: Row) -> list[str]:
     """Return holds, goes, creep and motion of a row."""
     if row["refused"]:
@@ -141,7 +114,7 @@ def cells(row: Row) -> list[str]:
     ]
 
 
-def page(rows: dict[str, Row], solvers: dict[str, Row]) -> dict[str, Any]:
+def page(rows: dict[str, Row]) -> dict[str, Any]:
     """Return what the page's template asks for."""
     body = []
     for key, row in rows.items():
@@ -167,11 +140,7 @@ def page(rows: dict[str, Row], solvers: dict[str, Row]) -> dict[str, Any]:
             ["engine", "line that keeps the friction"],
             [[name, e.keep] for name, e in ENGINES.items()],
         ),
-        "solvers": table_text(
-            ["frictionloss in stock MuJoCo", "hold", "creep [rad/s]"],
-            [[name, cells(r)[0], f"{r['creep']:.1e}"] for name, r in solvers.items()],
-        ),
-        "settings": experiment_settings().conformance,
+        "settings": ConformanceSettings(),
         "missing": [e for e in ENGINES if not any(k.startswith(f"{e} ") for k in rows)],
         "one": ONE,
         "one_hold": ONE_HOLD,
@@ -196,14 +165,8 @@ def main() -> None:
     brief = short(ONE_HOLD, 3.0)
     singles = {f"{e} {ONE} frictionloss": (e, ONE, KINDS[1], brief) for e in ready}
     kept.fill(singles, one_joint, minutes=options.minutes)
-    quick = short(15.0, 4.0)
-    compared = {f"solver {name}": (value, quick) for name, value in SOLVERS.items()}
-    solvers = kept.fill(compared, with_solver, minutes=options.minutes)
     every = [f"{e} {a} {k}" for e in ENGINES for a in (*ARMS, ONE) for k in KINDS]
-    STUDY.write_page(
-        options,
-        **page(kept.known(every), {k.removeprefix("solver "): row for k, row in solvers.items()}),
-    )
+    STUDY.write_page(options, **page(kept.known(every)))
 
 
 if __name__ == "__main__":

@@ -22,27 +22,11 @@ import numpy as np
 from benchmarks.accuracy.real_logs import MEASURED, PANDA, POSES, SWEEPS
 from benchmarks.harness import Benchmark, Row, machine
 from benchmarks.reference_loop import seconds as reference_loop
-from stiction_envs.gap.stages import WEIGHTS
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.reporting.markdown import listed, table_text
 
 STUDY = Benchmark(__file__, __doc__)
-TIMED = """
-import sys, time
-from stiction_envs.cli import progress
-spent, last = {}, [time.perf_counter(), ""]
-def whole(self, stage, share):
-    now = time.perf_counter()
-    spent[last[1]] = spent.get(last[1], 0.0) + now - last[0]
-    last[:] = now, stage
-progress.Progress.whole = whole
-from stiction_envs.cli import main
-code = main(sys.argv[1:])
-whole(None, "", None)
-for stage, seconds in spent.items():
-    print(f"STAGE {stage}: {seconds}", file=sys.stderr)
-sys.exit(code)
-"""
+CODE = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
 MEMORY = 1024
 """Limit [MiB]; aims of the project, as are the targets below."""
 
@@ -80,7 +64,7 @@ def measured(arguments: list[object], folder: Path) -> Row:
     start = time.perf_counter()
     words = ["diagnose", *map(str, arguments), "--out", str(folder), "--force"]
     process = subprocess.Popen(
-        [sys.executable, "-c", TIMED, *words],
+        [sys.executable, "-c", CODE, *words],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -92,13 +76,11 @@ def measured(arguments: list[object], folder: Path) -> Row:
     if status:
         raise SystemExit(said)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    stages = dict(x[6:].split(": ") for x in said.splitlines() if x.startswith("STAGE "))
     return {
         "wall": wall,
         "cpu": after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
         "loop": (loop + reference_loop()) / 2,
         "peak": used.ru_maxrss / 1024,
-        "stages": {k or "starting": float(x) for k, x in stages.items()},
     }
 
 
@@ -111,22 +93,12 @@ def page(found: dict[str, tuple[str, float, Row]]) -> dict[str, Any]:
         + [f"{m['peak']:.0f} MiB"]
         for what, target, m in found.values()
     ]
-    names = dict.fromkeys(["starting", *WEIGHTS])
-    parts = [
-        [
-            name,
-            *(f"{100 * m['stages'].get(name, 0.0) / m['wall']:.0f} %" for *_, m in found.values()),
-        ]
-        for name in names
-        if any(name in m["stages"] for *_, m in found.values())
-    ]
     header = ["", "wall", "target", "CPU", "wall / loop", "CPU / loop", f"peak (of {MEMORY})"]
     return {
         "minute": found["minute"][2],
         "times": table_text(header, rows),
         "limit": MEMORY,
         "too_large": listed(what for what, _, m in found.values() if m["peak"] > MEMORY),
-        "stages": table_text(["", *(what for what, *_ in found.values())], parts),
         "machine": machine(float(np.mean([m["loop"] for m in runs]))),
     }
 

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
-import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
@@ -85,26 +84,6 @@ def sje(rounds: int, threads: int) -> tuple[float, float, float]:
     return rates(pairs(rounds, ramps, rollout), len(ids) * BLOCK * blocks)
 
 
-def naive_loop(seconds: float = 3.0) -> float:
-    """Return steps/s of one `MjData` with ramp, dither and low-pass computed in Python."""
-    experiment = SingleJointExperiment("panda")
-    model = experiment.sticking.model
-    data = mujoco.MjData(model)
-    data.qpos[experiment.sticking.motor] = experiment.poses.q[6, 0]
-    y, steps, gain = np.zeros(7), 0, experiment.interface.lowpass_gain
-    amplitude, frequency = np.zeros(7), np.full(7, 15.0)
-    amplitude[6] = 0.8
-    start = time.perf_counter()
-    while time.perf_counter() - start < seconds:
-        command = amplitude * np.sin(2 * np.pi * frequency * 1e-3 * steps)
-        command[6] += 1e-6 * steps
-        y += gain * (np.clip(command, y - 1.0, y + 1.0) - y)
-        data.ctrl[:7] = y
-        mujoco.mj_step(model, data)
-        steps += 1
-    return steps / (time.perf_counter() - start)
-
-
 def env_and_rollout(name: str, threads: int) -> tuple[Callable[[], object], Callable[[], object]]:
     """Return functions: one step of `NSIM` environments, the same of the bare engine."""
     env: Any = gym.make_vec(
@@ -112,7 +91,7 @@ def env_and_rollout(name: str, threads: int) -> tuple[Callable[[], object], Call
     )
     start = GTE_START if "GTE" in name else SJE_START
     env.reset(seed=0, options=start)
-    plants = [core.rig.plant for core in env.unwrapped.tiles.cores]
+    plants = [core.rig.plant for core in env.unwrapped.batches.cores]
     model, space = plants[0].sticking.model, env.single_action_space
     action = np.tile(space.low + 0.1 * (space.high - space.low), (NSIM, 1)).astype(np.float32)
     bare = Batch(model, NSIM, threads)
@@ -157,7 +136,6 @@ def main() -> None:
     rounds, threads = options.rounds, options.threads
     load = os.getloadavg()[0]
     ours, bare, share = sje(rounds, threads)
-    naive = naive_loop()
     environments = []
     for name in ("PandaGTE", "IiwaGTE", "PandaSJE"):
         for count, found in zip(sorted({1, threads}), envs(name, rounds, threads), strict=True):
@@ -171,13 +149,11 @@ def main() -> None:
         machine=machine(),
         threads=threads,
         share=share,
-        naive=ours / naive,
         sje=table_text(
             ["", "steps/s", "over the rollout"],
             [
                 ["`Batch.rollout`", f"{bare:,.0f}", "1"],
                 ["SJE, all included", f"{ours:,.0f}", ratio(share, TARGETS["sje"])],
-                ["one `MjData`, control in Python", f"{naive:,.0f}", f"{naive / bare:.3f}"],
             ],
         ),
         envs=table_text(

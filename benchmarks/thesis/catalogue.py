@@ -125,18 +125,17 @@ def reproduce(
         tell: called with what is being done, how many parts of it are, and how many there are.
 
     Returns:
-        Title, number, sentence and file by item.
+        Title, comparison and file by item.
     """
     found = run_studies(needs_of(items), options, tell)
     chapters: dict[str, list[Any]] = {}
     out, overview = {}, []
     for k, item in enumerate(items):
         tell("drawing", k, len(items))
-        (brief, sentence), body = item.write(found, folder)
-        chapters.setdefault(CHAPTERS[item.id.split(".")[0]], []).append((item, sentence, body))
-        overview.append([f"[{item.name}](#{slug(item.name)})", item.title, brief])
-        values = {"title": item.title, "brief": brief, "sentence": sentence, "file": item.file}
-        out[item.key] = values
+        compared, body = item.write(found, folder)
+        chapters.setdefault(CHAPTERS[item.id.split(".")[0]], []).append((item, compared, body))
+        overview.append([f"[{item.name}](#{slug(item.name)})", item.title, compared])
+        out[item.key] = {"title": item.title, "compared": compared, "file": item.file}
     tables = sum(item.kind == "table" for item in items)
     write_md_and_html(
         folder,

@@ -28,7 +28,6 @@ def add_parser(subparsers: Any) -> None:
         example="python -m benchmarks.thesis --only 4.6 F.1 --out runs/some",
         interrupted="run the same command again; gap goes on with the models that it had fitted",
         run=run,
-        show=show,
     )
     parser.prog = "python -m benchmarks.thesis"
     parser.add_argument(
@@ -53,33 +52,12 @@ def add_parser(subparsers: Any) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, Any]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Fit the nested models, or draw the thesis's tables and figures; write provenance."""
     if args.target and args.only:
         raise StictionError(f"--only {' '.join(args.only)}: expected without a target ({GAP})")
     found = _gap(args) if args.target else _items(args)
-    return {"command": "reproduce", "seed": args.seed, **found}
-
-
-def inputs_of(*own: Path) -> dict[str, Path]:
-    """Return the files a run depends on: arms, friction, protocols, measured tables, ``own``."""
-    from stiction_envs.friction.parameters import friction_path
-    from stiction_envs.measured import thesis_robots
-    from stiction_envs.measured.thesis_tables import THESIS_TABLES
-    from stiction_envs.reporting.provenance import package_folder
-    from stiction_envs.robots.registry import robot_files
-
-    package = package_folder()
-    found = {path.stem: path for path in own}
-    for robot in thesis_robots():
-        files = robot_files(robot)
-        found[robot], found[f"{robot}_table"] = files["robot"], files["robot_table"]
-        found[f"{robot}_friction"] = friction_path(robot)
-    found["protocol"] = package / "experiments" / "sje" / "sje.toml"
-    found["gte_protocol"] = package / "experiments" / "gte" / "gte.toml"
-    found["controller"] = package / "control" / "gte.toml"
-    names = [f"table_{number.replace('.', '_')}" for number in THESIS_TABLES]
-    return found | {name: package / "measured" / "thesis" / f"{name}.csv" for name in names}
+    return common.Answer({"command": "reproduce", "seed": args.seed, **found}, show(found))
 
 
 def _items(args: argparse.Namespace) -> dict[str, Any]:
@@ -88,7 +66,7 @@ def _items(args: argparse.Namespace) -> dict[str, Any]:
 
     items = chosen(args.only)
     name = "-".join(args.only).replace(".", "_") or "thesis"
-    folder = common.output_folder(args, name, inputs_of())
+    folder = common.output_folder(args, name, {})
     options = Options(
         seed=args.seed,
         iterations=args.iterations,
@@ -105,8 +83,8 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
     from benchmarks.thesis.nested_models import fit, models, page
 
     fit.optimiser()  # before anything is written
-    inputs = inputs_of(Path(fit.__file__).with_name("dither_fit.toml"))
-    folder = common.output_folder(args, GAP, inputs, resumable=True)
+    settings = {"dither_fit": Path(fit.__file__).with_name("dither_fit.toml")}
+    folder = common.output_folder(args, GAP, settings, resumable=True)
     seeds = [args.seed + k for k in models.SEEDS]
     with common.working(), Progress("steps") as progress, folder:
         nested = models.NestedModels(folder.path, seeds=seeds, processes=args.threads)
@@ -118,12 +96,10 @@ def _gap(args: argparse.Namespace) -> dict[str, Any]:
 def show(result: JsonRecord) -> str:
     """Return the results as readable tables."""
     if "items" in result:
-        lines = [f"{key.replace('-', ' '):<12} {x['brief']}" for key, x in result["items"].items()]
+        lines = [
+            f"{key.replace('-', ' '):<12} {x['compared']}" for key, x in result["items"].items()
+        ]
         return "\n".join([*lines, "", f"written to {result['out']}: open index.html"])
-    found = result[GAP]
-    floor = {"name": "the thesis repeated", **found["repeats"]}
     lines = [f"{'held-out error [% of base torque]':<38}{'mean':>6}{'median':>8}"]
-    lines += [
-        f"{r['name']:<38}{r['mean']:>6.1f}{r['median']:>8.1f}" for r in (*found["models"], floor)
-    ]
+    lines += [f"{name:<38}{mean:>6.1f}{median:>8.1f}" for name, mean, median in result[GAP]]
     return "\n".join([*lines, "", f"written to {result['out']}"])

@@ -23,8 +23,6 @@ Needs = Mapping[str, Sequence[Hashable]]
 """By study, the parts of it that are needed."""
 Found = Mapping[str, Mapping[Any, Any]]
 """By study, what it found for each part."""
-Numbers = tuple[str, str]
-"""The number that counts, and one sentence of how the simulation compares with the thesis."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +35,8 @@ class Table:
     """Header of the table on the page."""
     shown: Iterable[Sequence[str]]
     """Rows on the page."""
-    numbers: Numbers
+    compared: str
+    """How the simulation compares with the thesis."""
     below: str = ""
     """Markdown under the table."""
 
@@ -47,7 +46,8 @@ class Picture:
     """A figure of the thesis, drawn of simulations."""
 
     figure: Figure
-    numbers: Numbers
+    compared: str
+    """How the simulation compares with the thesis."""
 
 
 @dataclass(frozen=True)
@@ -79,19 +79,19 @@ class Item:
         stem = f"{self.kind}_{self.id.replace('.', '_')}"
         return f"{self.kind}s/{stem}.{'csv' if self.kind == 'table' else 'png'}"
 
-    def write(self, found: Found, folder: Path) -> tuple[Numbers, str]:
-        """Write the file; return the numbers, and the table or picture as Markdown."""
+    def write(self, found: Found, folder: Path) -> tuple[str, str]:
+        """Write the file; return how it compares, and the table or picture as Markdown."""
         path = folder / self.file
         path.parent.mkdir(exist_ok=True)
         made = self.make(found)
         if isinstance(made, Picture):
             save_small(made.figure, path)
-            return made.numbers, f"![{self.name}: {self.title}]({self.file})"
+            return made.compared, f"![{self.name}: {self.title}]({self.file})"
         write_lines(path, list(made.rows[0]), [list(row.values()) for row in made.rows])
         cells = [
             [x.replace(" ", "\u00a0") if len(x) <= SHORT else x for x in row] for row in made.shown
         ]
-        return made.numbers, table_text(made.header, cells) + made.below
+        return made.compared, table_text(made.header, cells) + made.below
 
 
 def needs_of(items: Iterable[Item]) -> dict[str, list[Hashable]]:

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.thesis.items import Found, Needs, Numbers, Picture, Table
+from benchmarks.thesis.items import Found, Needs, Picture, Table
 from benchmarks.thesis.lsm import (
     ALL_WRONG,
     IIWA,
@@ -28,8 +28,8 @@ from benchmarks.thesis.lsm import (
 from benchmarks.thesis.torques import base_jobs
 from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.experiments.sje.protocol import Configuration, Job
-from stiction_envs.measured import thesis_robots, thesis_table
-from stiction_envs.reporting.markdown import number, short, signed, span, table_text
+from stiction_envs.measured import thesis_table
+from stiction_envs.reporting.markdown import number, short, signed, table_text
 from stiction_envs.robots import arm_title, load_arm
 from stiction_envs.robots.regressor import PARAMETERS, inertial_parameters
 
@@ -69,38 +69,24 @@ def _printed_intercepts() -> dict[tuple[int, str], float]:
     return {(r["joint"], r["direction"]): r["intercept_Nm"] for r in thesis_table("A.1")}
 
 
-def compare_lines(found: Found) -> Numbers:
+def compare_lines(found: Found) -> str:
     """Return how the lines of the log with all defects compare with the thesis's."""
     b = _printed_intercepts()
     wrong = {k: found["lsm"][PANDA, ALL_WRONG].lines[k].intercept for k in b}
-    same = sum(np.sign(b[k]) == np.sign(wrong[k]) for k in b)
     most = [short(max(map(abs, x.values())), 2) for x in (wrong, b)]
-    brief = (
+    return (
         f"{_wrong_signs(wrong)} of {len(b)} signs wrong (print {_wrong_signs(b)}), largest "
         f"{most[0]} N·m (print {most[1]})"
     )
-    r2 = float(np.median([r["r2"] for r in thesis_table("A.1")]))
-    return brief, (
-        f"With all defects {brief}; {same} signs are as printed, and the median R² in print is "
-        f"{r2:.1g}. Which defect does what is below Table A.1."
-    )
 
 
-def compare_joints(found: Found, joints: tuple[int, ...]) -> Numbers:
+def compare_joints(found: Found, joints: tuple[int, ...]) -> str:
     """Return how far the intercepts of some joints (from 1) are from those in print [N·m]."""
-    printed = _printed_intercepts()
-
-    def off(wrong: str) -> str:
-        fit: LineFit = found["lsm"][PANDA, wrong]
-        gaps = [[abs(fit.lines[j, d].intercept - printed[j, d]) for d in "+-"] for j in joints]
-        means = zip(joints, np.mean(gaps, axis=1), strict=True)
-        return ", ".join(f"{number(gap, 2)} N·m (joint {j})" for j, gap in means)
-
-    brief = off(NOTHING)
-    return f"print is {brief} from a clean log", (
-        f"The printed intercepts are {brief} from those of a log with nothing wrong and "
-        f"{off(ALL_WRONG)} from those of one with all defects."
-    )
+    printed, fit = _printed_intercepts(), found["lsm"][PANDA, NOTHING]
+    gaps = [[abs(fit.lines[j, d].intercept - printed[j, d]) for d in "+-"] for j in joints]
+    means = zip(joints, np.mean(gaps, axis=1), strict=True)
+    text = ", ".join(f"{number(gap, 2)} N·m (joint {j})" for j, gap in means)
+    return f"print is {text} from a clean log"
 
 
 def _small(value: float) -> str:
@@ -132,7 +118,7 @@ def table_4_2(found: Found) -> Table:
         rows=lines,
         header=["line", "", *FOUR],
         shown=shown,
-        numbers=compare_joints(found, tuple(sorted({r["joint"] for r in printed}))),
+        compared=compare_joints(found, tuple(sorted({r["joint"] for r in printed}))),
     )
 
 
@@ -157,7 +143,7 @@ def table_a_1(found: Found) -> Table:
         rows=lines,
         header=["line", *_head(words[0], FOUR), *_head(words[1]), *_head(words[2])],
         shown=shown,
-        numbers=compare_lines(found),
+        compared=compare_lines(found),
         below=f"\n\n{_defects(found)}",
     )
 
@@ -205,7 +191,7 @@ def table_4_4(found: Found) -> Table:
         rows=lines,
         header=["joint, pose", *_head("intercept [N·m]", FOUR), *base_head],
         shown=shown,
-        numbers=(brief, f"In the median, intercepts and base torques are {brief}."),
+        compared=brief,
     )
 
 
@@ -247,17 +233,9 @@ def table_4_1(found: Found) -> Table:
         ]
         for j in joints
     ]
-    links, best = fits[ALL_WRONG].links, fits[NOTHING].links
+    links = fits[ALL_WRONG].links
     now, old = (number(sum(x[j, "mass"] for j in joints), 0) for x in (wrong, printed))
     brief = f"{len(links.impossible)} of {len(joints)} links cannot exist; {now} kg (print {old})"
-    negative, weight = sum(printed[j, "mass"] < 0 for j in joints), thesis_robots()[IIWA].weight_kg
-    below = int((links.coulomb < 0).sum() + (links.viscous < 0).sum())
-    theirs = sum(printed[j, n] < 0 for j in joints for n in ("coulomb", "viscous"))
-    sentence = (
-        f"With all defects {brief} for an arm of {weight:g} kg; {len(links.negative_masses)} "
-        f"masses and {below} friction coefficients are negative (print {negative} and "
-        f"{theirs}). With nothing wrong {len(best.impossible)} links cannot exist."
-    )
     mass, rubbing = _head("mass [kg]", FOUR), (_head("Coulomb [N·m]"), _head("viscous [N·m·s/rad]"))
     return Table(
         rows=[
@@ -272,7 +250,7 @@ def table_4_1(found: Found) -> Table:
         ],
         header=["", *mass, "true", *rubbing[0], *rubbing[1]],
         shown=shown,
-        numbers=(brief, sentence),
+        compared=brief,
     )
 
 
@@ -360,15 +338,7 @@ def _draw_curve(axes: Axes, curve: FrictionCurve, ends: float, zone: float) -> N
     plain_axes(axes)
 
 
-def compare_curve(curve: FrictionCurve) -> Numbers:
-    """Return the parts that the model has, and how far the simulation is from its law."""
+def compare_curve(curve: FrictionCurve) -> str:
+    """Return how far the simulation is from the law of the model."""
     off = 100 * np.abs(curve.torque / curve.law(curve.speed) - 1)
-    fastest = float(np.abs(curve.speed).max())
-    end = float(np.abs(curve.law([fastest, -fastest])).mean())
-    drop = 100 * (1 - curve.coulomb / curve.stiction)
-    brief = f"{number(float(off.max()))} % off its law"
-    return brief, (
-        f"Stiction {span(curve.stiction, 2, 'N·m')}, {span(drop, 2, '%')} less once it slides, "
-        f"Stribeck velocity {span(1e3 * curve.stribeck, 2, 'mrad/s')}, {number(end, 2)} N·m at "
-        f"{short(fastest, 2)} rad/s; the simulated points are up to {brief}."
-    )
+    return f"{number(float(off.max()))} % off its law"

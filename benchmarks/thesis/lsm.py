@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
+from scipy.stats import linregress
 
 from benchmarks.thesis.rosdyn import Unconstrained, rosdyn
 from stiction_envs.friction.inertia import link_inertia
@@ -149,37 +150,19 @@ class Line(NamedTuple):
     """Coefficient of determination [-]."""
 
 
-def line(speed: Array, torque: Array) -> Line:
-    """Return the line of equation 3.1 through N samples.
-
-        m = (N Σ(q̇ τ_f) − Σq̇ Στ_f) / (N Σq̇² − (Σq̇)²)
-        b = (Στ_f Σq̇² − Σq̇ Σ(q̇ τ_f)) / (N Σq̇² − (Σq̇)²)
-
-    Args:
-        speed: (N,) [rad/s].
-        torque: (N,) friction torque [N·m].
-    """
-    n = len(speed)
-    below = n * float(speed @ speed) - float(speed.sum()) ** 2
-    m = (n * float(speed @ torque) - float(speed.sum() * torque.sum())) / below
-    b = float(torque.sum() * (speed @ speed) - speed.sum() * (speed @ torque)) / below
-    left = torque - m * speed - b
-    about = torque - torque.mean()
-    return Line(m, b, 1.0 - float(left @ left) / float(about @ about))
-
-
 def lines_of(speed: Array, torque: Array) -> dict[tuple[int, str], Line]:
-    """Return the lines of equation 3.1 by joint (from 1) and direction, + before −.
+    """Return the lines of equation 3.1, least squares, by joint (from 1) and direction, + before −.
 
     Args:
         speed: (K, n) [rad/s].
         torque: (K, n) friction torque [N·m].
     """
-    return {
-        (j + 1, direction): line(speed[rows, j], torque[rows, j])
-        for j in range(speed.shape[1])
-        for direction, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0))
-    }
+    out = {}
+    for j in range(speed.shape[1]):
+        for direction, rows in (("+", speed[:, j] > 0), ("-", speed[:, j] < 0)):
+            fit = linregress(speed[rows, j], torque[rows, j])
+            out[j + 1, direction] = Line(fit.slope, fit.intercept, fit.rvalue**2)
+    return out
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

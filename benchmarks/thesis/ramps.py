@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.thesis.items import Found, Needs, Numbers, Picture
+from benchmarks.thesis.items import Found, Needs, Picture
 from benchmarks.thesis.torques import base_jobs, cells_of, job_of
 from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
 from stiction_envs.measured import DitheredRow, thesis_base
-from stiction_envs.reporting.markdown import number, percent, short
+from stiction_envs.reporting.markdown import number, percent
 from tuning.protocol.measurements import change
 
 
@@ -62,7 +62,7 @@ class Ramps:
             part.suptitle(f"({letter}) {plots.POSES[load]}: {' / '.join(kinds)}", fontsize=12)
         return Picture(figure, self.compare(measured, base))
 
-    def compare(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> Numbers:
+    def compare(self, measured: Sequence[Measurement], base: Sequence[Measurement]) -> str:
         """Return how the four ramps that are drawn compare with print.
 
         Args:
@@ -70,21 +70,14 @@ class Ramps:
             base: those without dither, of the same configurations.
         """
         good = [k for k, m in enumerate(measured) if np.isfinite(m.mean)]
-        stuck = f"; {len(measured) - len(good)} of four never moved."
+        stuck = "" if len(good) == len(measured) else f"; {len(measured) - len(good)} never moved"
         if self.dither == "none":
             table, jobs = thesis_base(self.robot), [m.job.configuration for m in measured]
             printed = [table.get(c.joint, c.load, c.direction) for c in jobs]
             off = [100 * abs(measured[k].mean / printed[k] - 1) for k in good] or [math.nan]
-            text = f"{number(float(np.mean(off)))} % off"
-            sentence = f"Breakaway torques are {text} in the mean (calibrated to Table 4.3)"
-            return f"{text} (calibrated)", sentence + stuck
+            return f"{number(float(np.mean(off)))} % off (calibrated){stuck}"
         now = np.array([change(measured[k], base[k]) for k in good] or [np.nan])
         before = np.array([self.printed()[k].change_pct for k in good] or [np.nan])
-        shaking = 1e3 * max((measured[k].displacement for k in good), default=math.nan)
-        text = f"{percent(now.mean())} (print {percent(before.mean())})"
-        sentence = (
-            f"Dither changes the torque by {text} in the mean, one by one "
-            f"{number(np.abs(now - before).mean())} points apart, and shakes the joint by "
-            f"{short(shaking, 2)} mrad RMS"
-        )
-        return text, sentence + stuck
+        apart = number(np.abs(now - before).mean())
+        means = f"{percent(now.mean())} (print {percent(before.mean())})"
+        return f"{means}, one by one {apart} points apart{stuck}"

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.thesis.items import Found, Needs, Numbers, Table
+from benchmarks.thesis.items import Found, Needs, Table
 from benchmarks.thesis.nested_models.cells import FREQUENCIES, cells, repeat_floor
 from stiction_envs.experiments.sje.protocol import (
     SIGNS,
@@ -19,6 +19,7 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
 )
 from stiction_envs.measured import (
+    AmplitudeRow,
     DitheredRow,
     thesis_base,
     thesis_dithered,
@@ -29,7 +30,7 @@ from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
 from tuning.protocol.measurements import change
-from tuning.protocol.rules import final_amplitude
+from tuning.protocol.rules import Choice, final_amplitude
 
 ROBOTS = tuple(thesis_robots())
 (TUNED,) = thesis_robots("4.9")
@@ -160,50 +161,36 @@ def rows_of_table(table: str, measured: Mapping[tuple[str, Job], Measurement]) -
 
 def table_4_3(found: Found) -> Table:
     """Return Table 4.3."""
-    lines, shown, names, off = [], [], [], []
+    lines, shown, off = [], [], []
     for r in thesis_table("4.3"):
         robot = our_name(r["robot"])
         c, torque = Configuration(r["joint"], r["load"], r["direction"]), r["tau_base_Nm"]
         m = found["sje"][robot, Job(c)]
-        names.append(configuration_name(c, thesis_robots()[robot].title))
         off.append(100.0 * (m.mean / torque - 1.0))
         lines.append({**r, **simulated_columns(m, 0.0, off[-1])})
         texts = signed(torque, 4), torque_text(m.mean, 4), f"{torque_text(off[-1], 2)} %"
-        shown.append([names[-1], *texts])
-    size, stuck = np.abs(off), np.isnan(off).sum()
-    mean = f"{number(float(np.nanmean(size)))} %"
-    sentence = (
-        f"Stiction is calibrated to this table: the {len(lines)} base torques are off by {mean} in "
-        f"the mean, by {number(float(np.nanmax(size)))} % at most "
-        f"({names[int(np.nanargmax(size))]}); {stuck} never moved."
-    )
+        shown.append([configuration_name(c, thesis_robots()[robot].title), *texts])
+    mean = f"{number(float(np.nanmean(np.abs(off))))} % off (calibrated)"
     return Table(
         rows=lines,
         header=["robot, joint, pose, direction", "measured [N·m]", "simulated [N·m]", "difference"],
         shown=shown,
-        numbers=(f"{mean} off (calibrated)", sentence),
+        compared=mean,
     )
 
 
-def compare(rows: Sequence[TorqueRow]) -> Numbers:
+def compare(rows: Sequence[TorqueRow]) -> str:
     """Return how dithered rows compare; the one broken cell counts nowhere."""
     sound = [r for r in rows if not r.cell.outlier]
     good = [r for r in sound if math.isfinite(r.difference)]
     if not good:
-        return "never moved", f"All {len(sound)} joints stayed stuck."
+        return "never moved"
     gap = np.abs([r.difference for r in good])
-    measured = np.array([r.cell.change_pct for r in good])
-    right = np.sign([r.simulated_change_pct for r in good]) == np.sign(measured)
-    nothing, repeats = np.abs(measured).mean(), repeat_floor(cells())[0]
-    largest = configuration_name(good[int(gap.argmax())].simulated.job.configuration)
-    brief = f"{number(gap.mean())} points off"
-    return f"{brief} (no effect: {number(nothing)}, repeats: {number(repeats)})", (
-        f"Changes by dither are {brief} in the mean of {len(sound)} cells (most "
-        f"{number(gap.max())}, joint {largest}), where no effect of dither would be off by "
-        f"{number(nothing)} and the thesis repeats itself to {number(repeats)}; {right.sum()} "
-        f"signs are right, {right[measured > 0].sum()} of {(measured > 0).sum()} printed rises "
-        f"come out, {len(sound) - len(good)} cells never moved."
-    )
+    nothing = np.abs([r.cell.change_pct for r in good]).mean()
+    text = f"{number(gap.mean())} points off (no effect: {number(nothing)}, repeats: "
+    text += f"{number(repeat_floor(cells())[0])})"
+    stuck = len(sound) - len(good)
+    return f"{text}; {stuck} of {len(sound)} cells never moved" if stuck else text
 
 
 def dithered_table(number: str, found: Found) -> Table:
@@ -234,23 +221,13 @@ def dithered_table(number: str, found: Found) -> Table:
     header = ["joint, pose, direction", "base [N·m]: measured", "simulated"]
     for column in columns:
         header += [f"{column}: measured [N·m] (%)", "simulated (%)", "difference [points]"]
-    return Table(rows=[r.line() for r in rows], header=header, shown=shown, numbers=compare(rows))
+    return Table(rows=[r.line() for r in rows], header=header, shown=shown, compared=compare(rows))
 
 
 # ---- chosen settings -----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True)
-class Chosen:
-    """A joint's line of Table 4.9 by the thesis's rules on simulated torques."""
-
-    frequency_hz: float
-    scale: float
-    final_nm: float
-    reason: str
-
-
-def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
+def choose(joint: int, measured: Mapping[Job, Measurement]) -> Choice:
     """Apply the thesis's choices (4.2) to one joint's simulated torques.
 
     The best frequency at scale 1.0, the best scale there, the final amplitude by the tuner's rule.
@@ -263,13 +240,15 @@ def choose(joint: int, measured: Mapping[Job, Measurement]) -> Chosen:
     frequency = min(FREQUENCIES, key=lambda f: mean(f, 1.0))
     scale = min(SCALES, key=lambda s: mean(frequency, s))
     base = thesis_base(TUNED)
+    intermediate = scale * np.abs(base.tau[joint - 1])
     amplitude, reason = final_amplitude(
-        scale * np.abs(base.tau[joint - 1]),
+        intermediate,
         float(base.friction[joint - 1].min()),
         frequency_hz=frequency,
         torque_rate=float(load_arm(TUNED).limits.torque_rate[joint - 1]),
     )
-    return Chosen(frequency_hz=frequency, scale=scale, final_nm=amplitude, reason=reason)
+    row = AmplitudeRow(joint, frequency, amplitude)
+    return Choice(row=row, scale=scale, intermediate=intermediate, reason=reason)
 
 
 def table_4_9(found: Found) -> Table:
@@ -279,14 +258,15 @@ def table_4_9(found: Found) -> Table:
     return compare_choices(choices)
 
 
-def compare_choices(choices: Mapping[int, Chosen]) -> Table:
+def compare_choices(choices: Mapping[int, Choice]) -> Table:
     """Return Table 4.9 with choices by joint."""
     lines, shown = [], {}
     same = np.zeros(3, dtype=int)
     for printed in thesis_table("4.9"):
         joint, c = printed["joint"], choices[printed["joint"]]
         base, final = printed["tau_base_Nm"], abs(printed["tau_final_Nm"])
-        gap = c.final_nm - final
+        f, amplitude = c.row.frequency_hz, c.row.amplitude_nm
+        gap = amplitude - final
         values = {
             k: {True: "yes", False: "no"}[x] if isinstance(x, bool) else x
             for k, x in printed.items()
@@ -294,26 +274,25 @@ def compare_choices(choices: Mapping[int, Chosen]) -> Table:
         lines.append(
             {
                 **values,
-                "simulated_frequency_Hz": c.frequency_hz,
+                "simulated_frequency_Hz": f,
                 "simulated_scale": c.scale,
                 "simulated_tau_intermediate_Nm": math.copysign(c.scale * abs(base), base),
-                "simulated_tau_final_Nm": c.final_nm,
+                "simulated_tau_final_Nm": amplitude,
                 "difference_final_Nm": gap,
             }
         )
         if joint in shown:  # a line of print per configuration
             continue
         scale = 1.2 if joint == 3 else printed["scale"]  # joint 3's is a misprint
-        settings = (printed["frequency_Hz"], scale, final), (c.frequency_hz, c.scale, c.final_nm)
-        texts = [f"{f:g}, {s:g}, {a:.4f}" for f, s, a in settings]
+        settings = (printed["frequency_Hz"], scale, final), (f, c.scale, amplitude)
+        texts = [f"{x:g}, {y:g}, {z:.4f}" for x, y, z in settings]
         shown[joint] = [str(joint), *texts, signed(gap, 4), c.reason]
-        frequency = c.frequency_hz == printed["frequency_Hz"]
+        frequency = f == printed["frequency_Hz"]
         same += [frequency, c.scale == scale, abs(gap) <= 0.05 * final]
-    brief = f"{same[0]} of {len(shown)} frequencies, {same[1]} scales, {same[2]} amplitudes"
-    sentence = f"By the thesis's rules the simulated torques choose {brief} as printed (amplitudes "
+    brief = f"{same[0]} of {len(shown)} frequencies, {same[1]} scales, {same[2]} amplitudes to 5 %"
     return Table(
         rows=lines,
         header=["joint", "measured: f [Hz], scale, A [N·m]", "simulated", "difference of A", "why"],
         shown=shown.values(),
-        numbers=(brief, sentence + "within 5 %)."),
+        compared=brief,
     )

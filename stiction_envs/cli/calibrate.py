@@ -7,7 +7,6 @@ from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.reporting.json_text import JsonRecord
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -19,7 +18,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction calibrate panda base.csv --out my_panda.toml",
         interrupted="nothing was written; run the same command again",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     parser.add_argument(
@@ -35,12 +33,11 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Calibrate and write the friction TOML."""
     arm = common.read_arm(args)
 
-    from stiction_envs.experiments.settings import experiment_settings
-    from stiction_envs.experiments.sje.calibrate import calibrate
+    from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.measured import read_base
     from stiction_envs.reporting.output_folder import check_file, default_folder
@@ -60,12 +57,11 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     check_file(out, ".toml", force=args.force)
     with common.working():
         with Progress("rounds") as progress:
-            rounds = experiment_settings().calibration.rounds
-            progress.set("calibrate", 0, rounds)
+            progress.set("calibrate", 0, ROUNDS)
             result = calibrate(
                 table,
                 experiment,
-                progress=lambda k, error: progress.set("calibrate", k, rounds),
+                progress=lambda k, error: progress.set("calibrate", k, ROUNDS),
             )
         result.write_toml(
             out,
@@ -73,11 +69,5 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             table=args.table,
             provenance=common.run_provenance(args, {**files, "table": args.table}),
         )
-    return {"command": "calibrate", "out": str(out), **result.to_json(), "robot": arm.name}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from stiction_envs.experiments.sje.calibrate import describe
-
-    return f"{describe(result)}, written to {result['out']}"
+    values = {"command": "calibrate", "out": str(out), **result.to_json(), "robot": arm.name}
+    return common.Answer(values, f"{result}, written to {out}")

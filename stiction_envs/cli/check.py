@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 
 EXIT_CODES = (
     "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
@@ -25,7 +24,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction check base.csv log.csv --robot panda",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     parser.epilog = f"{parser.epilog}\n{EXIT_CODES}"
     parser.add_argument(
@@ -41,13 +39,12 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help=f"whose logs these are, for units and limits: {common.robot_help()}",
     )
     common.add_chain_option(parser)
-    common.add_bag_options(parser)
+    common.add_reading_options(parser)
     common.add_drive_option(parser)
-    common.add_units_options(parser)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Check; write ``findings.csv`` where asked to."""
     from stiction_envs.measured.checks.files import Finding, check
 
@@ -57,15 +54,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         inputs |= common.calibration_input(args)
         folder = common.output_folder(args, "", inputs)
     result = check(
-        *args.files,
-        robot=args.robot,
-        chain=args.chain,
-        joints=args.joints,
-        topic=args.topic,
-        drive=args.drive,
-        units=args.units,
-        calibration=args.calibration,
-        columns=args.columns,
+        *args.files, robot=args.robot, chain=args.chain, drive=args.drive, **common.reading(args)
     )
     pages, more = [], []
     if args.robot is not None and result.logs:
@@ -86,21 +75,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         with common.working(), folder:
             result.write(folder.path)
     count = len(result.defects)
-    return {
-        "command": "check",
-        **result.to_json(),
-        "logs": [page.to_json() for page in pages],
-        "failed": f"{count} defect{'s' * (count > 1)} found" if count else None,
-    }
-
-
-def show(result: JsonRecord) -> str:
-    """Return the page of each log of a known robot, and the findings, one in a line."""
-    from stiction_envs.measured.checks.files import describe
-
-    pages = []
-    if result["logs"]:
-        from stiction_envs.gap.overview import Overview
-
-        pages = [str(Overview(**x)) for x in result["logs"]]
-    return "\n\n".join([*pages, describe(result["findings"])])
+    failed = f"{count} defect{'s' * (count > 1)} found" if count else None
+    values = {"logs": [asdict(page) for page in pages], "failed": failed}
+    text = "\n\n".join(map(str, [*pages, result]))
+    return common.answer(args, result, more=values, text=text)

@@ -1,4 +1,4 @@
-"""What the commands share: parser, options, input files, errors."""
+"""Shared parts of the commands: parser, options, input files, errors."""
 
 from __future__ import annotations
 
@@ -8,22 +8,35 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict, cast
 
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
+    from stiction_envs.measured.logs.joint_names import Reading
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.reporting.provenance import Provenance
+    from stiction_envs.reporting.result import Result
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 IDEAL = "ideal"
 """Senses where none are given."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
-"""Of the main parser; argparse has no public name for them."""
+"""Subparsers of the main parser; argparse has no public name for the class."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """Output of a command at its end."""
+
+    values: dict[str, object]
+    """For ``--json``; ``failed`` among them is the reason for exit code 1."""
+    text: str
+    """For people."""
 
 
 class Failed(RuntimeError):
@@ -51,6 +64,31 @@ def working() -> Iterator[None]:
         yield
     except StictionError as error:
         raise Failed(str(error)) from error
+
+
+def answer(
+    args: argparse.Namespace,
+    result: Result,
+    out: Path | None = None,
+    more: Mapping[str, object] = MappingProxyType({}),
+    *,
+    files: str = "",
+    text: str | None = None,
+) -> Answer:
+    """Return what a command prints of a result.
+
+    Args:
+        args: of the command.
+        result: prints itself for people, and has JSON values.
+        out: where it was written.
+        more: further JSON values.
+        files: names of files there that a person wants to see.
+        text: for people; None for the result and ``out``.
+    """
+    place = {} if out is None else {"out": str(out)}
+    values = {"command": args.command, **place, **more, **result.to_json()}
+    shown = f"{out}: {files}" if files else f"{out}"
+    return Answer(values, f"{result}\nwritten to {shown}" if text is None else text)
 
 
 # ---- types of options ----------------------------------------------------------------------------
@@ -111,8 +149,7 @@ def add_command(
     summary: str,
     example: str,
     interrupted: str,
-    run: Callable[[argparse.Namespace], dict[str, object]],
-    show: Callable[[JsonRecord], str],
+    run: Callable[[argparse.Namespace], Answer],
 ) -> Parser:
     """Add a command's parser.
 
@@ -122,13 +159,12 @@ def add_command(
         summary: one sentence.
         example: a call that works.
         interrupted: what is left after Ctrl-C, and how to go on.
-        run: of the command.
-        show: of the command.
+        run: function that does the work.
     """
     parser = subparsers.add_parser(
         name, help=summary, description=summary, epilog=f"example:\n  {example}"
     )
-    parser.set_defaults(interrupted=interrupted, run=run, show=show)
+    parser.set_defaults(interrupted=interrupted, run=run)
     return parser
 
 
@@ -171,7 +207,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         help="side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
         "log says, else motor)",
     )
-    add_bag_options(parser)
+    add_reading_options(parser)
     parser.add_argument(
         "--cutoff",
         type=number(0, above=True),
@@ -180,8 +216,8 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
     )
 
 
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that select joints and a topic of a ROS bag."""
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of how logs are read: fields of `Reading`."""
     parser.add_argument(
         "--joints",
         nargs="+",
@@ -193,10 +229,6 @@ def add_bag_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
     )
-
-
-def add_units_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what the angles of logs are measured in."""
     parser.add_argument(
         "--units",
         choices=("rad", "deg", "percent", "ticks"),
@@ -219,8 +251,15 @@ def add_units_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def reading(args: argparse.Namespace) -> Reading:
+    """Return how logs are read: the options of `add_reading_options`."""
+    from stiction_envs.measured.logs.joint_names import Reading
+
+    return cast("Reading", {name: getattr(args, name) for name in Reading.__annotations__})
+
+
 def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the file of `add_units_options` by the name of its argument, where one is given.
+    """Return the calibration file by the name of its argument, where one is given.
 
     Raises:
         StictionError: it is not there.
@@ -323,7 +362,7 @@ def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> Non
 # ---- input ---------------------------------------------------------------------------------------
 
 NOT_RECORDED = {
-    *("command", "run", "show", "interrupted"),  # the program's own
+    *("command", "run", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
     # no result depends on them
     *("out", "force", "json", "threads", "slots", "video", "rrd"),

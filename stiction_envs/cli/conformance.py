@@ -6,7 +6,6 @@ import argparse
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.reporting.json_text import JsonRecord
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -19,7 +18,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction conformance panda",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     parser.add_argument(
         "robot",
@@ -45,7 +43,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Test; write ``conformance.csv`` and provenance."""
     from stiction_envs.experiments.conformance import conformance
     from stiction_envs.robots.registry import robot_files
@@ -62,22 +60,9 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         )
     with common.working(), folder:
         result.write(folder.path)
-    answer = result.to_json()
-    stuck = [r["joint"] for r in answer["rows"] if not (r["holds"] and r["goes"])]
+    stuck = [j.name for j in result.joints if not j.passed]
     failed = f"does not stick as it should: {', '.join(stuck)}" if stuck else None
-    if answer.get("refused"):
-        failed = f"{answer['engine']} refused: {answer['refused']}"
-    return {
-        "command": "conformance",
-        "robot": args.robot,
-        "out": str(folder.path),
-        **answer,
-        "failed": failed,
-    }
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from stiction_envs.experiments.conformance_report import describe
-
-    return f"{describe(result)}\nwritten to {result['out']}: conformance.csv"
+    if result.refused:
+        failed = f"{result.engine} refused: {result.refused}"
+    more = {"robot": args.robot, "failed": failed}
+    return common.answer(args, result, folder.path, more, files="conformance.csv")

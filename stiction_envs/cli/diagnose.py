@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, cast
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 
-Given = dict[str, Any]
-"""Options by their names, as the parser checked them."""
-SHARED = (
-    *("torque", "joints", "topic", "nominal", "payload", "tilt", "chain", "seed", "drive", "units"),
-    *("calibration", "columns", "servo_stiffness", "servo_damping", "same_servo"),
-)
-"""Options that are arguments of a diagnosis and of a rehearsal, by the same names."""
+if TYPE_CHECKING:
+    from stiction_envs.gap.options import LogOptions
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -30,7 +24,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     common.add_log_options(parser, logs="*", metavar="LOG|TABLE")
     parser.add_argument(
@@ -50,7 +43,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="logs that take no part: does the model that is found hold there?",
     )
     common.add_drive_option(parser)
-    common.add_units_options(parser)
     parser.add_argument(
         "--servo-stiffness",
         nargs="+",
@@ -110,7 +102,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Diagnose; write ``diagnosis.json``, report, model, plots and provenance."""
     if args.rehearse:
         return _rehearse(args)
@@ -128,7 +120,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         result = diagnose(
             args.logs,
             args.robot,
-            **_about_the_logs(args),
+            **_options(args),
             poses=args.poses,
             check=args.check,
             threads=args.threads,
@@ -138,13 +130,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             result.write(folder.path, progress=say)
             if args.rrd is not None:
                 result.write_rrd(args.rrd, force=args.force)
-    return {
-        "command": "diagnose",
-        "out": str(folder.path),
-        "summary": result.summary,
-        **({} if args.rrd is None else {"rrd": str(args.rrd)}),
-        **result.to_json(),
-    }
+    also = {} if args.rrd is None else {"rrd": str(args.rrd)}
+    written = "".join(f"\nwritten: {file}" for file in also.values())
+    more = {"summary": result.summary, **also}
+    return common.answer(args, result, folder.path, more, files=f"report.html{written}")
 
 
 def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
@@ -173,19 +162,22 @@ def _inputs(args: argparse.Namespace) -> dict[str, Path]:
     return common.calibration_input(args) | logs | files
 
 
-def _about_the_logs(args: argparse.Namespace) -> Given:
-    """Return the arguments that a diagnosis and a rehearsal share."""
-    return {name: getattr(args, name) for name in SHARED} | {"cutoff_hz": args.cutoff}
+def _options(args: argparse.Namespace) -> LogOptions:
+    """Return the options that a diagnosis and a rehearsal share."""
+    from stiction_envs.gap.options import DEFAULTS
+
+    given = {k: v for k, v in vars(args).items() if k in DEFAULTS}
+    return cast("LogOptions", {**given, "cutoff_hz": args.cutoff})
 
 
-def _rehearse(args: argparse.Namespace) -> dict[str, object]:
+def _rehearse(args: argparse.Namespace) -> common.Answer:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
 
     Raises:
         StictionError: an option that a rehearsal does not take.
     """
     from stiction_envs.hidden.rehearsal.rehearse import plan
-    from stiction_envs.hidden.rehearsal.result import RUNS
+    from stiction_envs.hidden.rehearsal.result import CSV, RUNS
 
     for option in ("check", "poses", "rrd"):
         if getattr(args, option):
@@ -195,7 +187,7 @@ def _rehearse(args: argparse.Namespace) -> dict[str, object]:
         planned = plan(
             args.logs,
             args.robot,
-            **_about_the_logs(args),
+            **_options(args),
             causes=args.rehearse_causes,
             progress=progress.whole,
         )
@@ -204,17 +196,4 @@ def _rehearse(args: argparse.Namespace) -> dict[str, object]:
                 threads=args.threads, progress=progress.whole, kept=folder.path / RUNS
             )
             result.write(folder.path)
-    return {"command": "diagnose", "out": str(folder.path), **result.to_json()}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the verdict and the causes as readable lines."""
-    if "rehearsal" in result:
-        from stiction_envs.hidden.rehearsal import result as rehearsal
-
-        return f"{rehearsal.describe(result)}\nwritten to {result['out']}: {rehearsal.CSV}"
-    from stiction_envs.gap.report.result import describe
-
-    text = describe(result["verdict"], result["summary"], result["causes"])
-    also = f"\nwritten: {result['rrd']}" if "rrd" in result else ""
-    return f"{text}\nwritten to {result['out']}: report.html{also}"
+    return common.answer(args, result, folder.path, files=CSV)

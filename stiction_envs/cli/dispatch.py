@@ -23,27 +23,24 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Failed, Parser, Subparsers, note_robot
+from stiction_envs.cli.common import Answer, Failed, Parser, Subparsers, note_robot
 from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
-from stiction_envs.reporting.json_text import JsonRecord, to_text
+from stiction_envs.reporting.json_text import to_text
 from stiction_envs.version import __version__
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
 class Command(Protocol):
-    """What a command's module has."""
+    """Interface of a command's module."""
 
     def add_parser(self, subparsers: Subparsers) -> None:
         """Add the command's parser."""
 
-    def run(self, args: argparse.Namespace) -> dict[str, object]:
-        """Do the work; return the result, as JSON if it is asked for."""
-
-    def show(self, result: JsonRecord) -> str:
-        """Return the result as readable text."""
+    def run(self, args: argparse.Namespace) -> Answer:
+        """Do the work; return what is printed."""
 
 
 COMMANDS: tuple[Command, ...] = (
@@ -97,13 +94,13 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None =
             warnings.simplefilter("ignore")
             warnings.simplefilter("always", UserWarning)
             warnings.showwarning = _show_warning
-            result: dict[str, object] = args.run(args)
+            answer: Answer = args.run(args)
             note_robot(args)  # bad input is one line by itself
-        text = to_text(result) if args.json else args.show(result)
+        text = to_text(answer.values) if args.json else answer.text
         with naming("standard output"):  # a file on a full disk, it may be
             _print(text)
-        if result.get("failed"):
-            return _say(str(result["failed"]), FAILED)
+        if failed := answer.values.get("failed"):
+            return _say(failed, FAILED)
         return DONE
     except SystemExit as end:  # --help
         return end.code if isinstance(end.code, int) else BAD_INPUT

@@ -6,7 +6,6 @@ import argparse
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.reporting.json_text import JsonRecord
 
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
@@ -20,7 +19,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction excite panda --sweeps --out runs/excite-panda",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser, friction=False)
     parser.add_argument(
@@ -53,7 +51,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/excite-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Search; write ``trajectory.csv``, ``excitation.json``, a plot and provenance."""
     arm = common.read_arm(args)
 
@@ -75,11 +73,4 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         )
         with folder:
             motion.write(folder.path)
-    return {"command": "excite", "out": str(folder.path), **motion.to_json()}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as readable lines."""
-    from stiction_envs.identification.excitation import describe
-
-    return f"{describe(result)}\nwritten to {result['out']}: trajectory.csv"
+    return common.answer(args, motion, folder.path, files="trajectory.csv")

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 
 KINDS = ("dcmotor", "frictionloss")
 
@@ -21,7 +20,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction export panda --out runs/panda-model",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser, friction=False)
     parser.add_argument(
@@ -49,7 +47,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/export-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Write ``model.xml``, what Menagerie has beside it, and provenance."""
     from stiction_envs.errors import unknown
     from stiction_envs.experiments.engines import ENGINES
@@ -72,15 +70,15 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     result = export(arm, args.friction, kind=args.kind, motor=motor)
     with common.working(), folder:
         result.write(folder.path)
-    return {
-        "command": "export",
+    model = folder.path / "model.xml"
+    more = {
         "robot": arm.name,
-        "out": str(folder.path),
-        "model": str(folder.path / "model.xml"),
+        "model": str(model),
         "friction": folder.provenance["inputs"]["friction"],
         "kind": result.kind,
-        **result.to_json(),
     }
+    text = f"{result}\nfriction: {result.kind}\nwritten to {model}"
+    return common.answer(args, result, folder.path, more, text=text)
 
 
 def _friction(given: list[str]) -> tuple[Path | None, str | None]:
@@ -96,10 +94,3 @@ def _friction(given: list[str]) -> tuple[Path | None, str | None]:
             f"--friction {' '.join(given)}: expected one kind and one .toml at most"
         )
     return next(iter(files), None), next(iter(kinds), None)
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from stiction_envs.friction.export import describe
-
-    return f"{describe(result['joints'])}\nfriction: {result['kind']}\nwritten to {result['model']}"

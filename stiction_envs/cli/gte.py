@@ -10,7 +10,6 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
@@ -42,7 +41,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv",
         interrupted="nothing was written; run the same command again",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
@@ -135,7 +133,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Run the experiment; write tables, plots and provenance."""
     arm = common.read_arm(args)
 
@@ -203,14 +201,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         filmed, no_video = write_video(video, make_video, progress)
     lost = result.unfinished
     unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
-    return {
-        "command": "gte",
-        "seed": args.seed,
-        "out": str(folder.path),
-        **result.to_json(),
-        **filmed,
-        "failed": "; ".join(filter(None, [unfinished if lost else None, no_video])) or None,
-    }
+    failed = "; ".join(filter(None, [unfinished if lost else None, no_video])) or None
+    return common.answer(args, result, folder.path, {"seed": args.seed, **filmed, "failed": failed})
 
 
 def _check_compensation(args: argparse.Namespace) -> None:
@@ -239,10 +231,3 @@ def _read_controller_model(args: argparse.Namespace) -> Arm | None:
         tilt=args.tilt if tilt is None else tilt,
         chain=args.chain,
     )
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from stiction_envs.experiments.gte.results import describe
-
-    return f"{describe(result['rows'], result['runs'])}\nwritten to {result['out']}"

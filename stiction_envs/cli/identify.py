@@ -6,7 +6,6 @@ import argparse
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.reporting.json_text import JsonRecord
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -18,14 +17,12 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction identify log.csv --robot panda --torque link --out runs/links",
         interrupted="run the same command again",
         run=run,
-        show=show,
     )
     common.add_log_options(parser, logs="+")
-    common.add_units_options(parser)
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Identify; write ``identification.json``, report, model, a plot and provenance."""
     from stiction_envs.robots import load_arm
     from stiction_envs.robots.registry import robot_files
@@ -42,21 +39,10 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             args.logs,
             arm,
             torque=args.torque,
-            joints=args.joints,
-            topic=args.topic,
-            units=args.units,
-            calibration=args.calibration,
-            columns=args.columns,
             cutoff_hz=args.cutoff,
+            **common.reading(args),
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )
         with common.working(), folder:
             result.write(folder.path)
-    return {"command": "identify", "out": str(folder.path), **result.to_json()}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as readable lines."""
-    from stiction_envs.identification.identify import describe
-
-    return f"{describe(result)}\nwritten to {result['out']}: model.xml, report.html"
+    return common.answer(args, result, folder.path, files="model.xml, report.html")

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.cli.video import add_video_option, video_file, write_video
-from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
@@ -26,7 +25,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction sje panda --joint 7 --dither final.csv --out runs/joint7",
         interrupted="nothing was written; run the same command again",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
@@ -80,7 +78,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_shared_options(parser, out="output folder (default: runs/sje-ROBOT)")
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Run the experiment; write ``sje.csv``, plots and provenance.
 
     A configuration with a stuck iteration has no torque: it is left out of ``sje.csv``, named in
@@ -133,19 +131,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
         filmed, no_video = write_video(video, make_video, progress)
-    failed = [f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None, no_video]
-    return {
-        "command": "sje",
-        "seed": args.seed,
-        "out": str(folder.path),
-        **result.to_json(),
-        **filmed,
-        "failed": "; ".join(filter(None, failed)) or None,
-    }
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    from stiction_envs.experiments.sje.results import describe
-
-    return f"{describe(result['rows'])}\nwritten to {result['out']}"
+    left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
+    failed = "; ".join(filter(None, [left_out, no_video])) or None
+    return common.answer(args, result, folder.path, {"seed": args.seed, **filmed, "failed": failed})

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
-from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
     from stiction_envs.friction.model import StickingModel
@@ -28,7 +27,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction view panda --joint 7",
         interrupted="the window was closed",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     parser.add_argument(
@@ -52,7 +50,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Show the window until it is closed."""
     arm = common.read_arm(args)
 
@@ -72,7 +70,8 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         window.run(lambda line: print(line, file=sys.stderr))
     finally:
         window.close()
-    return {"command": "view", "robot": arm.name, "simulated_s": shown.time}
+    text = f"{arm.name}: {shown.time:.0f} s simulated"
+    return common.Answer({"command": "view", "robot": arm.name, "simulated_s": shown.time}, text)
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
@@ -92,8 +91,3 @@ def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     p = sticking.parameters
     stiction = p.stiction_at(p.load_low).mean(axis=-1)
     return list(proportional_table(stiction, MOST * arm.limits.torque))
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a line."""
-    return f"{result['robot']}: {result['simulated_s']:.0f} s simulated"

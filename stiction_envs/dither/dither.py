@@ -11,22 +11,20 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither.kernels import sine
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.compiled import compiled
 from stiction_envs.dither.waveforms import (
-    BANDWIDTH,
-    BANDWIDTH_RANGE,
     DEFAULT_WAVEFORM,
     WAVEFORMS,
     Waveform,
     named,
 )
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 
 _TWO_PI = 2.0 * np.pi
 
-Floats = NDArray[np.float64]
 _Places = NDArray[np.intp] | None
-_Branch = tuple[Waveform, _Places, _Places, Floats, Floats, Floats, Floats | None]
+_Branch = tuple[Waveform, _Places, _Places, Array, Array, Array, Array | None]
 _Scalar = TypeVar("_Scalar", bound=np.generic)
 
 
@@ -42,31 +40,29 @@ class Dither:
     waveforms' wherever the sampling theorem holds.
     """
 
-    amplitude: Floats
+    amplitude: Array
     """A, (N, n) N·m, ≥ 0; exactly 0 leaves exactly the offset."""
-    frequency: Floats
+    frequency: Array
     """f, (N, n) Hz, > 0 wherever the amplitude is."""
-    phase: Floats
+    phase: Array
     """φ, (N, n) rad; for chirp and random a shift along the 64 cycles. Default 0."""
-    offset: Floats
+    offset: Array
     """Constant torque, (N, n) N·m, never gated. Default 0."""
     waveform: NDArray[np.int8]
     """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
-    gate_velocity: Floats
+    gate_velocity: Array
     """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. q̇ includes the motion that the dither
     itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
     """
     seed: NDArray[np.uint64]
     """(N,), ≥ 0: of a waveform's random constants; one integer is for every simulation."""
-    bandwidth: float
-    """b, relative bandwidth of waveforms that spread around f, in `BANDWIDTH_RANGE`."""
 
-    _drawn: dict[str, Floats] = field(init=False)  # by waveform (N, n, K): what it draws
+    _drawn: dict[str, Array] = field(init=False)  # constants by waveform, (N, n, K)
     _branches: tuple[_Branch, ...] = field(init=False)
-    _gate: Floats | None = field(init=False)
-    sines: tuple[Floats, Floats, Floats] | None = field(init=False)
+    _gate: Array | None = field(init=False)
+    sines: tuple[Array, Array, Array] | None = field(init=False)
     """ω [rad/s], φ [rad] and A [N·m], (N, n), where the dither is ungated sines only."""
-    _constant: Floats | None = field(init=False)
+    _constant: Array | None = field(init=False)
 
     def __init__(
         self,
@@ -78,25 +74,24 @@ class Dither:
         waveform: ArrayLike = DEFAULT_WAVEFORM,
         gate_velocity: ArrayLike = np.inf,
         seed: ArrayLike = 0,
-        bandwidth: float = BANDWIDTH,
     ) -> None:
-        a = _numbers("amplitude", amplitude, None)
-        f = _numbers("frequency", frequency, a.shape)
+        a = checked_array(amplitude, "dither amplitude")
+        if a.ndim != 2:
+            raise StictionError(f"dither amplitude has shape {a.shape}: expected (N, n)")
+        f = checked_array(frequency, "dither frequency", a.shape, fill=True)
         _check_drive(a, f)
-        gate = _numbers("gate_velocity", gate_velocity, a.shape, finite=False)
+        gate = checked_array(
+            gate_velocity, "dither gate_velocity", a.shape, fill=True, finite=False
+        )
         _check("gate_velocity", gate, ~(gate > 0), "> 0 rad/s (inf: no gating)")
-        low, high = BANDWIDTH_RANGE
-        if not low <= bandwidth <= high:
-            raise StictionError(f"dither bandwidth is {bandwidth}: expected {low} to {high}")
         self._fill(
             amplitude=a,
             frequency=f,
-            phase=_numbers("phase", phase, a.shape),
-            offset=_numbers("offset", offset, a.shape),
+            phase=checked_array(phase, "dither phase", a.shape, fill=True),
+            offset=checked_array(offset, "dither offset", a.shape, fill=True),
             waveform=_codes(waveform, a.shape),
             gate_velocity=gate,
             seed=_seeds(seed, a.shape[0]),
-            bandwidth=float(bandwidth),
         )
         self._fill(_drawn=self._draw())
         self._prepare()
@@ -125,7 +120,7 @@ class Dither:
         names = [b[0].name for b in self._branches]
         return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
 
-    def torque(self, t: float | Floats, qd: Floats | None = None) -> Floats:
+    def torque(self, t: float | Array, qd: Array | None = None) -> Array:
         """Dither torque, fresh (N, n) array in N·m.
 
         Args:
@@ -144,16 +139,16 @@ class Dither:
             out += self._constant
         return out
 
-    def ungated(self, t: float | Floats) -> Floats:
-        """What `torque` is without gates and offsets, which follow `gate` and `offset`."""
+    def ungated(self, t: float | Array) -> Array:
+        """Return `torque` without gates and offsets."""
         shape = self.amplitude.shape
         own = isinstance(t, np.ndarray) and t.ndim == 1
-        out: Floats | None = None
+        out: Array | None = None
         for waveform, where, rows, omega, phase, amplitude, drawn in self._branches:
             now = t if not own else t[:, None] if where is None else t[rows]  # type: ignore[index]
             angle = omega * now
             angle += phase
-            w = waveform.value(angle, drawn, self.bandwidth)
+            w = waveform.value(angle, drawn)
             w *= amplitude
             if where is not None:
                 out = np.zeros(shape) if out is None else out
@@ -164,7 +159,7 @@ class Dither:
 
     def retune(
         self,
-        t: float | Floats,
+        t: float | Array,
         *,
         amplitude: ArrayLike | None = None,
         frequency: ArrayLike | None = None,
@@ -175,8 +170,11 @@ class Dither:
         (s; one number or (N,)). Entries whose frequency stays keep their phase bit for bit.
         """
         shape = self.amplitude.shape
-        a = self.amplitude if amplitude is None else _numbers("amplitude", amplitude, shape)
-        f = self.frequency if frequency is None else _numbers("frequency", frequency, shape)
+        a, f = self.amplitude, self.frequency
+        if amplitude is not None:
+            a = checked_array(amplitude, "dither amplitude", shape, fill=True)
+        if frequency is not None:
+            f = checked_array(frequency, "dither frequency", shape, fill=True)
         _check_drive(a, f)
         fields = {"amplitude": a, "frequency": f}
         if frequency is not None:
@@ -191,9 +189,9 @@ class Dither:
     def set_rows(self, ids: ArrayLike, other: Dither) -> Dither:
         """This dither with the rows of simulations ``ids`` (positions or a mask) from ``other``."""
         ids = _positions(ids)
-        mine, theirs = (ids.size, self.n, self.bandwidth), (other.N, other.n, other.bandwidth)
+        mine, theirs = (ids.size, self.n), (other.N, other.n)
         if mine != theirs:
-            raise StictionError(f"set_rows (N, n, bandwidth) is {theirs}: expected {mine}")
+            raise StictionError(f"set_rows (N, n) is {theirs}: expected {mine}")
         fields = {name: getattr(self, name).copy() for name in _ROWS}
         for name, values in fields.items():
             values[ids] = getattr(other, name)
@@ -229,7 +227,7 @@ class Dither:
             mask = driven & (self.waveform == code)
             where = None if mask.all() else np.flatnonzero(mask)
             rows = None if where is None else where // self.n
-            pick: EllipsisType | NDArray[np.bool_] = ... if where is None else mask
+            pick: EllipsisType | Bools = ... if where is None else mask
             waveform = waveforms[code]
             drawn = self._drawn.get(waveform.name)
             if drawn is not None:
@@ -248,19 +246,19 @@ class Dither:
             _constant=self.offset + 0.0 if shifted or gate is not None else None,
         )
 
-    def _draw(self) -> dict[str, Floats]:
-        """What the waveforms that are present draw for their entries, (N, n, K), 0 elsewhere."""
+    def _draw(self) -> dict[str, Array]:
+        """Return constants that waveforms draw for their entries, (N, n, K), 0 elsewhere."""
         out = {}
         for code, (name, waveform) in enumerate(WAVEFORMS.items()):
             row, joint = np.nonzero(self.waveform == code)
-            values = waveform.draw(self.seed[row], joint, self.bandwidth) if row.size else None
+            values = waveform.draw(self.seed[row], joint) if row.size else None
             if values is not None and values.shape[1]:
                 out[name] = np.zeros((self.N, self.n, values.shape[1]))
                 out[name][row, joint] = values
         return out
 
 
-def _fade(torque: Floats, qd: Floats | None, factor: Floats) -> None:
+def _fade(torque: Array, qd: Array | None, factor: Array) -> None:
     """Multiply a torque (N, n) in place by exp(−(q̇/v_gate)²), ``factor`` being 1/v_gate [s/rad]."""
     if qd is None or qd.shape != torque.shape:
         got = None if qd is None else qd.shape
@@ -277,24 +275,6 @@ def _positions(ids: ArrayLike) -> NDArray[np.intp]:
     return np.flatnonzero(ids) if ids.dtype == bool else ids.astype(np.intp)
 
 
-def _numbers(
-    name: str, value: ArrayLike, shape: tuple[int, ...] | None, *, finite: bool = True
-) -> Floats:
-    """Own float array of ``value``, broadcast to ``shape`` (None: must be two-dimensional)."""
-    try:
-        array = np.array(value, dtype=float, order="C")
-    except (TypeError, ValueError):
-        raise StictionError(
-            f"dither {name} is a {type(value).__name__}: expected numbers"
-        ) from None
-    if shape is None and array.ndim != 2:
-        raise StictionError(f"dither {name} has shape {array.shape}: expected (N, n)")
-    array = _broadcast(name, array, shape or array.shape)
-    if finite:
-        _check(name, array, ~np.isfinite(array), "finite")
-    return array
-
-
 def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> NDArray[_Scalar]:
     """Own C-ordered copy of ``array`` in ``shape``."""
     try:
@@ -303,7 +283,7 @@ def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> ND
         raise StictionError(f"dither {name} has shape {array.shape}: expected {shape}") from None
 
 
-def _check(name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> None:
+def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -313,7 +293,7 @@ def _check(name: str, values: Floats, bad: NDArray[np.bool_], expected: str) -> 
         raise StictionError(f"dither {name}{where} is {values[at]}: expected {expected}")
 
 
-def _check_drive(amplitude: Floats, frequency: Floats) -> None:
+def _check_drive(amplitude: Array, frequency: Array) -> None:
     _check("amplitude", amplitude, amplitude < 0, ">= 0 N·m")
     bad = (frequency < 0) | ((frequency == 0) & (amplitude > 0))
     _check("frequency", frequency, bad, "> 0 Hz where the amplitude is")
@@ -340,3 +320,61 @@ def _seeds(seed: ArrayLike, N: int) -> NDArray[np.uint64]:
         got = array.min() if array.dtype.kind == "i" else array.dtype
         raise StictionError(f"dither seed is {got}: expected integers from 0 to 2^64 - 1")
     return _broadcast("seed", array.astype(np.uint64), (N,))
+
+
+def alias(frequency_hz: float, rate_hz: float) -> float:
+    """Frequency [Hz] that a sine has at a controller that holds its command at ``rate_hz``.
+
+    0 means that every sample is the same: a constant torque A·sin φ. At half the rate the samples
+    are ±A·sin φ. Harmonics of the other waveforms alias by the same rule.
+
+    Raises:
+        StictionError: a frequency or rate that is not above 0.
+    """
+    for what, value in (("frequency", frequency_hz), ("controller rate", rate_hz)):
+        if not (np.isfinite(value) and value > 0):
+            raise StictionError(f"{what} {value} Hz: expected > 0")
+    return float(abs(frequency_hz - rate_hz * np.rint(frequency_hz / rate_hz)))
+
+
+def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
+    """Warning where a controller of ``rate_hz`` [Hz] aliases a sine of ``frequency_hz`` [Hz].
+
+    None below half the rate; one line from there up to the rate itself (the thesis commanded 100
+    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default); an error above it.
+    """
+    shown = alias(frequency_hz, rate_hz)
+    f, r = f"{frequency_hz:g} Hz", f"{rate_hz:g} Hz"
+    if frequency_hz > rate_hz:
+        raise StictionError(f"dither frequency {f} at a {r} controller: expected at most {r}")
+    if 2 * frequency_hz < rate_hz:
+        return None
+    if 2 * frequency_hz == rate_hz:
+        return f"dither of {f} at a {r} controller sits at Nyquist: samples are ±A·sin φ"
+    if shown == 0:
+        return f"dither of {f} at a {r} controller aliases to a constant offset A·sin φ"
+    return f"dither of {f} at a {r} controller aliases to {shown:g} Hz"
+
+
+@compiled
+def sine(omega: Array, phase: Array, amplitude: Array, t: Array, out: Array) -> None:
+    """Write A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]; 0 where the amplitude is."""
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = 0.0
+            if amplitude[i, j] > 0.0:
+                out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
+
+
+@compiled
+def add_sines(
+    omega: Array, phase: Array, amplitude: Array, t: Array, ids: Index, out: Array
+) -> None:
+    """Add the sines of simulations ids (M,) at times t (M, K) [s] to torques (M, K, n) [N·m]."""
+    for row in range(out.shape[0]):
+        i = ids[row]
+        for k in range(out.shape[1]):
+            for j in range(out.shape[2]):
+                if amplitude[i, j] > 0.0:
+                    value = np.sin(omega[i, j] * t[row, k] + phase[i, j]) * amplitude[i, j]
+                    out[row, k, j] += value

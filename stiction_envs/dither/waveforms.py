@@ -16,9 +16,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, unknown
-
-Floats = NDArray[np.float64]
 
 SWEEP_CYCLES = 64
 """Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
@@ -26,10 +25,8 @@ SWEEP_CYCLES = 64
 TONES = 16
 """Number of sines in the random waveform (`assumed`)."""
 BANDWIDTH = 0.5
-"""Default relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) (`assumed`)."""
-BANDWIDTH_RANGE = (TONES / SWEEP_CYCLES, 1.9)
-"""Of b [-]: b·SWEEP_CYCLES ≥ TONES keeps random tones on different lines; b < 2 keeps them off
-0 Hz (1.9: assumed)."""
+"""Relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) [-] (`assumed`); at least
+TONES / SWEEP_CYCLES, so that the random tones lie on different lines."""
 
 _TWO_PI = 2.0 * np.pi
 # Edges of a square that fall on a sample (50 Hz at 1 kHz: every edge) would flip with the last bits
@@ -50,25 +47,23 @@ class Waveform(ABC):
     cycles: ClassVar[int] = 1
     """Period, in periods 1/f of the dither frequency."""
     sinusoidal: ClassVar[bool] = False
-    """Whether w(θ) = sin θ: dither of such waveforms only is computed by `dither.kernels`."""
+    """Whether w(θ) = sin θ: dither of such waveforms only is computed by compiled code."""
 
     @abstractmethod
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """Return w(θ) elementwise: an element's bits may not depend on its neighbours.
 
         Args:
             angle: θ, any shape [rad]; may be overwritten.
             drawn: (K, \\*angle.shape) result of :meth:`draw` for each element, or None.
-            bandwidth: relative bandwidth b, for waveforms that spread around f [-].
         """
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: Index) -> Array:
         """Return (M, K) constants of M entries, once per dither; K = 0 unless overridden.
 
         Args:
             seed: (M,) seed of each entry's simulation.
             joint: (M,) joint of each entry, from 0.
-            bandwidth: as in :meth:`value`.
         """
         return np.zeros((len(seed), 0))
 
@@ -91,9 +86,9 @@ def register_waveform(waveform: Waveform) -> None:
     if name in _registry:
         raise StictionError(f"waveform name {name!r}: expected one not in {', '.join(_registry)}")
     x = (np.arange(_CHECKED_SAMPLES) + 0.5) / _CHECKED_SAMPLES * waveform.cycles
-    drawn = waveform.draw(np.zeros(1, dtype=np.uint64), np.zeros(1, dtype=int), BANDWIDTH)
+    drawn = waveform.draw(np.zeros(1, dtype=np.uint64), np.zeros(1, dtype=int))
     constants = np.repeat(drawn.T, len(x), axis=1) if drawn.size else None
-    w = waveform.value(_TWO_PI * x, constants, BANDWIDTH)
+    w = waveform.value(_TWO_PI * x, constants)
     if w.shape != x.shape or w.dtype != np.float64 or not np.isfinite(w).all():
         raise StictionError(f"waveform {name!r}: expected a finite float64 for every angle")
     if np.abs(w).max() > 1.0 + 1e-9 or abs(w.mean()) > 1e-3:
@@ -124,7 +119,7 @@ class Sine(Waveform):
     name = "sine"
     sinusoidal = True
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """w = sin θ."""
         return np.sin(angle, out=angle)
 
@@ -134,7 +129,7 @@ class Square(Waveform):
 
     name = "square"
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """w = ±1; an edge is 1e-6 of a period early."""
         x = _in_cycles(angle)
         x += _EDGE
@@ -147,7 +142,7 @@ class Triangle(Waveform):
 
     name = "triangle"
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """w rises and falls by 4 per period."""
         x = _in_cycles(angle)
         x += 0.25
@@ -162,12 +157,12 @@ class Chirp(Waveform):
     name = "chirp"
     cycles = SWEEP_CYCLES
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """w = sin of the swept angle."""
         # Odd about x = 0, hence zero mean; a whole number of turns, hence continuous.
         x = _in_cycles(angle)
         x -= SWEEP_CYCLES * np.rint(x / SWEEP_CYCLES)
-        x *= (1.0 - 0.5 * bandwidth) + (bandwidth / SWEEP_CYCLES) * np.abs(x)
+        x *= (1.0 - 0.5 * BANDWIDTH) + (BANDWIDTH / SWEEP_CYCLES) * np.abs(x)
         x *= _TWO_PI
         return np.sin(x, out=x)
 
@@ -181,7 +176,7 @@ class RandomTones(Waveform):
     name = "random"
     cycles = SWEEP_CYCLES
 
-    def value(self, angle: Floats, drawn: Floats | None, bandwidth: float) -> Floats:
+    def value(self, angle: Array, drawn: Array | None) -> Array:
         """w = gain · Σ sin(line · θ/64 + phase)."""
         assert drawn is not None
         x = _in_cycles(angle)
@@ -189,21 +184,21 @@ class RandomTones(Waveform):
         x *= _TWO_PI / SWEEP_CYCLES
         total, tone = np.zeros_like(x), np.empty_like(x)
         # Tone by tone: a sum over an axis would change its order of adding with the batch size.
-        for line, start in zip(self._lines(bandwidth), drawn[:-1], strict=True):
+        for line, start in zip(self._lines(), drawn[:-1], strict=True):
             np.multiply(x, line, out=tone)
             tone += start
             total += np.sin(tone, out=tone)
         total *= drawn[-1]
         return total
 
-    def draw(self, seed: NDArray[np.uint64], joint: NDArray[np.int64], bandwidth: float) -> Floats:
+    def draw(self, seed: NDArray[np.uint64], joint: Index) -> Array:
         """Return (M, TONES + 1): the tones' phases [rad] and the gain that bounds their peak."""
         key = _mix(seed)[:, None] + _mix(joint.astype(np.uint64))[:, None]
         bits = _mix(np.add(key, np.arange(TONES, dtype=np.uint64))) >> np.uint64(11)
         phases = bits.astype(float) * (_TWO_PI * 2.0**-53)
         # |w| is at most its envelope, a trigonometric polynomial of degree d; sampled at G points
         # its maximum is at most the largest sample / cos(πd/G) (Ehlich and Zeller 1964).
-        shift = (self._lines(bandwidth) - SWEEP_CYCLES).astype(int)
+        shift = (self._lines() - SWEEP_CYCLES).astype(int)
         degree = int(np.abs(shift).max())
         points = 32 * degree
         spectrum = np.zeros((len(seed), points), dtype=complex)
@@ -212,13 +207,13 @@ class RandomTones(Waveform):
         return np.column_stack([phases, np.cos(np.pi * degree / points) / peak])
 
     @staticmethod
-    def _lines(bandwidth: float) -> Floats:
+    def _lines() -> Array:
         """Frequencies of the tones in multiples of f/64: whole, different, in the band."""
         spread = (np.arange(TONES) + 0.5) / TONES - 0.5
-        return np.rint(SWEEP_CYCLES * (1.0 + bandwidth * spread))
+        return np.rint(SWEEP_CYCLES * (1.0 + BANDWIDTH * spread))
 
 
-def _in_cycles(angle: Floats) -> Floats:
+def _in_cycles(angle: Array) -> Array:
     return np.multiply(angle, 1.0 / _TWO_PI, out=angle)
 
 

@@ -15,51 +15,40 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.evaluation import AnyEnv, State
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
-from stiction_envs.method_settings import Positive, load_settings
 
-Array = NDArray[np.float64]
 Table = str | Path | Sequence[AmplitudeRow]
 
 
-@dataclass(frozen=True, kw_only=True)
-class AgentSettings:
-    """All of `agents.toml`."""
-
-    usual_amplitude: Positive
-    """Amplitude of an unknown arm's table, over the stiction [-]."""
-    usual_frequency: Positive
-    """Frequency of the same table [Hz]."""
-    gate_speed: Positive
-    """v_gate, at which dither fades [rad/s]."""
-    rule_factor: Positive
-    """Largest amplitude over the table's, see `TorqueRule` [-]."""
-    rule_share: Positive
-    """Torque from which that amplitude is the largest, over the stiction [-]."""
-
-
-@cache
-def agent_settings() -> AgentSettings:
-    """Return the defaults; ``agents.toml`` has the sources."""
-    return load_settings(AgentSettings, Path(__file__).with_name("agents.toml"))
+USUAL_AMPLITUDE = 1.5
+"""Amplitude of an unknown arm's table, over the stiction [-]; assumed: Table 4.9 of the thesis has
+1.2 to 2.5 on the Panda's joints."""
+USUAL_FREQUENCY = 30.0
+"""Frequency of the same table [Hz]; assumed: Table 4.9 has 15 to 50."""
+GATE_SPEED = 0.05
+"""v_gate, at which dither fades where a table has no gate [rad/s]; assumed: a quarter of the speed
+along the paths."""
+RULE_FACTOR = 3.0
+"""Largest amplitude over the table's, see `TorqueRule` [-]; assumed: as the rule was asked for."""
+RULE_SHARE = 0.5
+"""Torque from which that amplitude is the largest, over the stiction [-]; assumed likewise."""
 
 
 class Agent(ABC):
     """Reads the spaces of its environment, and the places of speeds and torques in observations."""
 
     def __init__(self, env: AnyEnv) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: an environment of this package, single or native batch, wrapped or not.
@@ -81,7 +70,7 @@ class Agent(ABC):
         self,
         observation: Observation,
         state: State | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
+        episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], State | None]:
         """Return the actions, and the state as it was given: agents have none.
@@ -133,7 +122,7 @@ class ConstantTable(Agent):
     """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
     def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: the environment.
@@ -199,7 +188,7 @@ class GatedTable(ConstantTable):
     def __init__(
         self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
     ) -> None:
-        """Make it.
+        """Read the environment.
 
         Args:
             env: the environment.
@@ -211,7 +200,7 @@ class GatedTable(ConstantTable):
             StictionError: as `ConstantTable`, or a speed that is not above 0.
         """
         super().__init__(env, table)
-        speed = agent_settings().gate_speed if speed is None else speed
+        speed = GATE_SPEED if speed is None else speed
         if not speed > 0:
             raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
@@ -229,9 +218,8 @@ class TorqueRule(GatedTable):
     """
 
     def _factor(self, observation: Observation) -> Array:
-        rule = agent_settings()
-        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / rule.rule_share)
-        return rule.rule_factor * pushed * super()._factor(observation)
+        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / RULE_SHARE)
+        return RULE_FACTOR * pushed * super()._factor(observation)
 
 
 AGENTS: dict[str, type[Agent]] = {
@@ -264,8 +252,5 @@ def _own(env: AnyEnv, what: str) -> ArmEnv | ArmVectorEnv:
 
 def proportional_table(stiction: Array, most: Array) -> tuple[AmplitudeRow, ...]:
     """Return dither in proportion to the stiction (n,) [N·m], up to ``most`` (n,) [N·m]."""
-    usual = agent_settings()
-    amplitude = np.minimum(most, usual.usual_amplitude * stiction)
-    return tuple(
-        AmplitudeRow(j, usual.usual_frequency, a) for j, a in enumerate(amplitude.tolist(), 1)
-    )
+    amplitude = np.minimum(most, USUAL_AMPLITUDE * stiction)
+    return tuple(AmplitudeRow(j, USUAL_FREQUENCY, a) for j, a in enumerate(amplitude.tolist(), 1))

@@ -19,12 +19,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.envs.gym_env import ArmVectorEnv, Observation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.episodes import Options
 from stiction_envs.measured.csv_text import write_lines
 
-Array = NDArray[np.float64]
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
 """Memory of an agent."""
@@ -39,7 +39,7 @@ class Policy(Protocol):
         self,
         observation: Observation,
         state: State | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
+        episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.generic], State | None]:
         """Return actions (M, 2n) [N·m, Hz …] for observations (M, observations), and the state."""
@@ -50,8 +50,6 @@ def evaluate(
     agent: Policy,
     seeds: Sequence[int],
     options: Options | Sequence[Options | None] | None = None,
-    *,
-    deterministic: bool = True,
 ) -> list[Row]:
     """Return one row per episode, in the order of the seeds; `reset` the environment afterwards.
 
@@ -72,7 +70,6 @@ def evaluate(
             episode does not count; its state has one row per environment.
         seeds: of the episodes.
         options: of all episodes, or one for each.
-        deterministic: passed to the agent.
 
     Raises:
         StictionError: another environment, other options, a seed below 0, or an action outside the
@@ -88,7 +85,7 @@ def evaluate(
     if min(seeds) < 0:
         raise StictionError(f"evaluate: seed {min(seeds)}: expected whole numbers from 0")
     each = _each(options, len(seeds))
-    tiles, core = batch.tiles, batch.core
+    batches, core = batch.batches, batch.core
     core.prepare(each)
     count = batch.num_envs
     slots, episode = np.arange(count), np.full(count, -1)
@@ -101,28 +98,28 @@ def evaluate(
     if len(spare := slots[len(seeds) :]):
         # an observation of every arm is needed, so unused ones get an episode too
         rngs = [seeding.np_random(int(seeds[0]))[0] for _ in spare]
-        tiles.reset(spare, rngs, [each[0]] * len(spare))
+        batches.reset(spare, rngs, [each[0]] * len(spare))
     top = core.action_space.high[: core.n].astype(float)
     while waiting or going.any():
         free = np.flatnonzero(~going)[: len(waiting)]
         if len(free):
             episode[free] = [waiting.pop(0) for _ in free]
             rngs = [seeding.np_random(int(seeds[k]))[0] for k in episode[free]]
-            tiles.reset(free, rngs, [each[k] for k in episode[free]])
+            batches.reset(free, rngs, [each[k] for k in episode[free]])
             going[free] = start[free] = True
             for total in sums.values():
                 total[free] = 0.0
-            what = tiles.describe(free)
+            what = batches.describe(free)
             for i, k in enumerate(episode[free]):
                 rows[k] = _begun(int(seeds[k]), {n: values[i] for n, values in what.items()})
-        observation = tiles.observe(slots)
+        observation = batches.observe(slots)
         actions, state = agent.predict(
-            observation, state=state, episode_start=start, deterministic=deterministic
+            observation, state=state, episode_start=start, deterministic=True
         )
         start[:] = False
         ids = np.flatnonzero(going)
         action = np.asarray(actions, dtype=float)[ids]
-        step = tiles.step(ids, action)
+        step = batches.step(ids, action)
         a, f = np.split(action, 2, axis=1)
         new = {
             "return": step.reward,
@@ -147,20 +144,9 @@ def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
 
     Args:
         path: the file; there in full or not at all.
-        rows: one or more, all with the same names, in any order.
-
-    Raises:
-        StictionError: no rows, or a row with other names.
+        rows: one or more, all with the same names.
     """
-    if not rows:
-        raise StictionError(f"{path}: no rows: expected one or more")
     columns = tuple(rows[0])
-    for k, row in enumerate(rows):
-        if different := sorted(row.keys() ^ rows[0].keys()):
-            raise StictionError(
-                f"{path}: row {k + 1}: {different[0]} is not in both it and row 1: expected "
-                "rows of one kind"
-            )
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 
 

@@ -32,17 +32,7 @@ class GTEEnv(ArmEnv):
     its iteration k, bit for bit.
 
     ## Action space
-    `Box`, shape (2n,), float32, for an arm of n joints (n = 7 below):
-
-    | index | meaning | min | max | unit |
-    |---|---|---|---|---|
-    | 0–6 | amplitude, joint 1 … 7 | 0 | A_max = min(torque limit, 2.5 × stiction) | N·m |
-    | 7–13 | frequency, joint 1 … 7 | 5 | min(100, controller rate / 2) | Hz |
-
-    The stiction is the joint's largest, of both poses and directions of the Single Joint
-    Experiment, so the bounds are those of the SJE environments. Amplitude 0 is exactly no dither,
-    whatever the frequency. An action outside the space, or not a number, is an error; wrap the
-    environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for actions in [-1, 1].
+    [action space]
 
     ## Observation space
     `Box`, shape (5n + 20,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
@@ -53,22 +43,7 @@ class GTEEnv(ArmEnv):
     option says otherwise, is not among it. Of the path, only the next two goals are observed,
     relative to the tool point, so that a policy can follow paths that it has never seen.
 
-    | index | name | min | max | unit | meaning |
-    |---|---|---|---|---|---|
-    | 0–6 | displacement_1 … displacement_7 | -3 | 3 | rad | link angle minus the start's |
-    | 7–13 | velocity_1 … velocity_7 | -3 | 3 | rad/s | link speed |
-    | 14–20 | torque_1 … torque_7 | -50 | 50 | stiction | commanded torque, dither excluded |
-    | 21–26 | error_x … error_yaw | -20 | 20 | tolerance | pose minus reference |
-    | 27–29 | reference_x … reference_z | -1 | 1 | v_max | velocity of the reference |
-    | 30 | turning | 0 | 1 | ω_max | angular speed of the reference |
-    | 31 | remaining | -20 | 20 | s | time until the reference comes to rest, < 0 since |
-    | 32–34 | goal_x … goal_z | -2 | 2 | m | goal on the way to, minus the tool point |
-    | 35–37 | onward_x … onward_z | -2 | 2 | m | goal behind it, minus that goal; 0 at the last |
-    | 38 | goals_left | 0 | 6 | 1 | goals not reached yet |
-    | 39 | translational | 0 | 20 | 400 N/m | translational stiffness |
-    | 40 | rotational | 0 | 20 | 40 N·m/rad | rotational stiffness |
-    | 41–47 | amplitude_1 … amplitude_7 | -1 | 1 | 1 | last amplitude; −1 is 0, +1 is A_max |
-    | 48–54 | frequency_1 … frequency_7 | -1 | 1 | 1 | last frequency; −1 is f_min, +1 is f_max |
+    [observation table]
 
     ## Rewards
     Terms, in `info["reward_terms"]`; the reward is their sum.
@@ -136,15 +111,10 @@ class GTEEnv(ArmEnv):
     * `"iteration": k` starts as iteration k (from 0) of `stiction gte --seed` `scatter_seed` does.
 
     ## Arguments
-    * `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
-      path to an own MJCF or URDF with 1 to 9 joints.
-    * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
-    * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
-    * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
+    [arguments of the arm]
     * `scatter`: whether episodes of a configuration differ by more than the side they start from.
       Default True.
     * `scatter_seed`: of numbered iterations and of the undithered runs. Default 0.
-    * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
     * `settings`: `ImpedanceSettings` of the controller. Default: those of `stiction gte`.
     * `motion`: `MotionLimits` of the trajectory generator. Default likewise.
     * `start`: joint angles at the start [rad], one per joint. Default: the robot's rest pose.
@@ -160,25 +130,13 @@ class GTEEnv(ArmEnv):
     * `random_paths`: how many random paths are drawn from. Default 64, whose undithered runs (4
       iterations each) are shipped for the builtin arms; another arm's take minutes when they are
       first asked for.
-    * `sensing`: what controller and observation have of the arm: `"ideal"`, `"robot"` (the senses
-      of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards and
-      measures are of the true arm. Default `"ideal"`.
     * `control_interval_s`: time of a step, a multiple of 0.02 s. Default 0.1 s.
     * `settling_weight`: w, 0 to 1. Default 0.75: friction decides where the arm stops, the
       impedance law how far it lags.
     * `power_weight`, `torque_rate_weight`, `shaking_weight`: weights of the penalties [-]. Default
       0.01 each.
     * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.
-    * `fixed_options`: reset options of all episodes; those of a single reset come before them.
-    * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
-      in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
-      joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
-      observation and reward, bounds and controller remain the nominal arm's. `"senses"` is the
-      spread of one factor of noise and delays, where `sensing` is not ideal. Default none.
-    * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
-      units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
-    * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
-    * `threads`: threads, each with arms of its own, 0 for all processors. Default 0.
+    [arguments of the episodes]
     * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
       and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).
 

@@ -20,8 +20,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stiction_envs.envs.batches import Batches
+from stiction_envs.envs.page import whole_page
 from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
-from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 from stiction_envs.plant.copies import dumps
@@ -46,16 +47,17 @@ class _Experiment:
     renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
     core: Episodes
-    """Episodes of the environment, or of a batch's first tile: all tiles have the same spaces."""
+    """Episodes of the environment, or of the first of several batches, whose spaces are equal."""
     _cores: list[Episodes]
-    """Episodes of all tiles."""
+    """Episodes of all batches."""
     _renderers: dict[int, Renderer]
-    """Renderers by the number of their tile."""
+    """Renderers by the number of their batch."""
 
     def __init_subclass__(cls) -> None:
-        """Show every argument with its default in the signature of a class."""
+        """Show every argument with its default in the signature of a class; complete its page."""
         if not hasattr(cls, "episodes"):
             return
+        cls.__doc__ = whole_page(cls.__doc__ or "", cls.episodes)
         known = [
             inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default)
             for f in fields(cls.episodes.arguments)
@@ -86,13 +88,13 @@ class _Experiment:
             "render_fps": max(1, round(1 / self.core.interval)),
         }
 
-    def _frame(self, tile: int, place: int, mode: str) -> Frame | None:
-        """Return the frame of the arm at a place of a tile, None in human mode."""
+    def _frame(self, batch: int, row: int, mode: str) -> Frame | None:
+        """Return the frame of the arm in a row of a batch, None in human mode."""
         if self.renderer is None:
             raise StictionError(f"{type(self).__name__} has no pictures: expected no render_mode")
-        if tile not in self._renderers:
-            self._renderers[tile] = self.renderer(self.core.arm)
-        return self._renderers[tile].frame(self._cores[tile], place, mode)
+        if batch not in self._renderers:
+            self._renderers[batch] = self.renderer(self.core.arm)
+        return self._renderers[batch].frame(self._cores[batch], row, mode)
 
     def _close_renderers(self) -> None:
         for renderer in self._renderers.values():
@@ -100,7 +102,7 @@ class _Experiment:
         self._renderers.clear()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Let copies go on in mid-episode with the same bits; windows are not copied."""
+        """Pickle the environment in mid-episode: a copy has no window and continues bit for bit."""
         state = vars(self) | {"_renderers": {}}
         return _loaded, (type(self), dumps(state, [c.rig.plant.batch for c in self._cores]))
 
@@ -160,7 +162,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 
 
 class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
-    """N arms in tiles, which threads step; infos are Gymnasium's dict of arrays.
+    """N arms in batches, which threads step; infos are Gymnasium's dict of arrays.
 
     `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
     those of the single environment for all, or a sequence with one dict per environment;
@@ -193,8 +195,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self.tiles = Tiles(self.episodes, num_envs, record=render_mode is not None, **arguments)
-        self._cores, self._renderers = self.tiles.cores, {}
+        self.batches = Batches(self.episodes, num_envs, record=render_mode is not None, **arguments)
+        self._cores, self._renderers = self.batches.cores, {}
         self.core = self._cores[0]
         self.metadata = {**self._metadata(), "autoreset_mode": self.autoreset_mode}
         self.single_action_space = self.core.action_space
@@ -248,11 +250,11 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
 
     def _restart(self, ids: Index, options: Sequence[Options | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]
-        self.tiles.reset(ids, rngs, options)
+        self.batches.reset(ids, rngs, options)
         self._ended[ids] = False
 
     def _observe(self) -> Observation:
-        observation: Observation = self.tiles.observe(np.arange(self.num_envs))
+        observation: Observation = self.batches.observe(np.arange(self.num_envs))
         return observation
 
     def step(
@@ -271,7 +273,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         infos: Info = {}
         reward = np.zeros(self.num_envs)
         terminated, truncated = np.zeros((2, self.num_envs), dtype=bool)
-        result = self.tiles.step(ids, actions[ids]) if len(ids) else None
+        result = self.batches.step(ids, actions[ids]) if len(ids) else None
         if len(waiting):
             self._restart(waiting, [None] * len(waiting))
         if result is not None:
@@ -311,11 +313,11 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         self._add_descriptions(infos, np.arange(self.num_envs))
         if not ended.all():
             self._add_step(infos, ids, result, ~ended[ids])
-        observation[over] = self.tiles.observe(over)
+        observation[over] = self.batches.observe(over)
         return observation
 
     def _add_descriptions(self, infos: Info, ids: Index) -> None:
-        for name, values in self.tiles.describe(ids).items():
+        for name, values in self.batches.describe(ids).items():
             self._put(infos, name, ids, values)
 
     def _add_step(self, infos: Info, ids: Index, step: Outcome, which: NDArray[np.bool_]) -> None:
@@ -344,8 +346,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         """Return a tuple with one frame per environment, None without a render mode."""
         if self.render_mode is None:
             return None
-        places = [(k, i) for k, core in enumerate(self._cores) for i in range(core.num_envs)]
-        frames = [self._frame(*place, self.render_mode) for place in places]
+        rows = [(k, i) for k, core in enumerate(self._cores) for i in range(core.num_envs)]
+        frames = [self._frame(*row, self.render_mode) for row in rows]
         return tuple(frame for frame in frames if frame is not None)  # no batch has the mode human
 
     def close_extras(self, **kwargs: object) -> None:

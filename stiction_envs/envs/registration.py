@@ -29,7 +29,7 @@ class Registered:
     vector: str
     """``module:Class`` of its `gym_env.ArmVectorEnv`."""
     returns: str = "return"
-    """What an episode's return is, as an axis of a plot."""
+    """Label of an episode's return on an axis of a plot."""
     undithered_return: float | None = None
     """Mean return without dither, where the rewards define it."""
 

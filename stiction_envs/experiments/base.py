@@ -1,4 +1,4 @@
-"""What every experiment is made of, and how the parts follow each other.
+"""Parts of every experiment, in the order in which they follow each other.
 
     protocol (TOML) -> Experiment -> Rig (N arms on one plant) -> measurements -> rows, report
                                   -> Episodes (actions, observation, reward) -> Env, VectorEnv
@@ -27,7 +27,7 @@ class Experiment:
     sticking: StickingModel
     interface: TorqueInterface
     sensing: Sensing
-    """What the controller sees."""
+    """Senses of the controller."""
     scatter: bool
     seed: int
     threads: int
@@ -66,7 +66,7 @@ class Experiment:
             object.__setattr__(self, name, value)
 
     def replace(self, **changes: object) -> Self:
-        """Return a copy with some fields changed; the others stay, whatever they were made from."""
+        """Return a copy with some fields changed; the other fields stay as they are."""
         names = [f.name for f in dataclasses.fields(self)]
         for name in changes:
             if name not in names:
@@ -77,7 +77,7 @@ class Experiment:
 
     @property
     def sensing_record(self) -> dict[str, object]:
-        """What a provenance says of senses."""
+        """Entry of a provenance for the senses."""
         return {"sensing": dataclasses.asdict(self.sensing)}
 
     def __repr__(self) -> str:

@@ -16,7 +16,7 @@ MuJoCo's ``frictionloss`` with default solver settings fails: it creeps (sources
 
 ``engine="warp"`` asks the same inside another engine (`engines`). There a robot's name means what
 ``stiction export ROBOT --engine warp`` writes, ramps are left out unless their rates are given, and
-an engine of float32 may move by ``still_single`` instead of 1e-6 rad.
+an engine of float32 may move by 1e-5 rad instead of 1e-6.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.errors import StictionError
-from stiction_envs.experiments.conformance_report import JointResult, Report
+from stiction_envs.arrays import Array, Index
+from stiction_envs.errors import StictionError, checked_array
+from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
-from stiction_envs.experiments.settings import ConformanceSettings, experiment_settings
 from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.plain_mjcf import Kind, plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
@@ -46,8 +46,9 @@ from stiction_envs.robots.registry import robot_files
 from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+USUAL = ConformanceSettings()
+STILL_SINGLE = 1e-5
+"""Largest motion of a joint that holds in an engine of float32 [rad]; assumed."""
 _SILENT = 30  # actuator group that is switched off
 
 
@@ -80,7 +81,7 @@ def conformance(
         chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
             other joints are locked; None for all hinges.
         threads: threads, 0 for all processors.
-        settings: constants of the test; None for those of ``settings.toml``.
+        settings: numbers of the test; None for `USUAL`.
         progress: called with the tests done and their number.
 
     Raises:
@@ -90,61 +91,71 @@ def conformance(
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
     where = engine_named(engine)
-    s = settings or experiment_settings().conformance
-    if where.single:
-        s = dataclasses.replace(s, still=s.still_single)
+    s = settings or USUAL
+    s = dataclasses.replace(s, still=STILL_SINGLE) if where.single else s
     stock = where is ENGINES["mujoco"]
     if rates is None:
         rates = s.ramp_rates if stock else ()
     if any(not (np.isfinite(r) and r > 0) for r in rates):
         raise StictionError(f"ramp rates {list(rates)} N·m/s must be positive")
-    if not stock:
-        model = _as_exported(model, where)
-    bare = _bare(_compiled(model, chain))
+    compiled, mjcf = _read(model, where, chain)
+    bare = _bare(compiled)
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
     read, stiffness = _friction(bare, hinges)
-    level = read if stiction is None else np.asarray(stiction, dtype=float)
-    if level.shape != hinges.shape:
-        raise StictionError(f"stiction has shape {level.shape}, the model {len(hinges)} hinges")
-    if not (np.isfinite(level).all() and (level >= 0).all()):
-        raise StictionError(f"stiction {level.tolist()} N·m must be finite and not negative")
+    level = read
+    if stiction is not None:
+        expected = f"finite numbers from 0 N·m, one for each of {len(hinges)} hinges"
+        level = checked_array(stiction, "stiction", hinges.shape, expected=expected)
+    if (level < 0).any():
+        raise StictionError(f"stiction {level.tolist()} N·m: expected finite numbers from 0")
     tested = level > 0
     if not tested.any():
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
-    mjcf = _mjcf(model) if chain is None else None
     whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
     bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
-    found = _tested(bench, rates, progress or (lambda *_: None))
+    say = progress or (lambda *_: None)
+    # NaN stays where an engine refuses the model
+    deflection, still, creep, go = np.full((4, len(joints)), np.nan)
+    breakaway, refused = np.full((len(rates), len(joints)), np.nan), ""
+    try:
+        deflection, still, creep = bench.hold()
+        say(1, len(rates) + 2)
+        go = bench.go()
+        for k, rate in enumerate(rates):
+            say(k + 2, len(rates) + 2)
+            breakaway[k] = bench.breakaway(rate)
+    except Refused as error:
+        refused = str(error)
     results = tuple(
         JointResult(
             name=bare.joint(int(j)).name or f"hinge {j}",
             stiction=float(level[k]),
             bristle_stiffness=float(stiffness[k]),
             presliding=float(-np.log(1 - s.under) * level[k] / stiffness[k]),
-            deflection=float(found.deflection[k]),
-            still=float(found.still[k]),
-            creep=float(found.creep[k]),
-            go_time=float(found.go[k]),
-            breakaway=tuple(found.breakaway[:, k].tolist()),
-            holds=bool(found.still[k] < s.still and found.deflection[k] < s.gone),
+            deflection=float(deflection[k]),
+            still=float(still[k]),
+            creep=float(creep[k]),
+            go_time=float(go[k]),
+            breakaway=tuple(breakaway[:, k].tolist()),
+            holds=bool(still[k] < s.still and deflection[k] < s.gone),
         )
         for k, j in enumerate(joints)
     )
-    compiled = np.empty(mujoco.mj_sizeModel(bare), np.uint8)
-    mujoco.mj_saveModel(bare, None, compiled)
+    content = np.empty(mujoco.mj_sizeModel(bare), np.uint8)
+    mujoco.mj_saveModel(bare, None, content)
     path = Path(model) if isinstance(model, str | Path) and "<" not in str(model) else None
     made = provenance(
         "conformance",
         {
             "robot": None if path is None else str(path),
-            "model_sha256": hashlib.sha256(compiled.tobytes()).hexdigest(),
+            "model_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
             "stiction": stiction,
             "qpos": qpos,
             "rates": list(rates),
             **({} if chain is None else {"chain": list(chain)}),
             **({} if stock else {"engine": {"name": where.name, **where.versions()}}),
-            "settings": s.used(),
+            "settings": dataclasses.asdict(s),
         },
         seed=0,
         inputs={} if path is None else robot_files(path),
@@ -154,35 +165,9 @@ def conformance(
         rates=tuple(float(r) for r in rates),
         settings=s,
         engine="" if stock else f"{where.name} {next(iter(where.versions().values()))}",
-        refused=found.refused,
+        refused=refused,
         provenance=made,
     )
-
-
-class _Found:
-    """Results per joint: (n,) arrays, breakaway torques (rates, n)."""
-
-    def __init__(self, rates: int, n: int) -> None:
-        """Begin with NaN, which stays where an engine refuses the model."""
-        self.deflection, self.still, self.creep, self.go = np.full((4, n), np.nan)
-        self.breakaway = np.full((rates, n), np.nan)
-        self.refused = ""
-
-
-def _tested(bench: _Bench, rates: Sequence[float], say: Callable[[int, int], None]) -> _Found:
-    """Return what the joints did."""
-    found = _Found(len(rates), bench.n)
-    try:
-        found.deflection, found.still, found.creep = bench.hold()
-    except Refused as error:
-        found.refused = str(error)
-        return found
-    say(1, len(rates) + 2)
-    found.go = bench.go()
-    for k, rate in enumerate(rates):
-        say(k + 2, len(rates) + 2)
-        found.breakaway[k] = bench.breakaway(rate)
-    return found
 
 
 class _Bench:
@@ -304,49 +289,39 @@ class _Bench:
         return np.where(gone, peak, np.nan)
 
 
-def _as_exported(
-    model: str | Path | mujoco.MjModel | StickingModel, engine: Engine
-) -> str | Path | mujoco.MjModel | StickingModel:
-    """Return the MJCF that export writes for an engine of a named arm or a sticking model."""
-    if isinstance(model, str | Path) and str(model) in ARMS:
-        model = build(load_arm(str(model)))
-    if not isinstance(model, StickingModel):
-        return model
-    if engine.motor is None:
-        return plain_mjcf(model, friction_name=model.arm.name, kind="frictionloss")
-    return plain_mjcf(model, friction_name=model.arm.name, motor=engine.motor)
+def _read(
+    model: str | Path | mujoco.MjModel | StickingModel,
+    engine: Engine,
+    chain: Sequence[str] | None,
+) -> tuple[mujoco.MjModel, str | Path | None]:
+    """Return a compiled model, and its MJCF for an engine that reads MJCF itself.
 
-
-def _mjcf(model: str | Path | mujoco.MjModel | StickingModel) -> str | Path | None:
-    """Return text or file of a model, None if it has none."""
-    if not isinstance(model, str | Path):
-        return None
-    return str(model) if "<" in str(model) or str(model) in ARMS else find_model(model)
-
-
-def _compiled(
-    model: str | Path | mujoco.MjModel | StickingModel, chain: Sequence[str] | None
-) -> mujoco.MjModel:
-    text = str(model)
-    if chain is not None and (not isinstance(model, str | Path) or "<" in text):
+    A named arm or a sticking model is what export writes for the engine.
+    """
+    text = str(model) if isinstance(model, str | Path) else ""
+    if chain is not None and (not text or "<" in text):
         raise StictionError("chain: expected with the path of a model")
-    if isinstance(model, StickingModel):
-        return model.model
-    if isinstance(model, mujoco.MjModel):
-        return model
     ends = check_chain(text, chain)
+    if isinstance(model, mujoco.MjModel):
+        return model, None
     if text in ARMS:
-        return build(load_arm(text)).model
+        model = build(load_arm(text))
+    if isinstance(model, StickingModel):
+        if engine is ENGINES["mujoco"]:
+            return model.model, None
+        kind: Kind = "frictionloss" if engine.motor is None else "dcmotor"
+        motor, name = engine.motor or "ff", model.arm.name
+        text = plain_mjcf(model, friction_name=name, kind=kind, motor=motor)
     if "<" not in text:
-        text = str(find_model(text))
-        if not Path(text).is_file():
+        path = Path(find_model(text)) if text else Path()
+        if not path.is_file():
             raise StictionError(
-                f"{text}: no such file, and no robot of that name: expected one of "
+                f"{path}: no such file, and no robot of that name: expected one of "
                 f"{', '.join(ARMS)}, or a path"
             )
-        return compile_file(Path(text), ends)
+        return compile_file(path, ends), path if ends is None else None
     try:
-        return mujoco.MjModel.from_xml_string(text)
+        return mujoco.MjModel.from_xml_string(text), text
     except ValueError as error:
         line = str(error).strip().splitlines()[0]
         raise StictionError(f"MuJoCo cannot read the model: {line}") from None
@@ -384,9 +359,7 @@ def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
         middle = np.array(model.qpos0)
         middle[adr] = model.jnt_range[limited].mean(axis=1)
         return middle
-    q = np.asarray(qpos, dtype=float)
-    if q.shape != (model.nq,) or not np.isfinite(q).all():
-        raise StictionError(f"qpos must be {model.nq} finite numbers")
+    q = checked_array(qpos, "qpos", (model.nq,))
     for joint, at in zip(limited, adr, strict=True):
         low, high = model.jnt_range[joint]
         if not low <= q[at] <= high:

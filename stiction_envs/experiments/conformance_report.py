@@ -1,20 +1,54 @@
-"""What a conformance test found: its numbers, table and file."""
+"""Results of a conformance test: numbers, table and file."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from stiction_envs.experiments.settings import ConformanceSettings
+from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 
 _BREAKAWAY = "breakaway_nm_at_"  # how the column of a ramp rate begins
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConformanceSettings:
+    """Numbers of the test whether a simulated joint sticks; all assumed."""
+
+    under: float = 0.9
+    """Load over stiction under which the joint must hold [-]."""
+    over: float = 1.1
+    """Load over stiction under which it must move [-]."""
+    hold_time: float = 60.0
+    """Length of a hold [s]."""
+    watched_time: float = 30.0
+    """End of a hold in which the joint may not move [s]."""
+    rise_time: float = 10.0
+    """Time in which the load of a hold rises [s]."""
+    go_time: float = 20.0
+    """Longest time until the joint moves under the larger load [s]."""
+    go_rise_time: float = 1.0
+    """Time in which that load rises [s]."""
+    still: float = 1e-6
+    """Largest motion of a joint that holds [rad]; 1e-5 in an engine of float32."""
+    gone: float = 0.1
+    """Least motion of a joint that moves away [rad]."""
+    ramp_rates: tuple[float, ...] = (0.02, 0.07, 0.2, 1.0)
+    """Torque rates at which breakaway torques are measured [N·m/s]: about the 0.07 N·m/s of the
+    Single Joint Experiment."""
+
+    def __post_init__(self) -> None:
+        if self.over <= 1 or self.watched_time >= self.hold_time:
+            raise StictionError(
+                f"ConformanceSettings: over is {self.over:g}, watched_time {self.watched_time:g} s "
+                f"of {self.hold_time:g} s: expected more than 1, and less than hold_time"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +95,7 @@ class Report(Result):
     rates: tuple[float, ...]
     """Ramp rates of the breakaway torques [N·m/s]."""
     settings: ConformanceSettings
-    """What the joints were tested by."""
+    """Numbers of the test."""
     engine: str = ""
     """Name and version of another engine than stock MuJoCo."""
     refused: str = ""
@@ -77,7 +111,7 @@ class Report(Result):
         """Return the rows of ``conformance.csv``, and what the joints were tested by."""
         return {
             "passed": self.passed,
-            "settings": self.settings.used(),
+            "settings": asdict(self.settings),
             **({"engine": self.engine, "refused": self.refused} if self.engine else {}),
             "rows": [self._row(j) for j in self.joints],
         }
@@ -117,7 +151,7 @@ class Report(Result):
 
 
 def describe(answer: Mapping[str, Any]) -> str:
-    """Return what `Report.to_json` returned as a readable table."""
+    """Return the values of `Report.to_json` as a readable table."""
     rows, s = answer["rows"], answer["settings"]
     if answer.get("refused"):
         return f"{answer['engine']} refused: {answer['refused']}"

@@ -18,9 +18,10 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.observation import (
     Checked,
@@ -29,6 +30,7 @@ from stiction_envs.experiments.observation import (
     observation_bounds,
     observation_names,
 )
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.randomise import (
     check_spreads,
     draw,
@@ -37,34 +39,30 @@ from stiction_envs.experiments.randomise import (
     true_friction,
 )
 from stiction_envs.experiments.rig import Rig, count_blocks
-from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, check_torque_driven
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Index = NDArray[np.int64]
 ScatterKey = tuple[int, ...]
 """Seed of the scatter of one episode."""
 Options = Mapping[str, object]
-"""Of a reset, by name."""
+"""Options of a reset by name."""
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
 class Ordered(Protocol):
-    """What can be sorted."""
+    """Values that can be sorted."""
 
     def __lt__(self, other: Any, /) -> bool: ...
 
 
 Case = TypeVar("Case", bound=Ordered)
-"""What an episode is of."""
+"""The case of an episode, such as a configuration of the SJE."""
 Unit = TypeVar("Unit")
-"""What a case is without dither."""
+"""Result of a case without dither: the unit of its reward."""
 Drawn = tuple[list[Case], list[ScatterKey], list[Unit], Array | None]
-"""Of M episodes: cases, seeds of the scatter, what they are without dither, factors of friction."""
+"""M drawn episodes: cases, seeds of the scatter, units of the reward, factors of friction."""
 Own = Any  # an experiment's own: subclass of `Arguments` or `Experiment`, dataclass of weights
 
 
@@ -112,7 +110,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     """N simulations of an environment that dithers all joints: amplitudes, then frequencies."""
 
     arguments: ClassVar[type[Arguments]] = Arguments
-    """What the environment takes."""
+    """Arguments of the environment."""
     terms: ClassVar[tuple[str, ...]]
     """Terms of the reward, in the order in which they are summed."""
     each: ClassVar[tuple[str, ...]]
@@ -121,9 +119,9 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Measures that are in the info of an episode's last step."""
     groups: tuple[Group, ...]
     """The observation."""
-    arms_per_tile: ClassVar[int] = 64
-    """Most arms of a tile, see `tiles.Tiles`. Of 1024 arms of the GTE on two cores, tiles of 32 had
-    0.92 of the speed of tiles of 64, those of 128 0.98, those of 256 0.85."""
+    arms_per_batch: ClassVar[int] = 64
+    """Most arms of a batch, see `envs.batches`. Of 1024 arms of the GTE on two cores, batches of 32
+    had 0.92 of the speed of batches of 64, batches of 128 0.98, batches of 256 0.85."""
     on_one_thread: ClassVar[bool] = False
     """Whether the engine runs on the caller's thread alone."""
 
@@ -154,7 +152,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         if a.threads < 0:
             raise StictionError(f"{a.threads} threads: expected whole numbers from 0")
         self.weights = self._weights(a)
-        """Of the reward's terms, by the argument's name [-]."""
+        """Weights of the reward's terms by the name of the argument [-]."""
         self.arm = arm = load_arm(a.robot, payload=a.payload, tilt=a.tilt, chain=a.chain)
         e = self._experiment(a, arm, a.friction)
         check_torque_driven(e.sticking, "environments")
@@ -165,7 +163,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block
         self.waveform = named(a.waveform).name
-        """Of the dither."""
+        """Waveform of the dither."""
         self._nominal = e.sticking.parameters
         self._true = true_friction(e.sticking, a.friction_factor)
         self.n, self.num_envs = arm.n, num_envs
@@ -183,7 +181,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.alive = np.zeros(num_envs, dtype=bool)
         self._make(a)
 
-    # ---- what an experiment has of its own ---------------------------------------------------
+    # ---- what an experiment defines ----------------------------------------------------------
 
     @staticmethod
     @abstractmethod
@@ -192,12 +190,12 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _experiment(self, a: Own, arm: Arm, friction: Friction | None) -> Experiment:
-        """Return what is simulated."""
+        """Return the experiment."""
 
     @staticmethod
     @abstractmethod
     def block_steps(experiment: Own) -> int:
-        """Return of how many control steps a control interval must be a multiple."""
+        """Return the control steps of which a control interval is a multiple."""
 
     @abstractmethod
     def _make(self, a: Own) -> None:
@@ -205,7 +203,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _check_options(self, options: Options | None) -> Checked:
-        """Return valid reset options; a StictionError says what is wrong."""
+        """Return valid reset options; raise a StictionError for others."""
 
     @abstractmethod
     def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Case, ScatterKey]:
@@ -216,11 +214,11 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _cases(self, options: Checked) -> set[Case]:
-        """Return every case that may be drawn with some options."""
+        """Return every case that options allow."""
 
     @abstractmethod
     def _undithered(self, cases: Sequence[Case]) -> Mapping[Case, Unit]:
-        """Return what cases are without dither: the unit of their rewards."""
+        """Return the results of cases without dither: the units of their rewards."""
 
     @abstractmethod
     def _begin(
@@ -230,7 +228,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _advance(self, ids: Index) -> None:
-        """Let simulations ``ids`` go on for one interval."""
+        """Advance simulations ``ids`` by one interval."""
 
     @abstractmethod
     def _outcome(self, ids: Index) -> Outcome:
@@ -242,7 +240,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
-        """Return what the episodes of ``ids`` are, by name of the info: fresh arrays."""
+        """Return case and options of the episodes of ``ids`` by name of the info: fresh arrays."""
 
     @staticmethod
     @abstractmethod
@@ -267,7 +265,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def draw(
         self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> Drawn[Case, Unit]:
-        """Draw an episode from each generator, and find what it is without dither.
+        """Draw an episode from each generator, and find its result without dither.
 
         Raises:
             StictionError: an option that does not exist.
@@ -310,14 +308,14 @@ class Episodes(ABC, Generic[Case, Unit]):
         return out
 
     def prepare(self, options: Sequence[Options | None]) -> None:
-        """Find the units of the rewards of all that options may start, in one batch."""
+        """Find the units of the rewards of all cases that options allow, in one batch."""
         checked = self.check_reset(options)
         distinct = {repr(sorted(o.items())): o for o in checked}
         cases = set().union(*(self._cases(o) for o in distinct.values()))
         self._undithered(sorted(cases))
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
-        """Return the options of a reset, what is fixed included; nothing changes.
+        """Return the options of a reset, fixed ones included; nothing changes.
 
         Raises:
             StictionError: an option that does not exist.
@@ -332,13 +330,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         """
         if not np.all(self.alive[ids]):
             raise StictionError("step: the episode is over or was never started: call reset")
-        try:
-            out = np.array(action, dtype=float)
-        except (TypeError, ValueError):
-            raise StictionError(f"action is a {type(action).__name__}: numbers expected") from None
-        shape = (len(ids), len(self._low))
-        if out.shape != shape:
-            raise StictionError(f"action has shape {out.shape}: expected {shape}")
+        out = checked_array(action, "action", (len(ids), len(self._low)), finite=False)
         slack = _ROUNDING * (self._high - self._low)
         good = (out >= self._low - slack) & (out <= self._high + slack)
         if not good.all():

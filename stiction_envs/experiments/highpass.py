@@ -1,4 +1,4 @@
-"""The high-pass that tells an arm's vibration from its motion: SciPy's, without its loading.
+"""The high-pass that separates an arm's vibration from its motion: SciPy's, without SciPy.
 
 `scipy.signal` takes longer to load than an environment takes to make. Both functions compute what
 `scipy.signal.butter` and `scipy.signal.sosfilt` do, in the same order: the same bits.
@@ -7,11 +7,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
-
-Array = NDArray[np.float64]
 
 
 def butterworth_highpass(cutoff_hz: float, rate_hz: float) -> Array:

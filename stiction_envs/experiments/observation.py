@@ -1,8 +1,4 @@
-"""Names and bounds of the actions and observations of every environment.
-
-The tables on an environment's page (its class docstring) are made here, from the same groups that
-make the spaces; `tests/envs/test_page.py` compares them.
-"""
+"""Names and bounds of the actions and observations of every environment."""
 
 from __future__ import annotations
 
@@ -13,21 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.sje.poses import Poses
-from stiction_envs.experiments.sje.protocol import LOADS
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.reporting.markdown import table_text
+from stiction_envs.measured import LOADS
 
-Array = NDArray[np.float64]
 Checked = dict[str, Any]
 """Valid options of a reset by name, each of its own type."""
 STICTION_FACTOR = 2.5
 """Largest amplitude over the joint's largest stiction [-]; assumed: the thesis went up to 2 base
 torques."""
 LOWEST_FREQUENCY, HIGHEST_FREQUENCY = 5.0, 100.0
-"""Of the action [Hz]; assumed: around thesis 3.3, 15 to 80 Hz on the Panda (200 Hz on the iiwa)."""
+"""Bounds of the action [Hz]; assumed: around thesis 3.3, 15 to 80 Hz on the Panda, 200 Hz on the
+iiwa."""
 
 
 @dataclass(frozen=True)
@@ -147,35 +143,3 @@ def named_options(options: Mapping[str, object] | None, expected: Sequence[str])
         if name not in expected:
             raise unknown("reset option", name, expected)
     return dict(options)
-
-
-def observation_table(n: int, groups: Sequence[Group]) -> str:
-    """Return the Markdown table of the observation for an arm of ``n`` joints."""
-    rows, at = [], 0
-    for g in groups:
-        names = g.names(n)
-        many = len(names) > 1
-        index = f"{at}–{at + len(names) - 1}" if many else f"{at}"
-        name = f"{names[0]} … {names[-1]}" if many else names[0]
-        rows.append([index, name, f"{g.low:g}", f"{g.high:g}", g.unit, g.meaning])
-        at += len(names)
-    return table_text(["index", "name", "min", "max", "unit", "meaning"], rows)
-
-
-def action_table(n: int) -> str:
-    """Return the Markdown table of the action for an arm of ``n`` joints."""
-    top = f"A_max = min(torque limit, {STICTION_FACTOR:g} × stiction)"
-    rate = f"min({HIGHEST_FREQUENCY:g}, controller rate / 2)"
-    return table_text(
-        ["index", "meaning", "min", "max", "unit"],
-        [
-            [f"0–{n - 1}", f"amplitude, joint 1 … {n}", "0", top, "N·m"],
-            [
-                f"{n}–{2 * n - 1}",
-                f"frequency, joint 1 … {n}",
-                f"{LOWEST_FREQUENCY:g}",
-                rate,
-                "Hz",
-            ],
-        ],
-    )

@@ -12,14 +12,13 @@ import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.sensing import Sensing
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters, scaled
 
-Array = NDArray[np.float64]
 FIELDS: dict[str, tuple[str, ...]] = {
     "friction": ("stiction", "load_coefficient"),
     "rotor": ("rotor_inertia",),
@@ -92,7 +91,7 @@ def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
 
 
 def draw(rng: np.random.Generator, n: int) -> Array:
-    """Return numbers (spreads, n) in [−1, 1], as many whatever the spreads are."""
+    """Return numbers (spreads, n) in [−1, 1]; their count does not depend on the spreads."""
     return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))
 
 

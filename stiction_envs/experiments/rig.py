@@ -1,4 +1,4 @@
-"""What the rigs of both experiments share: arms on a plant, scatter, servos, dither, torques."""
+"""Common part of all rigs: arms on a plant, scatter, servos, dither, torques."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.sensing import CommandLine, Senses, seeds_of
 from stiction_envs.control.torque_path import TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.base import Experiment, joint_number
-from stiction_envs.experiments.servos import Servos
-from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.experiments.servos import Approach, Servos
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FARTHEST = 0.05
 """Largest distance by which scatter misses a pose [rad]; assumed."""
 STRONGEST = 0.5
@@ -39,7 +37,7 @@ class Rig:
         experiment: Experiment,
         nsim: int,
         *,
-        approach: Protocol,
+        approach: Approach,
         parameters: FrictionParameters | None = None,
         columns: int | None = None,
         closed_loop: bool = False,
@@ -62,7 +60,7 @@ class Rig:
             threads=experiment.threads,
             closed_loop=closed_loop,
         )
-        self.approach_protocol = approach
+        self.approach_numbers = approach
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
@@ -76,7 +74,7 @@ class Rig:
         """(N,) control steps of the present stage."""
         self._path = TorquePath(self.interface, nsim, self.columns)
         self.senses: Senses | None = None
-        """What the controllers see; None where that is the plant itself."""
+        """Senses of the controllers; None where controllers see the plant itself."""
         self._line: CommandLine | None = None
         if not experiment.sensing.is_ideal:
             hold, senses = self.interface.hold_steps, experiment.sensing
@@ -86,7 +84,7 @@ class Rig:
         self._servos = Servos(sticking, approach)
 
     def share_out(self, share: Share, threads: int) -> None:
-        """Let ``share`` do what parts of the arms have to do, on some threads."""
+        """Divide the arms into parts for some threads, whose tasks ``share`` does."""
         self._share = share
         self.plant.part(threads)
 
@@ -103,7 +101,7 @@ class Rig:
 
     def _draw_pose_and_friction(self, rng: np.random.Generator) -> tuple[Array, Array]:
         """Return by how much a pose is missed (n,) [rad], and factors of the dry friction (n,)."""
-        p = self.approach_protocol
+        p = self.approach_numbers
         shift = np.clip(p.pose_scatter * rng.normal(size=self.n), -FARTHEST, FARTHEST)
         change = np.clip(p.friction_scatter * rng.normal(size=self.n), -STRONGEST, STRONGEST)
         return shift, 1.0 + change
@@ -132,7 +130,7 @@ class Rig:
             self._sense_seed[ids] = seeds_of(self.seed, own)
 
     def _rest_senses(self, ids: Index) -> None:
-        """Let the controllers of arms ``ids``, which rest, begin without a command."""
+        """Restart the controllers of arms ``ids``, which rest, without a command."""
         if self.senses is not None and self._line is not None:
             self.senses.reset(ids, self.plant.position[ids], self._sense_seed[ids])
             self._line.reset(ids, self._sense_seed[ids])

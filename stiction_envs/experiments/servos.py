@@ -15,27 +15,46 @@ share with which one alone stops a motion within a step.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.arrays import Array
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import StickingModel
+from stiction_envs.method_settings import NotNegative
 
-Array = NDArray[np.float64]
 TORQUE_MARGIN = 10.0
 """Least torque limit that a servo's stiffness assumes, over what resists the joint [-]. From the
 protocol: at 1.2/rad times the limit, friction (2 % scatter) is beaten within the 0.1 rad of
 ``start_tolerance`` (0.002 rad scatter) from 9.4 on, three standard deviations each."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Approach:
+    """Numbers of the way to a pose, and of its scatter; `sje.toml` has their sources."""
+
+    return_time: NotNegative
+    """Time of the move to the pose [s]."""
+    settle_time: NotNegative
+    """Time for which the pose is held afterwards [s]."""
+    hold_stiffness: NotNegative
+    """Servo stiffness over torque limit [1/rad]; more where friction asks for it."""
+    hold_damping_ratio: NotNegative
+    """Damping ratio of the servo [-]."""
+    pose_scatter: NotNegative
+    """Standard deviation of the pose from one iteration to the next [rad]."""
+    friction_scatter: NotNegative
+    """Standard deviation of the dry friction, relative [-]."""
+
+
 class Servos:
     """Servos of one arm's joints."""
 
-    def __init__(self, sticking: StickingModel, protocol: Protocol) -> None:
-        """Make the servos of an arm with the gains that a protocol asks for."""
-        self.sticking, self.protocol = sticking, protocol
+    def __init__(self, sticking: StickingModel, approach: Approach) -> None:
+        """Make the servos of an arm with the gains that an approach asks for."""
+        self.sticking, self.approach = sticking, approach
         self.torque_limit = np.array(sticking.arm.limits.torque)
 
     def resistance(self, signed: Array, load: Array) -> Array:
@@ -53,11 +72,11 @@ class Servos:
     def stiffness(self, resistance: Array) -> Array:
         """Return the stiffness (M, n) [N·m/rad] against a resistance (M, n) [N·m]."""
         counted = np.maximum(self.torque_limit, TORQUE_MARGIN * resistance)
-        out: Array = self.protocol.hold_stiffness * counted
+        out: Array = self.approach.hold_stiffness * counted
         return out
 
     def inertia(self, q: Array) -> tuple[Array, Array]:
-        """Return what joints move at poses q (M, n) [rad].
+        """Return the inertia that joints move at poses q (M, n) [rad].
 
         Returns:
             (M, n) inertia of each joint with the others locked, and (M, nv, nv) mass matrices of
@@ -80,7 +99,7 @@ class Servos:
             inertia: (M, n) as of `inertia` [kg·m²].
             mass: (M, nv, nv) as of `inertia` [kg·m²].
         """
-        critical = 2 * self.protocol.hold_damping_ratio * np.sqrt(stiffness * inertia)
+        critical = 2 * self.approach.hold_damping_ratio * np.sqrt(stiffness * inertia)
         s, p = self.sticking, self.sticking.parameters
         h, spring = s.timestep, s.spring[s.spring >= 0]
         servo, others = np.zeros(mass.shape[:2]), np.zeros(mass.shape[:2])

@@ -6,10 +6,10 @@ sources, ``CHANGELOG.md``.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
+from typing import Any
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
@@ -37,15 +37,6 @@ SOURCES = ("model.toml", "friction.toml")
 """Files that hold the friction of an earlier run; the first that exists is used."""
 
 
-class ExportedJoint(TypedDict):
-    """Friction [N·m] of a joint, and whether its gear is elastic."""
-
-    name: str
-    stiction_nm: float
-    coulomb_nm: float
-    elastic: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ExportedModel(Result):
     """Plain MJCF, and the model from which it was made."""
@@ -53,14 +44,14 @@ class ExportedModel(Result):
     sticking: StickingModel
     xml: str
     kind: Kind
-    """What carries the dry friction."""
+    """Element that carries the dry friction."""
     motor: MotorInput
     """Input of the ``dcmotor``."""
     origin: Path | FrictionParameters
     """Where the friction is from."""
     provenance: Provenance
 
-    def to_json(self) -> dict[str, list[ExportedJoint]]:
+    def to_json(self) -> dict[str, list[dict[str, Any]]]:
         """Return friction [N·m] and kind of every joint."""
         s = self.sticking
         return {
@@ -88,7 +79,7 @@ class ExportedModel(Result):
             write_text_atomic(folder / name, render(TEMPLATES / template, **self._words()))
 
     def _words(self) -> dict[str, object]:
-        """Return what the templates ask for."""
+        """Return the values of the templates."""
         arm, rows = self.sticking.arm, self.to_json()["joints"]
         files = ARMS.get(str(arm.registered_name))
         sources = {} if files is None else read_toml(files.toml).get("sources", {})
@@ -186,7 +177,7 @@ def friction_in(folder: Path) -> Path:
     raise StictionError(f"{folder}: holds neither {' nor '.join(SOURCES)}")
 
 
-def describe(joints: Sequence[ExportedJoint]) -> str:
+def describe(joints: Sequence[Mapping[str, Any]]) -> str:
     """Return a text table, one line per joint."""
     lines = [f"{'joint':<24}{'stiction [N·m]':>16}{'Coulomb [N·m]':>16}"]
     for j in joints:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import (
     GENERIC,
     QUANTITIES,
@@ -15,7 +15,6 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.friction.steady import steady
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 NO_STRIBECK = 0.05
 """Stribeck velocity of friction that is the same at rest and in motion [rad/s]: no effect."""
 
@@ -77,3 +76,44 @@ def file_friction(arm: Arm) -> FrictionParameters:
 def _both(values: Array) -> Array:
     """Return (n, 2) values of both directions."""
     return np.stack([values, values], axis=1)
+
+
+ASSUMED = (
+    "**The friction of this arm is assumed, not measured** (`generic.toml`): what depends on it "
+    "shows how such an arm behaves, not how large the torques of yours are. To measure friction, "
+    "let the robot run the motion of `stiction excite ROBOT --sweeps`, then run `stiction diagnose "
+    "LOG --robot ROBOT`; every command takes the `model.toml` it writes by `--friction`. From "
+    "measured breakaway torques, `stiction calibrate ROBOT TABLE.csv` makes such a file."
+)
+FROM_LOGS = (
+    "**The friction of this arm was not known before**: its values in this report come from these "
+    "logs alone. Logs of the motion of `stiction excite ROBOT --sweeps` show friction best; "
+    "`stiction diagnose LOG --robot ROBOT` writes it as `model.toml`, which every command takes by "
+    "`--friction`."
+)
+
+
+def is_assumed(friction: FrictionParameters) -> bool:
+    """Whether friction (of one arm) is that of `generic.toml`."""
+    n = friction.stiction.shape[-2]
+    if friction.stiction.ndim != 2:
+        return False
+    return _same(friction, load_friction(GENERIC, n))
+
+
+def _same(one: FrictionParameters, two: FrictionParameters) -> bool:
+    return all(np.array_equal(getattr(one, q), getattr(two, q)) for q in QUANTITIES)
+
+
+def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
+    """Return the note for the top of a report, one paragraph; empty where friction is known.
+
+    Args:
+        arm: the report's arm.
+        friction: with which the report's torques were simulated; None where it was fitted to logs.
+    """
+    if friction is not None:
+        # a file that states damping or rotors alone leaves dry friction assumed
+        partly = from_file(arm) and not arm.stated.dry and _same(friction, own_friction(arm))
+        return ASSUMED if is_assumed(friction) or partly else ""
+    return FROM_LOGS if friction_path(arm.registered_name) == GENERIC else ""

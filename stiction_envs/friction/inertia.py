@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
 
 
 def mass_and_gravity(arm: Arm, q: Array) -> tuple[Array, Array]:

@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.friction.model import StickingModel
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64] | NDArray[np.bool_] | slice
+Rows = Index | Bools | slice
 
 
 class LoadSensor:

@@ -16,13 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.bristle import bristle_after
-
-Array = NDArray[np.float64]
-STEP = 1e-3  # control and physics step, as of the plant [s]
+from stiction_envs.friction.parameters import CONTROL_DT
 
 
 @dataclass(kw_only=True)
@@ -77,7 +75,7 @@ def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int
         Torques; NaN where the joint did not move.
     """
     columns = np.ascontiguousarray(np.stack([getattr(joints, f.name) for f in fields(joints)], 1))
-    out: Array = _breakaway(columns, threshold, round(longest / STEP), hold)
+    out: Array = _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
     return out
 
 
@@ -97,20 +95,20 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
     rotor, spring, spring_damping, link, amplitude, frequency, rate = c[6:13]
     lowpass_hz, torque_rate, breakaway_ratio = c[13:]
     elastic = np.isfinite(spring)
-    gain = STEP / (STEP + 1 / (2 * np.pi * lowpass_hz))
-    most = torque_rate * STEP
+    gain = CONTROL_DT / (CONTROL_DT + 1 / (2 * np.pi * lowpass_hz))
+    most = torque_rate * CONTROL_DT
     coulomb = stiction * coulomb_ratio
     drop = stiction - coulomb
     # a rigid joint is a rotor that carries the link
-    per_inertia = STEP / (rotor if elastic else rotor + link)
-    per_link = STEP / link
+    per_inertia = CONTROL_DT / (rotor if elastic else rotor + link)
+    per_link = CONTROL_DT / link
     # rotor, link: angle and speed; bristle; filtered and rate-limited command
     theta, w, q, v, z, y, x = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     # Ramps start at zero: under dither a joint creeps from the first second, far below breakaway,
     # and a later start would change the result by up to 17 %.
     for k in range(steps):
         if k % hold == 0:
-            t = k * STEP
+            t = k * CONTROL_DT
             ramp = rate * t
             u = ramp + amplitude * np.sin(2 * np.pi * frequency * t)
         x += max(-most, min(most, u - x))
@@ -118,20 +116,20 @@ def _ramp(c: Array, threshold: float, steps: int, hold: int) -> float:
         # g(ω), level of steady sliding
         g = coulomb + drop * np.exp(-((w / stribeck_velocity) ** 2))
         # a: decay rate of the bristle times h; a floor far below any effect avoids 0/0
-        a = abs(w) * stiffness * STEP / g
+        a = abs(w) * stiffness * CONTROL_DT / g
         if breakaway_ratio > 0.0:
             a *= _plasticity(breakaway_ratio, stiffness, z, w, g)
         a = max(a, 1e-15)
-        push = y - stiffness * z + damping * (a / STEP * z - w) - viscous * w
-        z = bristle_after(z, w, a, STEP)
+        push = y - stiffness * z + damping * (a / CONTROL_DT * z - w) - viscous * w
+        z = bristle_after(z, w, a, CONTROL_DT)
         if elastic:
             pull = spring * (theta - q) + spring_damping * (w - v)
             push -= pull
             v += per_link * pull
         w += per_inertia * push
-        theta += STEP * w
+        theta += CONTROL_DT * w
         if elastic:
-            q += STEP * v
+            q += CONTROL_DT * v
         if (q if elastic else theta) >= threshold:
             return ramp
     return np.nan

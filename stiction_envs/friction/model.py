@@ -20,13 +20,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import own_friction
 from stiction_envs.friction.inertia import link_inertia, mass_and_gravity
 from stiction_envs.friction.parameters import (
+    CONTROL_DT,
     FrictionParameters,
     bristle_damping,
     check_stability,
@@ -36,8 +37,6 @@ from stiction_envs.friction.tree import sticking_tree
 from stiction_envs.robots import Arm
 from stiction_envs.robots.mjcf import numbers
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 # columns of actuator_biasprm and actuator_dynprm that hold the rest of the law (sources.md 3.5)
 RIPPLE, BRISTLE_DAMPING = 0, 6
 NO_GRAVITY_NM = 0.02
@@ -52,7 +51,7 @@ class StickingModel:
 
     arm: Arm
     parameters: FrictionParameters
-    """Of one arm, fields (n,) or (n, 2)."""
+    """Friction of one arm, fields (n,) or (n, 2)."""
     model: mujoco.MjModel
     motor: Index
     """(n,) dof (and qpos) of each joint's motor side."""
@@ -64,7 +63,7 @@ class StickingModel:
     """(n,) actuator that holds the joint."""
     friction_inertia: Array
     """(n,) inertia that carries the friction: rotor, plus the link's if rigid [kg·m²]."""
-    bearing: NDArray[np.bool_]
+    bearing: Bools
     """(n,) joints that see no gravity torque: their load is the bearing's tilting moment
     (`load_sensor`)."""
     timestep: float
@@ -109,33 +108,33 @@ class StickingModel:
         damping = bristle_damping(
             stiffness, parameters.bristle_damping_ratio, inertia, self.timestep
         )
-        check_stability(stiffness, damping, inertia, self.timestep)
+        check_stability(damping, inertia, self.timestep)
         return damping
 
 
-def _bearing_loaded(arm: Arm) -> NDArray[np.bool_]:
+def _bearing_loaded(arm: Arm) -> Bools:
     """Return (n,) which joints see no gravity torque in any of a fixed set of random poses."""
     low, high = arm.limits.position.T
     q = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
-    weightless: NDArray[np.bool_] = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
+    weightless: Bools = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
     return weightless
 
 
 def build(
-    arm: Arm, parameters: FrictionParameters | None = None, *, timestep: float = 1e-3
+    arm: Arm, parameters: FrictionParameters | None = None, *, timestep: float = CONTROL_DT
 ) -> StickingModel:
     """Build the model of an arm that sticks.
 
     Args:
         arm: the rigid arm.
         parameters: friction of one arm; None takes the arm's own.
-        timestep: physics step, at most 1e-3 s.
+        timestep: physics step, at most `CONTROL_DT`.
 
     Raises:
         StictionError: step too long, parameters for another number of joints, or a bristle
             that would chatter at this step (sources.md 3.5).
     """
-    if not 0 < timestep <= 1e-3:
+    if not 0 < timestep <= CONTROL_DT:
         raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
     if parameters is None:
         parameters = own_friction(arm)
@@ -148,7 +147,7 @@ def build(
     damping = bristle_damping(
         parameters.bristle_stiffness, parameters.bristle_damping_ratio, inertia, timestep
     )
-    check_stability(parameters.bristle_stiffness, damping, inertia, timestep)
+    check_stability(damping, inertia, timestep)
 
     root = sticking_tree(arm, parameters, damping, timestep)
     actuators = root.find("actuator")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 import xml.etree.ElementTree as ET
+from pathlib import Path
 from typing import Literal
 
 import mujoco
@@ -12,6 +13,7 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.tree import sticking_tree
+from stiction_envs.reporting.templates import render
 from stiction_envs.robots.mjcf import numbers
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION
 
@@ -28,46 +30,8 @@ time constant that a step allows, twice its length (benchmarks/engines/engines.m
 NOSLIP = 5
 """Iterations of MuJoCo's noslip solver, which then leaves a creep under 1e-12 rad/s (the same)."""
 
-_COMMENT = (
-    "{name} with joints that stick, written by stiction export. SI units.",
-    "Friction: {friction}. {native}, rotor inertia as armature, viscous friction as damping, "
-    "elastic gears as a second hinge JOINT_spring on the same axis (link angle = JOINT + "
-    "JOINT_spring). Controls are joint torques [N m], within the limits of the arm. Gravity is "
-    "compensated by gravcomp, as by the arm's own controller.",
-    "{keep} Contacts are off, as in our experiments; remove the flag to enable them. Keyframe "
-    '"home" is the rest pose.',
-    "{lost}",
-    "Plain MJCF cannot express, and this file leaves out: torque offsets and gravity-compensation "
-    "error{offsets}, friction that depends on direction (here: the mean), on load (here: the level "
-    "of the unloaded joint) or on warm-up, a controller slower than the simulation, limits of "
-    "torque rate and low-pass.",
-)
+TEMPLATE = Path(__file__).parent / "templates" / "model.txt.j2"
 INDENT = " " * 5
-_EULER = (
-    "Keep integrator Euler and a timestep of at most {timestep:g} s: implicit integrators and "
-    "longer steps change a LuGre joint."
-)
-_WORDS: dict[str, tuple[str, str, str]] = {
-    "ff": ("It is native MuJoCo: a LuGre bristle in each dcmotor", _EULER, ""),
-    "voltage": (
-        "It is native MuJoCo: a LuGre bristle in each dcmotor",
-        f"{_EULER} Newton does not read the timestep: step with it.",
-        "Each motor's torque constant equals its resistance, so that a volt is a newton metre; "
-        "both are small, as is the damping by the back-EMF (1e-6 N m s/rad).",
-    ),
-    "frictionloss": (
-        "It is MuJoCo's frictionloss, for engines without a LuGre bristle",
-        "solreffriction is twice the timestep of {timestep:g} s: change both together.",
-        "A model with dcmotor friction has what this one loses: presliding (joints rest rigidly, "
-        "without up to {presliding:.2g} rad of give, its stiffness and its damping); the Stribeck "
-        "curve (sliding takes the breakaway torque, which is up to {stribeck:.0%} too much); "
-        "breakaway that depends on the rate of torque; ripple over the angle. frictionloss is a "
-        "soft constraint and creeps under any load. noslip_iterations stops that in engines that "
-        "have it (MuJoCo, MuJoCo Warp); for the others solreffriction and solimpfriction are those "
-        "that creep least. stiction conformance measures what is left.",
-    ),
-}
-"""By motor input or kind: what the comment says the friction is, what to keep, what is lost."""
 
 
 def plain_mjcf(
@@ -112,32 +76,24 @@ def plain_mjcf(
 
     arm.carry_into(root)
 
-    offsets = sticking.parameters.offset, sticking.parameters.gravity_error
     bias = model.actuator_biasprm[sticking.torque_actuator]
     bristle = model.actuator_dynprm[sticking.torque_actuator, BRISTLE_STIFFNESS]
-    native, keep, lost = (
-        words.format(
-            timestep=sticking.timestep,
-            presliding=float((bias[:, STICTION] / bristle).max()),
-            stribeck=float((bias[:, STICTION] / bias[:, COULOMB]).max() - 1),
-        )
-        for words in _WORDS[motor if kind == "dcmotor" else kind]
+    words = render(
+        TEMPLATE,
+        name=arm.name,
+        friction=friction_name,
+        kind=kind,
+        motor=motor,
+        timestep=f"{sticking.timestep:g}",
+        presliding=f"{float((bias[:, STICTION] / bristle).max()):.2g}",
+        stribeck=f"{float((bias[:, STICTION] / bias[:, COULOMB]).max() - 1):.0%}",
+        offsets=bool(own.offset.any() or own.gravity_error.any()),
     )
-    paragraphs = (
-        words.format(
-            name=arm.name,
-            friction=friction_name,
-            native=native,
-            keep=keep,
-            lost=lost,
-            offsets=" (this arm has some)" if any(o.any() for o in offsets) else "",
-        ).replace("--", "- -")
-        for words in _COMMENT
-    )
+    paragraphs = words.replace("--", "- -").strip().split("\n\n")
     wrap = textwrap.TextWrapper(
         100, initial_indent=INDENT, subsequent_indent=INDENT, break_on_hyphens=False
     )
-    comment = "\n".join(wrap.fill(p) for p in paragraphs if p)
+    comment = "\n".join(wrap.fill(p) for p in paragraphs)
     ET.indent(root)
     text = f"<!-- {comment.strip()} -->\n{ET.tostring(root, encoding='unicode')}\n"
     try:

@@ -9,12 +9,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.arrays import Array
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
 LONGEST_DELAY = 1.0
 """Longest delay of a command that is simulated [s]; assumed."""
 
@@ -65,16 +64,13 @@ def read_servos(path: str | Path, n: int) -> PositionServos | None:
     if table is None:
         return None
     names = [f.name for f in fields(PositionServos)]
+    if missing := [x for x in names if not isinstance(table, dict) or x not in table]:
+        raise StictionError(f"{path}: [servo] {missing[0]} is missing")
+    where = f"{path}: [servo]"
     try:
-        values = {name: np.array(table[name], dtype=np.float64) for name in names}
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise StictionError(
-            f"{path}: [servo] is not as stiction diagnose writes it: {error}"
-        ) from None
-    wrong = [name for name in names if values[name].shape != (n,)]
-    if wrong:
-        raise StictionError(f"{path}: [servo] {wrong[0]}: expected {n} numbers, one per joint")
-    try:
-        return PositionServos(**values)
+        return PositionServos(
+            **{name: checked_array(table[name], f"{where} {name}", (n,)) for name in names}
+        )
     except StictionError as error:
-        raise StictionError(f"{path}: {error}") from None
+        text = str(error)
+        raise StictionError(text if text.startswith(where) else f"{path}: {text}") from None

@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.friction.inertia import link_inertia, mass_matrix
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import CONTROL_DT, FrictionParameters
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-TIMESTEP = 1e-3
-"""Step of the engine [s]."""
 POSES = 256
 """Random poses in which the least inertia is looked for [-]; assumed."""
 STIFFEST = 0.1
@@ -44,14 +41,14 @@ def steady(
         arms: the arm, and others that the friction is used on.
         say: called with each joint (from 0) that is bounded, and by what.
     """
-    rng, h = np.random.default_rng(0), TIMESTEP
+    rng, h = np.random.default_rng(0), CONTROL_DT
     low, high = np.clip(arms[0].limits.position, -np.pi, np.pi).T
     poses = rng.uniform(low, high, size=(POSES, friction.n))
     poses = np.vstack([arms[0].rest, poses])
     mass = np.concatenate([mass_matrix(arm, poses) for arm in arms])
     rotor, spring = friction.rotor_inertia, friction.joint_stiffness
 
-    def least(elastic: NDArray[np.bool_]) -> Array:
+    def least(elastic: Bools) -> Array:
         own = mass + np.diag(np.where(elastic, 0.0, rotor))
         return np.asarray(np.min(1 / np.diagonal(np.linalg.inv(own), axis1=1, axis2=2), axis=0))
 

@@ -12,6 +12,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import from_file, own_friction
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import (
+    CONTROL_DT,
     QUANTITIES,
     FrictionParameters,
     friction_path,
@@ -25,7 +26,6 @@ Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
 Friction = str | Path | FrictionParameters
 """Parameters of one arm, or the TOML that holds them."""
-TIMESTEP = 1e-3  # physics step of a model where none is given [s] (assumed)
 
 
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
@@ -36,7 +36,7 @@ def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> P
         given: path to a friction TOML.
 
     Raises:
-        StictionError: what is given is not a path to a TOML.
+        StictionError: ``given`` is not a path to a TOML.
     """
     if given is None:
         if isinstance(robot, Arm):
@@ -104,7 +104,7 @@ def sticking_model(
     if isinstance(friction, str | Path):
         servos = read_servos(friction_file(arm, friction), arm.n)
     if not isinstance(robot, StickingModel):
-        step = TIMESTEP if timestep is None else timestep
+        step = CONTROL_DT if timestep is None else timestep
         out = build(arm, friction_of(arm, friction), timestep=step)
     else:
         step = robot.timestep if timestep is None else timestep

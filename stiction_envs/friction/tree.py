@@ -5,13 +5,11 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.robots import Arm
 from stiction_envs.robots.mjcf import numbers, parents
-
-Array = NDArray[np.float64]
 
 
 def sticking_tree(

@@ -11,13 +11,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Unpack
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, changed_arm, nominal_of
-from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, Options
+from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, LogOptions, Options, checked
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
@@ -35,12 +35,12 @@ from stiction_envs.gap.tables.from_files import read_tables
 from stiction_envs.gap.validation.check import check_model, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import Naming, naming_of
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log, torque_side
 from stiction_envs.measured.settings import MotionThresholds
-from stiction_envs.method_settings import Changes, override
+from stiction_envs.method_settings import override
 from stiction_envs.robots import ARMS, Arm, load_arm
 
 BEHIND = (
@@ -53,27 +53,11 @@ def diagnose(
     data: Log | Sequence[Log],
     robot: str | Path | Arm,
     *,
-    torque: str | None = None,
-    joints: Sequence[str] = (),
-    topic: str | None = None,
-    units: str | None = None,
-    calibration: str | Path | None = None,
-    columns: Sequence[str] = (),
-    nominal: str | Path | FrictionParameters | Nominal | None = None,
     poses: Sequence[str | Path] = (),
     check: Sequence[Log] = (),
-    drive: str | None = None,
-    servo_stiffness: Sequence[float] | None = None,
-    servo_damping: Sequence[float] | None = None,
-    same_servo: bool = False,
-    payload: Sequence[float] | None = None,
-    tilt: Sequence[float] | None = None,
-    chain: Sequence[str] | None = None,
-    cutoff_hz: float | None = None,
-    seed: int = 0,
     threads: int = 0,
     progress: Callable[[str, float], None] | None = None,
-    settings: GapSettings | Changes | None = None,
+    **options: Unpack[LogOptions],
 ) -> DiagnosisResult:
     """Name what a simulation gets wrong about measurements of one robot.
 
@@ -84,93 +68,48 @@ def diagnose(
     Args:
         data: a file or several of one kind, or logs that were read.
         robot: name, model file or arm.
-        torque: side of the gear on which a log's torque was measured, "motor" or "link"; None takes
-            what the log says (those of libfranka, franka_ros, iiwa_ros: link), else motor.
-        joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
-        topic: of ROS bags that have several with joint states.
-        units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
-            log shows (`measured.logs.units`).
-        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
-        columns: names of a log's columns: all in their order, or some as ``OURS=NAME``; () where
-            the names are ours or well known (`measured.logs.aliases`).
-        nominal: the simulation to judge: "rigid", "file" (with friction, springs and gravity
-            compensation of the robot's own file), "shipped" (with our friction), a TOML (friction,
-            or an earlier ``model.toml``), or parameters; None for `default_nominal`.
         poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
         check: logs that are not used for the diagnosis and test the finished model
             (`gap.validation.check`).
-        drive: "torque" or "position", what drives the joints; None takes what a log has, and torque
-            where it has both.
-        servo_stiffness: of position servos [N·m/rad], one or one per joint; None where unknown:
-            the simulation that is judged then follows its commands exactly.
-        servo_damping: likewise [N·m·s/rad]; None where unknown: it is fitted and not judged.
-        same_servo: all joints have the same servo, so that those without gravity get the stiffness
-            of the others.
-        payload: known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for
-            that of an earlier diagnosis, or none. What that diagnosis found is added to it.
-        tilt: known roll and pitch of the base [rad]; None as for ``payload``.
-        chain: links at the base and the tip of the arm in a file of a bigger robot.
-        cutoff_hz: bandwidth of a log's zero-phase filter; None chooses it from the data.
-        seed: of the bootstrap.
         threads: threads, 0 for all processors.
         progress: called with a stage and the part of it that is done.
-        settings: constants of the method for logs that differ from ``settings.toml``: by name
-            (``{"selection.chance": 0.02}``), a TOML file of them, or all.
+        options: how the data were measured and read, and what they are compared with; see
+            `gap.options.LogOptions` and `measured.logs.joint_names.Naming`.
 
     Returns:
         `LogDiagnosis`, `ServoResult` or `TableResult`: verdict, causes, ``save``.
 
     Raises:
-        StictionError: files that cannot be read, do not fit the robot, or are of two kinds; logs to
-            check with that show no joint that moved in the others, or were diagnosed too.
+        StictionError: an option that does not exist; files that cannot be read, do not fit the
+            robot, or are of two kinds; logs to check with that show no joint that moved in the
+            others, or were diagnosed too.
     """
     given, check = _listed(data), _listed(check)
     if not given and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
-    torque_side(torque, ())  # report an invalid side first
-    naming = Naming(
-        joints=tuple(joints),
-        topic=topic,
-        units=units,
-        calibration=calibration,
-        columns=tuple(columns),
-    )
-    kind = _kind(given, drive, naming)
-    options = Options(
+    more = checked(options)
+    torque_side(more["torque"], ())  # report an invalid side first
+    kind = _kind(given, more["drive"], naming_of(None, more))
+    nominal = more["nominal"]
+    asked = Options(
         given=given,
         check=check,
-        robot=robot,
-        torque=torque,
-        joints=joints,
-        topic=topic,
-        units=units,
-        calibration=calibration,
-        columns=columns,
-        nominal=default_nominal(given, robot, chain) if nominal is None else nominal,
         poses=poses,
-        drive=drive,
-        servo_stiffness=servo_stiffness,
-        servo_damping=servo_damping,
-        same_servo=same_servo,
-        payload=payload,
-        tilt=tilt,
-        chain=chain,
-        cutoff_hz=cutoff_hz,
-        seed=seed,
+        robot=robot,
+        nominal=default_nominal(given, robot, more["chain"]) if nominal is None else nominal,
+        more=more,
         threads=threads,
         progress=progress,
-        settings=settings,
     )
-    options.refuse_unfit(kind)
-    own = override(gap_settings(), settings)
-    arm, judged = _robot(options, kind)
-    whole, held = arm.whole, arm.stated.held
-    naming = dataclasses.replace(naming, robot=arm.joint_names, whole=whole, held=held)
+    asked.refuse_unfit(kind)
+    own = override(gap_settings(), more["settings"])
+    arm, judged = _robot(asked, kind)
     if kind == TABLES:
-        return _diagnose_tables(options, arm, judged, own)
+        return _diagnose_tables(asked, arm, judged, own)
+    naming = naming_of(arm, more)
     if kind == SERVO_LOGS:
-        return _diagnose_servo_logs(options, arm, judged, naming, own)
-    return _diagnose_joint_logs(options, arm, judged, naming, own)
+        return _diagnose_servo_logs(asked, arm, judged, naming, own)
+    return _diagnose_joint_logs(asked, arm, judged, naming, own)
 
 
 def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
@@ -178,7 +117,8 @@ def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
 
     Servos are judged on the rigid arm, with the payload and tilt of an earlier diagnosis.
     """
-    payload, tilt, chain = options.payload, options.tilt, options.chain
+    more = options.more
+    payload, tilt, chain = more["payload"], more["tilt"], more["chain"]
     if isinstance(options.robot, Arm) and not (payload is tilt is chain is None):
         raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
     nominal = options.nominal
@@ -215,9 +155,9 @@ def _diagnose_servo_logs(
     known = servo_of(
         arm,
         servo_nominal(options.nominal),
-        stiffness=options.servo_stiffness,
-        damping=options.servo_damping,
-        same=options.same_servo,
+        stiffness=options.more["servo_stiffness"],
+        damping=options.more["servo_damping"],
+        same=options.more["same_servo"],
     )
     # report problems of all logs before the long computation
     logs = read_servo_files(options.given, arm, naming, settings.motion)
@@ -241,7 +181,7 @@ def _diagnose_joint_logs(
     # report problems of all logs before the long computation
     logs = _read(options.given, options.poses, arm, naming, settings.motion)
     others = _read(options.check, (), arm, naming, settings.motion)
-    side = torque_side(options.torque, [*logs, *others])
+    side = torque_side(options.more["torque"], [*logs, *others])
     identity = options.identify(arm, side, settings)
     refuse_unfit(others, logs, arm, settings)
     notes: tuple[str, ...] = ()
@@ -252,8 +192,8 @@ def _diagnose_joint_logs(
         arm,
         nominal=judged,
         torque=side,
-        cutoff_hz=options.cutoff_hz,
-        seed=options.seed,
+        cutoff_hz=options.more["cutoff_hz"],
+        seed=options.more["seed"],
         progress=options.progress,
         settings=settings,
     )
@@ -341,10 +281,7 @@ def _read(
     motion: MotionThresholds,
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
-    n = arm.n
-    limits = arm.limits
-    files = [x for x in given if isinstance(x, str | Path)]
-    read = read_logs(files, n, limits=limits, naming=naming, motion=motion) if files else []
-    from_files = iter(read)
-    logs = [x if isinstance(x, JointLog) else next(from_files) for x in given]
+    n, limits = arm.n, arm.limits
+    torques = [x for x in given if isinstance(x, str | Path | JointLog)]
+    logs = read_logs(torques, n, limits=limits, naming=naming, motion=motion) if torques else []
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]

@@ -24,7 +24,7 @@ from stiction_envs.gap.judge.judgement import Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
-from stiction_envs.gap.predictors.judged import Judged, draws, held_out, judge
+from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.settings import GapSettings, gap_settings
@@ -32,11 +32,18 @@ from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
+from stiction_envs.gap.signals.torque_sign import converted
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+SAME_GAIN = 0.005
+"""Error of a torque's factor that is not worth another search [-]; assumed."""
+OTHER_GAIN = 0.1
+"""Error of a gain from which on logs are converted by it, too [-]; assumed."""
+LEAST_GAIN = 0.02
+"""Gain below which nothing is measured [-]; assumed."""
 DRAWS = 1000
 """Number of draws of the posterior for intervals [-]; assumed."""
 NEGLIGIBLE = 0.1
@@ -74,6 +81,8 @@ class Diagnosis(Judgement):
     """The nominal model."""
     torque_sign: int
     """1 where the logs' torques drive the joints, -1 where they were inverted; 0 where unknown."""
+    torque_unit: Array | None = None
+    """(n,) or (1,) what 1 N·m is in the unit of the logs' torques; None for N·m."""
     findings: tuple[str, ...] = ()
     """What is wrong with units, channels and mounting."""
     set_up: bool = False
@@ -169,18 +178,21 @@ def diagnose_logs(
         own,
         baseline.torque_sign,
         baseline.torque_lag,
+        baseline.torque_unit,
     )
     signals = replace(signals, sessions=sessions(read, baseline.sessions))
     say("inverse dynamics", 0.0)
-    base = assemble(
+    compare = partial(
+        assemble,
         arm,
-        signals,
         friction=baseline.friction,
         torque=torque,
         settings=own,
         link_factor=baseline.links,
         of_file=baseline.file,
+        known_unit=baseline.torque_unit,
     )
+    base = compare(signals)
     data = baseline.extend(base)
     if not np.isfinite(data.dt):  # only poses without motion
         causes = [c for c in causes if c.shown_at_rest]
@@ -188,7 +200,15 @@ def diagnose_logs(
         causes = [c for c in causes if c.adds_to == ALL_LINKS]
     if signals.zero_off is not None:
         causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
-    return _conclude(baseline, base, read, signals, judge(data, causes, say), seed, say)
+    judged = judge(data, causes, say)
+    gain = gains(judged.predictor, judged.terms, judged.coefficients)
+    off = np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN)
+    if (off & (gain > LEAST_GAIN)).any():  # friction was measured with the same gain
+        gain = np.where(gain > LEAST_GAIN, gain, 1.0)
+        read, signals = converted(read, signals, signals.torque_unit * gain)
+        base = compare(signals)
+        judged = judge(baseline.extend(base), causes, say)
+    return _conclude(baseline, base, read, signals, judged, seed, say)
 
 
 def _conclude(
@@ -202,7 +222,7 @@ def _conclude(
 ) -> Diagnosis:
     predictor = judged.predictor
     data, kept = predictor.data, predictor.fold >= 0
-    nominal_rms = np.sqrt(np.mean(np.square(data.residual[kept]), axis=0))
+    nominal_rms = np.sqrt(np.mean(np.square(data.logged_residual[kept]), axis=0))
     extended_rms = held_out(judged, lambda part: say("held-out rows", part))
     some = data.measured
     if percent_gained(nominal_rms[some], extended_rms[some]) <= 0:  # it names nothing then
@@ -237,6 +257,7 @@ def _conclude(
         base=base,
         baseline=baseline,
         torque_sign=signals.torque_sign or baseline.torque_sign,
+        torque_unit=signals.torque_unit if (signals.torque_unit != 1).any() else None,
         findings=signals.findings,
         set_up=signals.set_up,
         notes=(*signals.findings, *signals.notes),
@@ -322,6 +343,7 @@ def model_of(diagnosis: Diagnosis, coefficients: Array | None = None) -> Nominal
         tilt=arm.tilt,
         distance=tuple(float(x) for x in data.friction.presliding_distance),
         torque_sign=diagnosis.torque_sign,
+        torque_unit=diagnosis.torque_unit,
         torque_lag=lag_of(diagnosis.logs, before.torque_lag),
         sessions=spans(diagnosis.logs, before.sessions),
         links=before.links if diagnosis.links is None else diagnosis.links.factor,

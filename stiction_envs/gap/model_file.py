@@ -41,6 +41,8 @@ from stiction_envs.robots.stated import without_springs
 from stiction_envs.robots.tables import Table, check_range, largest, read_toml
 
 Array = NDArray[np.float64]
+LEAST_UNIT = 1e-9
+"""Least factor of another unit of torques [-]: it divides."""
 FACTOR = "covariance_factor"
 """Key of F, F Fᵀ being the covariance of coefficients."""
 
@@ -62,6 +64,8 @@ class Nominal:
     """(n,) presliding distance of plain dry friction in that diagnosis [rad]."""
     torque_sign: int = 0
     """1 where logged torques of that robot drive the joints, -1 if opposite, 0 where unknown."""
+    torque_unit: Array | None = None
+    """(n,) or (1,) what 1 N·m is in the unit of its logged torques; None for N·m."""
     torque_lag: Lag | None = None
     """Delay and time constant of a low-pass by which logged torques come late [s], and which was
     undone; None for none. A shorter one is a part, an actuator delay."""
@@ -246,6 +250,7 @@ def _parsed(table: Table, where: str) -> Nominal:
             raise StictionError(f"{own} sessions: {a:g} to {b:g} s: expected dates that rise")
     if (sign := int(arm.get("torque_sign", 0))) not in (-1, 0, 1):
         raise StictionError(f"{own} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
+    unit = _numbers(arm.get("torque_unit", ()), f"{own} torque_unit", low=LEAST_UNIT)
     links = table["links"][FACTOR] if "links" in table else None
     return Nominal(
         friction=friction,
@@ -256,6 +261,7 @@ def _parsed(table: Table, where: str) -> Nominal:
         distance=_numbers(arm["distance"], f"{own} distance", "rad", low=0.0) or None,
         file=bool(arm.get("file", False)),
         torque_sign=sign,
+        torque_unit=np.array(unit) if unit else None,
         torque_lag=(lag[0], lag[1]) if lag else None,
         sessions=spans,
         links=None if links is None else _matrix(links, f"{where}: [links]"),
@@ -321,6 +327,7 @@ def dump(nominal: Nominal) -> str:
     known = {
         "file": nominal.file,
         "torque_sign": nominal.torque_sign,
+        "torque_unit": () if nominal.torque_unit is None else nominal.torque_unit.tolist(),
         "torque_lag": list(nominal.torque_lag or ()),
         "sessions": [list(x) for x in nominal.sessions],
         "friction": nominal.friction

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypedDict
+from typing import Literal, TypedDict
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.kinds import TABLE, file_kind
+from stiction_envs.measured.logs.joint_names import Reading
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log, LogSources, log_sources
 from stiction_envs.method_settings import Changes, fingerprint
@@ -21,6 +22,10 @@ from stiction_envs.robots.registry import robot_files
 
 TABLES, SERVO_LOGS, JOINT_LOGS = "torque tables", "servo logs", "joint logs"
 """Kinds of data."""
+OF_SERVOS: tuple[Literal["servo_stiffness", "same_servo", "servo_damping"], ...] = (
+    *("servo_stiffness", "same_servo", "servo_damping"),
+)
+"""Options of servo logs."""
 
 
 class Origin(TypedDict):
@@ -32,85 +37,108 @@ class Origin(TypedDict):
     threads: int
 
 
-class LogOptions(TypedDict, total=False):
-    """Arguments of `diagnose` that a rehearsal takes too."""
+class LogOptions(Reading, total=False):
+    """Options of a diagnosis that a rehearsal takes too."""
 
     torque: str | None
-    joints: Sequence[str]
-    topic: str | None
-    units: str | None
-    calibration: str | Path | None
-    columns: Sequence[str]
+    """Side of the gear on which a log's torque was measured, "motor" or "link"; None takes what the
+    log says (those of libfranka, franka_ros, iiwa_ros: link), else motor."""
     nominal: str | Path | FrictionParameters | Nominal | None
+    """The simulation to judge: "rigid", "file" (with friction, springs and gravity compensation of
+    the robot's own file), "shipped" (with our friction), a TOML (friction, or an earlier
+    ``model.toml``), or parameters; None for `diagnose.default_nominal`."""
     drive: str | None
+    """Drive of the joints, "torque" or "position"; None takes the drive that a log shows, and
+    torque where it shows both."""
     servo_stiffness: Sequence[float] | None
+    """Stiffness of position servos [N·m/rad], one or one per joint; None where unknown: the
+    simulation that is judged then follows its commands exactly."""
     servo_damping: Sequence[float] | None
+    """Damping of position servos [N·m·s/rad]; None where unknown: it is fitted and not judged."""
     same_servo: bool
+    """Whether all joints have the same servo, so that those without gravity get the stiffness of
+    the others."""
     payload: Sequence[float] | None
+    """Known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for that of an
+    earlier diagnosis, or none. What that diagnosis found is added to it."""
     tilt: Sequence[float] | None
+    """Known roll and pitch of the base [rad]; None as for ``payload``."""
     chain: Sequence[str] | None
+    """Links at the base and the tip of the arm in a file of a bigger robot."""
     cutoff_hz: float | None
+    """Bandwidth of a log's zero-phase filter [Hz]; None chooses it from the data."""
     seed: int
+    """Seed of the bootstrap."""
     settings: GapSettings | Changes | None
+    """Constants of the method for logs that differ from ``settings.toml``: by name
+    (``{"selection.chance": 0.02}``), a TOML file of them, or all."""
+
+
+DEFAULTS: LogOptions = {
+    "joints": (),
+    "topic": None,
+    "units": None,
+    "calibration": None,
+    "columns": (),
+    "torque": None,
+    "nominal": None,
+    "drive": None,
+    "servo_stiffness": None,
+    "servo_damping": None,
+    "same_servo": False,
+    "payload": None,
+    "tilt": None,
+    "chain": None,
+    "cutoff_hz": None,
+    "seed": 0,
+    "settings": None,
+}
+
+
+def checked(options: LogOptions) -> LogOptions:
+    """Return all options, with defaults for those that are not given.
+
+    Raises:
+        StictionError: an option that does not exist.
+    """
+    for name in options:
+        if name not in DEFAULTS:
+            raise unknown("option", name, DEFAULTS)
+    return {**DEFAULTS, **options}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Arguments of `diagnose`, which describes them."""
+    """Arguments of `diagnose`."""
 
     given: list[Log]
-    """Its ``data``, as a list."""
+    """Argument ``data`` of `diagnose`, as a list."""
     check: list[Log]
-    robot: str | Path | Arm
-    torque: str | None
-    joints: Sequence[str]
-    topic: str | None
-    units: str | None
-    calibration: str | Path | None
-    columns: Sequence[str]
-    nominal: str | Path | FrictionParameters | Nominal
     poses: Sequence[str | Path]
-    drive: str | None
-    servo_stiffness: Sequence[float] | None
-    servo_damping: Sequence[float] | None
-    same_servo: bool
-    payload: Sequence[float] | None
-    tilt: Sequence[float] | None
-    chain: Sequence[str] | None
-    cutoff_hz: float | None
-    seed: int
+    robot: str | Path | Arm
+    nominal: str | Path | FrictionParameters | Nominal
+    """Nominal model of `more`, or the default."""
+    more: LogOptions
+    """All other options."""
     threads: int
     progress: Callable[[str, float], None] | None
-    settings: GapSettings | Changes | None
 
     def refuse_unfit(self, kind: str) -> None:
         """Raise a StictionError for an option that the kind of data does not take."""
+        of_torque = {"poses": bool(self.poses), "cutoff": self.more["cutoff_hz"] is not None}
         if kind == SERVO_LOGS:
-            _refuse(self._of_torque() | {"torque": self.torque is not None}, "joint logs (tau1..n)")
+            used = of_torque | {"torque": self.more["torque"] is not None}
+            _refuse(used, "joint logs (tau1..n)")
         else:
-            _refuse(self._of_servos(), "servo logs (q_cmd1..n)")
+            used = {k.replace("_", " "): bool(self.more[k]) for k in OF_SERVOS}
+            _refuse(used, "servo logs (q_cmd1..n)")
         if kind == TABLES:
-            used = {"torque": self.torque == "link"} | self._of_torque()
-            used |= {"check": bool(self.check), "joints": bool(self.joints)}
-            used |= {"topic": self.topic is not None}
+            used = {"torque": self.more["torque"] == "link"} | of_torque
+            used |= {"check": bool(self.check), "joints": bool(self.more["joints"])}
+            used |= {"topic": self.more["topic"] is not None}
             _refuse(used, "joint logs", f"{self.given[0]} is a torque table: ")
         for table in (x for x in self.check if isinstance(x, str | Path) and file_kind(x) == TABLE):
             raise StictionError(f"check: {table} is a torque table: expected joint logs")
-
-    def _of_torque(self) -> dict[str, bool]:
-        """Return by name which options of logs with torque are used, but for its side."""
-        return {
-            "poses": bool(self.poses),
-            "cutoff": self.cutoff_hz is not None,
-        }
-
-    def _of_servos(self) -> dict[str, bool]:
-        """Return by name which options of servo logs are used."""
-        return {
-            "servo stiffness": self.servo_stiffness is not None,
-            "same servo": self.same_servo,
-            "servo damping": self.servo_damping is not None,
-        }
 
     def identify(self, arm: Arm, side: str, settings: GapSettings) -> Origin:
         """Return the fields of `DiagnosisResult` that say what it was made from.
@@ -127,40 +155,33 @@ class Options:
         return {
             "nominal_name": Path(nominal).name if isinstance(nominal, str | Path) else "given",
             "sources": sources,
-            "provenance": provenance("diagnose", arguments, seed=self.seed, inputs=inputs),
+            "provenance": provenance("diagnose", arguments, seed=self.more["seed"], inputs=inputs),
             "threads": self.threads,
         }
 
     def _arguments(self, arm: Arm, side: str, settings: GapSettings) -> dict[str, object]:
         """Return what changes the result."""
-        return {
+        more: dict[str, object] = {**self.more}
+        del more["seed"]  # is recorded by itself
+        cutoff = more.pop("cutoff_hz")
+        file, changed = self.more["calibration"], self.more["settings"]
+        return more | {
             "logs": [_name(x) for x in self.given],
             "check": [_name(x) for x in self.check],
-            "robot": arm.name if isinstance(self.robot, Arm) else self.robot,
-            "chain": self.chain,
-            "torque": side,
-            "drive": self.drive,
-            "joints": self.joints,
-            "topic": self.topic,
-            "units": self.units,
-            "calibration": None if self.calibration is None else str(self.calibration),
-            "columns": self.columns,
-            "cutoff": self.cutoff_hz,
             "poses": self.poses,
+            "robot": arm.name if isinstance(self.robot, Arm) else self.robot,
+            "torque": side,
+            "calibration": None if file is None else str(file),
+            "cutoff": cutoff,
             "nominal": self.nominal if isinstance(self.nominal, str | Path) else "parameters",
-            "servo_stiffness": self.servo_stiffness,
-            "servo_damping": self.servo_damping,
-            "same_servo": self.same_servo,
-            "payload": self.payload,
-            "tilt": self.tilt,
-            "settings": None if self.settings is None else fingerprint(settings),
+            "settings": None if changed is None else fingerprint(settings),
         }
 
     def _files(self) -> dict[str, Path]:
         """Return the files besides logs that change the result."""
         files = {} if isinstance(self.robot, Arm) else robot_files(self.robot)
-        if self.calibration is not None:
-            files["calibration"] = Path(self.calibration)
+        if (calibration := self.more["calibration"]) is not None:
+            files["calibration"] = Path(calibration)
         if isinstance(self.nominal, str | Path) and Path(self.nominal).is_file():
             files["nominal"] = Path(self.nominal)
         return files

@@ -1,4 +1,4 @@
-"""What a joint log is, and what it can show: the page to read before a diagnosis.
+"""Page to read before a diagnosis: facts about a joint log, and the causes that it can show.
 
     print(overview(log, arm))
 
@@ -9,7 +9,7 @@ usual friction and small errors. No cause is looked for.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,38 +39,34 @@ TOGETHER = 0.98
 
 @dataclass(frozen=True, kw_only=True)
 class Overview:
-    """What one log is; lists have a number for each joint."""
+    """Facts about one log; lists have a number for each joint."""
 
     file: str
     rows: int
     seconds: float
     rate_hz: float
     effective_rate_hz: float
-    """Of new values, less in gaps."""
+    """Rate of new values, lower where there are gaps."""
     cutoff: str
-    """Of the filter, and why."""
+    """Bandwidth of the filter, and the reason for it."""
     span_rad: list[float]
     needed_nm: list[float]
-    """What gravity and inertia need, root mean square."""
+    """Torque that gravity and inertia need, root mean square."""
     logged_nm: list[float]
     """Logged torque, the same."""
     factor: list[float]
-    """The second over the first, with friction, offset and rotor free."""
+    """Logged over needed torque, with friction, offset and rotor free."""
     factor_ci95: list[tuple[float, float]]
     about: list[str]
-    """Of each joint: rests, opposite sign, not measured, moves with others; or nothing."""
+    """Remark on each joint: rests, opposite sign, not measured, moves with others; or nothing."""
     gravity: list[float]
-    """Its direction in the world."""
+    """Direction of gravity in the world."""
     lag_s: float
-    """By which the torques come later than the angles."""
+    """Time by which the torques come later than the angles."""
     findings: list[tuple[str, str]]
-    """What is wrong, ``corrected`` or ``warning`` before each."""
+    """Defects, ``corrected`` or ``warning`` before each."""
     left: dict[str, list[float]]
     """Posterior over prior standard deviation of each cause on each joint, or on the arm [-]."""
-
-    def to_json(self) -> dict[str, object]:
-        """Return all fields."""
-        return asdict(self)
 
     def __str__(self) -> str:
         down = " ".join(f"{x:.2g}" for x in np.round(self.gravity, 2) + 0.0)

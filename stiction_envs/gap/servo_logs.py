@@ -14,7 +14,7 @@ from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
+from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
 from stiction_envs.measured.logs.sources import Log
 from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm
@@ -98,23 +98,18 @@ def read_servo_files(
     Raises:
         StictionError: as of `read_servo_logs`; a log of another robot.
     """
-    files = [x for x in given if isinstance(x, str | Path)]
-    read = (
-        read_servo_logs(files, arm.n, limits=arm.limits, naming=naming, motion=motion)
-        if files
-        else []
-    )
-    from_files = iter(read)
-    out = []
     for x in given:
-        log = next(from_files) if isinstance(x, str | Path) else x
-        if not isinstance(log, ServoLog):
-            raise StictionError(f"{log.source}: a log of torques: expected servo logs")
+        if isinstance(x, JointLog):
+            raise StictionError(f"{x.source}: a log of torques: expected servo logs")
+    mine = [x for x in given if isinstance(x, str | Path | ServoLog)]
+    if not mine:
+        return []
+    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming, motion=motion)
+    for log in logs:
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
         _refuse_differences(log)
-        out.append(log)
-    return out
+    return logs
 
 
 def _refuse_differences(log: ServoLog) -> None:

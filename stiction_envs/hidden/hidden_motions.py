@@ -148,20 +148,9 @@ def one_way(rng: np.random.Generator, t: Array) -> Array:
     return np.asarray(CENTRE + REACH * side * (2 * way / way[-1] - 1))
 
 
-def one_speed(rng: np.random.Generator, t: Array) -> Array:
-    """There and back at one speed, each joint at its own."""
-    step, x = t[1] - t[0], np.tile(centre(rng), (len(t), 1))
-    for j in range(7):
-        speed, half = rng.uniform(0.15, 0.4), rng.uniform(1.5, 2.5)
-        side = np.where((t + rng.uniform(0, half)) // half % 2 < 1, 1.0, -1.0)
-        v = speed * uniform_filter1d(uniform_filter1d(side, int(0.06 / step)), int(0.06 / step))
-        x[:, j] += np.cumsum(v * fade(t)) * step
-    return x
-
-
 MOTIONS: dict[str, Motion] = {
     f.__name__: f for f in (fourier, fast, chirp, reversals, sweeps, rests, poses)
 }
 """What a person would record."""
-BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way, one_speed)}
+BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way)}
 """What cannot show everything."""

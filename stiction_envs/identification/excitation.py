@@ -37,7 +37,7 @@ from stiction_envs.identification.excitation_search import FINE, Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, identification_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord, write_json
+from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
@@ -63,7 +63,7 @@ class Excitation(Result):
     condition: float
     """Condition number κ of the scaled regressor along one period."""
     condition_si: float
-    """The same in SI units, not scaled."""
+    """Condition number in SI units, not scaled."""
     random_condition: Array
     """(R,) κ of random motions inside the same limits."""
     columns: tuple[str, ...]
@@ -74,7 +74,7 @@ class Excitation(Result):
     """Least distance to the floor and between links [m], 0.5 at most."""
     notes: tuple[str, ...]
     rate_hz: float
-    """Of the samples of ``trajectory.csv`` [Hz]."""
+    """Rate of the samples of ``trajectory.csv`` [Hz]."""
     provenance: Provenance
 
     @property
@@ -175,23 +175,18 @@ class Excitation(Result):
         )
 
     def __str__(self) -> str:
-        return describe(self.to_json())
-
-
-def describe(answer: JsonRecord) -> str:
-    """Return the `Excitation.to_json` of a motion as readable lines."""
-    random = answer["random_condition"]
-    used = ", ".join(f"{k} {100 * v:.0f} %" for k, v in answer["used"].items())
-    return "\n".join(
-        [
-            f"{answer['duration_s']:.4g} s, from rest to rest",
-            f"condition number {answer['condition']:.3g} (random motions inside the same limits: "
-            f"{random['median']:.3g} in the median, {random['least']:.3g} at best)",
-            f"of what the margins leave of each limit: {used}",
-            f"clearance {answer['clearance_m']:.3g} m",
-            *answer["notes"],
-        ]
-    )
+        random = self.random_condition
+        used = ", ".join(f"{k} {100 * v:.0f} %" for k, v in self.used.items())
+        return "\n".join(
+            [
+                f"{self.duration:.4g} s, from rest to rest",
+                f"condition number {self.condition:.3g} (random motions inside the same limits: "
+                f"{np.median(random):.3g} in the median, {random.min():.3g} at best)",
+                f"of what the margins leave of each limit: {used}",
+                f"clearance {self.clearance:.3g} m",
+                *self.notes,
+            ]
+        )
 
 
 def excite(

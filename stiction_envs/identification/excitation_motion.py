@@ -11,7 +11,7 @@ from scipy.linalg import null_space
 
 Array = NDArray[np.float64]
 SPEEDS = (0.02, 0.08, 0.3)
-"""Of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
+"""Speeds of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
 SPAN = 0.3
 """Largest angle of a sweep [rad]; assumed."""
 SECONDS = 4.0
@@ -91,7 +91,7 @@ class Sweeps:
 
     @property
     def duration(self) -> float:
-        """Of all [s]."""
+        """Duration of all sweeps [s]."""
         return float(self.durations.sum())
 
     def state(self, t: Array) -> State:

@@ -17,15 +17,16 @@ causes (`mixed_fit`), keeps links near the nominal ones and physically consisten
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
@@ -41,12 +42,12 @@ from stiction_envs.identification.mixed_fit import (
     terms_of,
 )
 from stiction_envs.identification.settings import IdentificationSettings, identification_settings
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import Reading, naming_of
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources, torque_side
 from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord, write_json
+from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.markdown import sentence, table
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
@@ -60,7 +61,7 @@ __all__ = ["Identification", "identify"]
 Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
-"""Of all logs together; assumed. Longer logs are thinned out after the filter."""
+"""Samples of all logs together; assumed. Longer logs are thinned out after the filter."""
 POOR = 0.02
 """Largest error of torque over the torque limit of a well excited parameter [-]; assumed."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
@@ -73,7 +74,7 @@ class Identification(Result):
     """The result; arrays are float64."""
 
     nominal: Arm
-    """What the logs were compared with."""
+    """Arm that the logs were compared with."""
     base: BaseSet
     """Which sums of parameters the torques show, friction among them."""
     values: Array
@@ -193,7 +194,17 @@ class Identification(Result):
         return f"<Identification of {self.nominal.name}: {text}>"
 
     def __str__(self) -> str:
-        return describe(self.to_json())
+        rows = {"held-out residual [N·m], joint": range(1, self.nominal.n + 1), **self.rms}
+        rows["noise"] = self.noise
+        lines = [f"{k:<32}" + "".join(f"{x:>9.3g}" for x in v) for k, v in rows.items()]
+        gain = f"{self.gain_percent:.1f} % below the nominal arm with friction"
+        lines.append(f"physically consistent links: {gain}")
+        if self.unsure:
+            lines.append(
+                f"hardly excited by these logs: {len(self.unsure)} of {len(self.names)} base "
+                "parameters"
+            )
+        return "\n".join(lines)
 
     def page(self) -> str:
         """Return tables in Markdown: held-out residual by joint, links, base parameters."""
@@ -223,39 +234,15 @@ class Identification(Result):
         return "\n".join(lines).rstrip("\n") + "\n"
 
 
-def describe(answer: JsonRecord) -> str:
-    """Return the `Identification.to_json` of an arm as readable lines."""
-
-    def row(values: Iterable[float]) -> str:
-        return "".join(f"{x:>9.3g}" for x in values)
-
-    joints = range(1, len(answer["links"]) + 1)
-    lines = [f"{'held-out residual [N·m], joint':<32}" + row(joints)]
-    lines += [f"{name:<32}" + row(rms) for name, rms in answer["held_out_rms_nm"].items()]
-    lines.append(f"{'noise':<32}" + row(answer["noise_nm"]))
-    gain = f"{answer['gain_percent']:.1f} % below the nominal arm with friction"
-    lines.append(f"physically consistent links: {gain}")
-    if answer["hardly_excited"]:
-        lines.append(
-            f"hardly excited by these logs: {len(answer['hardly_excited'])} of "
-            f"{len(answer['base'])} base parameters"
-        )
-    return "\n".join(lines)
-
-
 def identify(
     logs: str | Path | JointLog | Sequence[str | Path | JointLog],
     robot: Robot,
     *,
     torque: str | None = None,
-    joints: Sequence[str] = (),
-    topic: str | None = None,
-    units: str | None = None,
-    calibration: str | Path | None = None,
-    columns: Sequence[str] = (),
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
     settings: IdentificationSettings | Changes | None = None,
+    **reading: Unpack[Reading],
 ) -> Identification:
     """Identify an arm's links and friction from measured joint logs.
 
@@ -264,16 +251,12 @@ def identify(
         robot: name, model file or arm; its links are the nominal ones.
         torque: side of the gear on which it was measured, "motor" or "link"; behind the gear
             rotors are not seen. None for what the logs say, else motor.
-        joints: names of joints 1 to n in ROS bags; () finds them (`measured.logs.joint_names`).
-        topic: of ROS bags that have several with joint states.
-        units: what angles are measured in: rad, deg, percent or ticks; None for rad, or what the
-            log shows (`measured.logs.units`).
-        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
-        columns: names of a log's columns, all in their order, or some as ``OURS=NAME``.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         settings: constants of the method that differ from ``settings.toml``: by name
             (``{"gap.candidates.huber": 2.0}``), a TOML file of them, or all.
+        reading: ``joints``, ``topic``, ``units``, ``calibration``, ``columns``; see
+            `measured.logs.joint_names.Naming`.
 
     Raises:
         StictionError: settings that are none, logs that cannot be read, do not fit the robot, or
@@ -288,40 +271,30 @@ def identify(
     if not given:
         raise StictionError("no logs: expected one or more")
     sources = log_sources(given)
-    naming = Naming(
-        robot=arm.joint_names,
-        whole=arm.whole,
-        held=arm.stated.held,
-        joints=tuple(joints),
-        topic=topic,
-        units=units,
-        calibration=calibration,
-        columns=tuple(columns),
-    )
+    naming = naming_of(arm, reading)
     read: list[JointLog] = []
     for log in given:
-        if isinstance(log, JointLog):
-            read.append(log)
-        else:
-            read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
+        read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
+    file = naming.calibration
+    calibration = {} if file is None else {"calibration": Path(file)}
     made = provenance(
         "identify",
         {
             "robot": arm.name,
             "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
             "torque": side,
-            "joints": list(joints),
-            "topic": topic,
-            "units": units,
-            "columns": list(columns),
+            "joints": list(naming.joints),
+            "topic": naming.topic,
+            "units": naming.units,
+            "columns": list(naming.columns),
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
             "settings": fingerprint(chosen),
         },
         seed=0,
-        inputs=sources.files | ({} if calibration is None else {"calibration": Path(calibration)}),
+        inputs=sources.files | calibration,
     )
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
     turned, signals = correct_sign(read, signals, arm, gap)

@@ -40,7 +40,7 @@ WIDE = 0.5
 
 
 class _SmallOffset(TorqueOffset):
-    """That of a usual sensor: of a joint that rests it looks like gravity's torque of a link."""
+    """Offset of a usual sensor: on a joint that rests it looks like gravity's torque of a link."""
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return its standard deviation [N·m]."""

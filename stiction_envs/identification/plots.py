@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
-from stiction_envs.robots import Arm
+from stiction_envs.robots import Arm, arm_title
 
 Array = NDArray[np.float64]
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
-"""Of `identification.MODELS`."""
+"""Colours of `identification.MODELS`."""
 
 
 def plot_excitation(
@@ -65,7 +65,7 @@ def plot_excitation(
     points.set(yscale="log", xlim=(-0.5, 1.5), ylabel="condition number κ of the scaled regressor")
     points.set_xticks([0, 1], ["random,\nsame limits", "optimised"])
     points.grid(axis="y", which="both", alpha=0.25)
-    figure.suptitle(f"{arm.title}: excitation, {t[-1]:.3g} s, κ = {condition:.3g}")
+    figure.suptitle(f"{arm_title(arm.name)}: excitation, {t[-1]:.3g} s, κ = {condition:.3g}")
     save_full(figure, path)
 
 

@@ -12,14 +12,14 @@ from numbers import Integral
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, opening, unknown
 from stiction_envs.measured.dialect import dialect_of, encoding_of, header_in, refuse_pointer
 from stiction_envs.reporting.atomic import write_text_atomic
 
 FIRST_BYTES = 65_536
 """Bytes of a file in which its header must end; assumed."""
 Cells = Sequence[Any]
-"""Of a row: texts, and numbers as `float` takes them."""
+"""Cells of a row: texts, and numbers as `float` takes them."""
 
 
 class Line:
@@ -102,15 +102,13 @@ def read_text(path: str | os.PathLike[str]) -> str:
     """The text of a file in UTF-8 or UTF-16, with line ends as they are."""
     refuse_pointer(path)
     try:
-        data = Path(path).read_bytes()
+        with opening(path, "a readable CSV file"):
+            data = Path(path).read_bytes()
         return data.decode(encoding_of(data))
     except UnicodeDecodeError as error:
         raise StictionError(
             f"{path}: byte {error.start} is not UTF-8: expected CSV text in UTF-8"
         ) from None
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{path}: {reason}: expected a readable CSV file") from None
 
 
 def read_lines(

@@ -26,7 +26,7 @@ _BETWEEN = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "blanks"}
 
 @dataclass(frozen=True)
 class Dialect:
-    """What is between the cells of a table, and before the decimals of its numbers."""
+    """Characters between the cells of a table, and before the decimals of its numbers."""
 
     delimiter: str
     """A blank stands for any white space."""

@@ -58,7 +58,7 @@ class Group:
     rows: Sequence[JsonRecord]
     """Cells by column, ``joint`` among them."""
     shared: Mapping[str, str] = field(default_factory=dict)
-    """What is said once for all joints."""
+    """Cells that are the same for all joints."""
     note: str = ""
     """A line at the head of the file."""
 

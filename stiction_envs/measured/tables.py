@@ -15,7 +15,7 @@ from dataclasses import asdict, astuple, dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.dither.aliasing import check_frequency
+from stiction_envs.dither.dither import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text
@@ -94,7 +94,7 @@ class AmplitudeRow:
 
 SJE_COLUMNS = tuple(f.name for f in fields(SJERow))
 BASE_COLUMNS = (*SJE_COLUMNS[:4], "tau_base_Nm")
-"""Of thesis table 4.3: robot, joint, pose and direction, and their base torque."""
+"""Columns of thesis table 4.3: robot, joint, pose and direction, and their base torque."""
 _ALL = tuple(f.name for f in fields(AmplitudeRow))
 AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL = _ALL[:3], _ALL[3:]
 

@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.plant.plant import raise_if_stopped
-
-Array = NDArray[np.float64]
 
 
 def rollout(
     model: mujoco.MjModel,
     qpos: Array,
     torque: Callable[[Array], Array],
-    steps: int,
+    chunks: Iterable[Array],
     *,
     record: Sequence[str] = ("qpos",),
-    chunk: int = 500,
     threads: int = 0,
 ) -> Iterator[dict[str, Array]]:
-    """Step N simulations of any model under applied joint torques, in chunks of ``chunk`` steps.
+    """Step N simulations of any model under applied joint torques, chunk by chunk.
 
     Args:
         model: the model; controls stay zero.
         qpos: (N, nq) start positions, at rest.
-        torque: of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m or N]. It is
-            asked once per chunk, so it may depend on the chunks before.
-        steps: steps in all.
+        torque: takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque
+            [N·m or N], which may depend on the chunks before.
+        chunks: the times of each chunk's steps [s].
         record: `MjData` fields.
-        chunk: steps between two calls of ``torque``.
         threads: threads, 0 for all processors.
 
     Yields:
@@ -46,9 +42,7 @@ def rollout(
     batch = Batch(model, len(qpos), threads)
     batch.bind("qpos")[:] = qpos
     applied = int(mujoco.mjtState.mjSTATE_QFRC_APPLIED)
-    for start in range(0, steps, chunk):
-        time = np.arange(start, min(start + chunk, steps), dtype=np.float64)
-        time *= model.opt.timestep
+    for time in chunks:
         out = batch.rollout(
             len(time), control=torque(time), control_spec=applied, record=tuple(record)
         )

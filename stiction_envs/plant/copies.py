@@ -16,7 +16,8 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 AnyArray = NDArray[Any]
 
 

@@ -11,21 +11,24 @@ library in the same order.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from llvmlite import binding
+from numba import types
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import Arguments, compiled
 from stiction_envs.plant.copies import CopiedBatch
-from stiction_envs.plant.in_c import copy, get_state, set_state, step1, step2
 
-Array = NDArray[np.float64]
-Addresses = NDArray[np.int64]
+Addresses = Index
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
-"""What a batch keeps of a simulation, in this order."""
+"""State of a simulation that a batch keeps, in this order."""
 SHARED_OUT = 0.625
 """Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
 less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
@@ -34,17 +37,33 @@ FEWEST = 4
 VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
+_InC = Callable[..., None]
+
+# compiled code finds the library's functions by their names, and can be cached
+binding.load_library_permanently(str(next(Path(mujoco.__file__).parent.glob("*mujoco.*"))))
+_pointer = types.intp
+_of_two = types.void(_pointer, _pointer)
+_of_state = types.void(_pointer, _pointer, _pointer, types.intc)
+step1: _InC = types.ExternalFunction("mj_step1", _of_two)
+step2: _InC = types.ExternalFunction("mj_step2", _of_two)
+fwd_position: _InC = types.ExternalFunction("mj_fwdPosition", _of_two)
+fwd_velocity: _InC = types.ExternalFunction("mj_fwdVelocity", _of_two)
+set_state: _InC = types.ExternalFunction("mj_setState", _of_state)
+get_state: _InC = types.ExternalFunction("mj_getState", _of_state)
+copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _pointer))
+
+
 class Loop(NamedTuple):
-    """What compiled code steps; addresses are those of memory that lives as long as the batch."""
+    """Arms for compiled code; addresses are of memory that lives as long as the batch."""
 
     model: int
-    """Of the model that the simulations use in turn."""
+    """Address of the model that the simulations use in turn."""
     data: Addresses
     """(N,) of each simulation's `MjData`."""
     rows: Addresses
     """(N,) of each simulation's state in the batch."""
-    going: NDArray[np.bool_]
-    """(N,) whether a simulation is stepped; the others stay as they are."""
+    going: Bools
+    """(N,) whether a simulation is stepped; the others do not change."""
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
     model, number of bytes."""
@@ -140,8 +159,8 @@ class LoopBatch(CopiedBatch):
         """Make parts for some threads, the largest first."""
         self.parts, self._loops = parts_of(self.nsim, threads), []
 
-    def step_only(self, going: NDArray[np.bool_]) -> None:
-        """Let simulations that are not ``going`` (N,) stay as they are where all are stepped."""
+    def step_only(self, going: Bools) -> None:
+        """Leave simulations that are not ``going`` (N,) unchanged where all are stepped."""
         self._begun &= not (going & ~self._going).any()
         self._going[:] = going
 
@@ -178,7 +197,7 @@ class LoopBatch(CopiedBatch):
 
     @property
     def loops(self) -> list[Arguments]:
-        """What `advance` steps, of each part; kinematics are those of the present state."""
+        """Arguments of `advance` for each part; kinematics are those of the present state."""
         fields = len(self._outputs) + len(self._inputs)
         if not self._loops or self._fields != fields:
             self._fields = fields

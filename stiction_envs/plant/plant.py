@@ -18,21 +18,18 @@ from collections.abc import Callable, Iterator
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import Arguments
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-CONTROL_DT = 1e-3
-"""Control step [s]."""
 SLOW_STEPS = 50
 """Control steps between two updates of load, warm-up and offset."""
 
@@ -124,9 +121,9 @@ class Plant:
     def joint_torque(self) -> Array:
         """(N, n) torque behind the gears in the last physics step, without gravity [N·m].
 
-        It is what a torque sensor there reads less the weight that the robot compensates: of an
-        elastic joint the spring's, of a rigid one what friction and rotor leave; what `offset`
-        balances is no part of it. Of a plant that is ``closed_loop``.
+        A torque sensor there reads this torque plus the weight that the robot compensates. In an
+        elastic joint it is the spring's torque, in a rigid one the motor's less friction and rotor;
+        the torque that `offset` balances is not included. For a plant that is ``closed_loop``.
         """
         s, field = self.sticking, self._batch.bind
         passive = field("qfrc_passive") - field("qfrc_gravcomp")
@@ -320,8 +317,8 @@ class Plant:
                 torque[:] = law()
                 step(nstep=self._substeps, stage=stage)
 
-    def step_only(self, going: NDArray[np.bool_]) -> None:
-        """Let simulations that are not ``going`` (N,) stay as they are while others `follow`."""
+    def step_only(self, going: Bools) -> None:
+        """Leave simulations that are not ``going`` (N,) unchanged while others `follow`."""
         if isinstance(self._batch, LoopBatch):
             self._batch.step_only(going)
 
@@ -332,11 +329,11 @@ class Plant:
 
     @property
     def compiled_loops(self) -> list[tuple[slice, Arguments]]:
-        """What a compiled feedback law steps all simulations with, part by part, in any order.
+        """Loops with which a compiled feedback law steps all simulations, in any order of parts.
 
-        Of each part which simulations it has; then their torques (M, n) [N·m], the loop of
-        `loop_batch.advance`, and its steps in a control step of 1 ms. Kinematics of the engine are
-        those of the present state. There is none where the law cannot be compiled.
+        For each part its simulations; their torques (M, n) [N·m], the loop of `loop_batch.advance`
+        and its steps in a control step of 1 ms. Kinematics of the engine are those of the present
+        state. The list is empty where the law cannot be compiled.
         """
         batch = self._batch
         if self._asymmetric or not isinstance(batch, LoopBatch) or not batch.parts:

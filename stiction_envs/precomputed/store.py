@@ -47,7 +47,7 @@ SHOWS = "plots.py"
 _PACKAGE = Path(__file__).parents[1]
 
 Values = dict[str, Any]
-"""Of a result by name: finite numbers, bools or nested lists of them."""
+"""A result by name: finite numbers, bools or nested lists of them."""
 _memory: dict[str, Values] = {}
 
 
@@ -86,7 +86,7 @@ def _feed(add: Callable[[bytes], None], part: object) -> None:
 
 
 def recall(kind: str, of: str) -> Values:
-    """Return what is stored of a result, by name; empty where it has to be computed.
+    """Return the stored part of a result, by name; empty where all must be computed.
 
     Args:
         kind: of result, such as ``poses``.
@@ -102,7 +102,7 @@ def recall(kind: str, of: str) -> Values:
 
 
 def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
-    """Add to what is stored of a result, in this process and in the user's cache.
+    """Add values to a stored result, in this process and in the user's cache.
 
     Args:
         kind: as in `recall`.
@@ -127,14 +127,19 @@ def forget() -> None:
     _memory.clear()
 
 
-def write(path: Path, values: Mapping[str, object], **about: str) -> None:
+def write(path: Path, values: Mapping[str, object], code: str = "") -> None:
     """Write one result at once; floats keep all their digits.
+
+    Args:
+        path: the file.
+        values: `Values`.
+        code: `code_digest` of a result in the user's cache.
 
     Raises:
         OSError: the file cannot be written.
     """
     lines = [f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
-    head = {**about, "sha256": digest(values)}
+    head = {"code": code, "sha256": digest(values)}
     text = "".join(f" {json.dumps(k)}: {json.dumps(v)},\n" for k, v in head.items())
     write_text_atomic(path, f'{{\n{text} "values": {{\n' + ",\n".join(lines) + "\n }\n}\n")
 

@@ -20,7 +20,7 @@ _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2em auto;padding:0 1em;color:#222}
 h1{font-size:1.7em}h2{margin-top:2em;border-bottom:1px solid #ddd;padding-bottom:.2em}
 img{max-width:100%;box-sizing:border-box;border:1px solid #eee}
-figure{margin:1em 0;overflow-x:auto}
+p:has(>img){overflow-x:auto}
 blockquote{margin:1em 0;padding:0 1em;border-left:3px solid #ccc}
 a{color:#1f5fa8}td a{white-space:nowrap}
 table{border-collapse:collapse;margin:1em 0;font-size:.9em;display:block;overflow-x:auto}
@@ -28,15 +28,13 @@ th,td{border:1px solid #ddd;padding:.25em .6em;text-align:left}th{background:#f6
 code{background:#f3f3f3;padding:0 .2em;overflow-wrap:anywhere}
 @media(max-width:600px){body{margin:1em auto}img{max-width:none;width:620px}}
 """
-_ANCHOR = re.compile(r'<a id="[a-z0-9-]+"></a>\n?')
 
 
 def to_html(lines: Sequence[str], folder: Path, title: str) -> str:
     """Return a page of a report's Markdown (CommonMark with tables).
 
     The page includes the pictures that are below the folder; other image links stay text. Headings
-    have GitHub's anchors. Of HTML, which a report may quote from names in a file, only anchors on
-    their own are kept; everything else is escaped.
+    have GitHub's anchors. HTML, which a report may quote from names in a file, is escaped.
 
     Args:
         lines: of Markdown.
@@ -57,7 +55,7 @@ def slug(words: str) -> str:
 
 
 class _Renderer(RendererHTML):
-    """CommonMark, with anchors of headings, included pictures and escaped HTML."""
+    """CommonMark, with anchors of headings and included pictures."""
 
     def heading_open(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
         if tokens[k].tag != "h1":
@@ -72,27 +70,6 @@ class _Renderer(RendererHTML):
         data = base64.b64encode(path.read_bytes()).decode()
         return f'<img alt="{alt}" src="data:image/png;base64,{data}">'
 
-    def paragraph_open(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
-        return (
-            "<figure>"
-            if _pictures(tokens[k + 1], env["folder"])
-            else self.renderToken(tokens, k, options, env)
-        )
-
-    def paragraph_close(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
-        if _pictures(tokens[k - 1], env["folder"]):
-            return "</figure>\n"
-        return self.renderToken(tokens, k, options, env)
-
-    def html_block(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
-        text = tokens[k].content
-        return text if _ANCHOR.fullmatch(text) else html.escape(text, quote=False)
-
-    def html_inline(self, tokens: Sequence[Token], k: int, options: Options, env: Env) -> str:
-        # an anchor on its own line is two of these tokens
-        text = "".join(t.content for t in tokens)
-        return tokens[k].content if _ANCHOR.fullmatch(text) else html.escape(tokens[k].content)
-
 
 def _picture(token: Token, folder: Path) -> Path | None:
     """Return the picture of an image; None where it is missing or not below the folder."""
@@ -101,12 +78,6 @@ def _picture(token: Token, folder: Path) -> Path | None:
     return path if ours and path.is_file() else None
 
 
-def _pictures(inline: Token, folder: Path) -> bool:
-    """Return whether a paragraph has pictures only."""
-    children = [t for t in inline.children or () if t.content.strip() or t.type == "image"]
-    return bool(children) and all(t.type == "image" and _picture(t, folder) for t in children)
-
-
 @cache
 def _markdown() -> MarkdownIt:
-    return MarkdownIt("commonmark", renderer_cls=_Renderer).enable("table")
+    return MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")

@@ -17,10 +17,11 @@ DPI = 130  # dots per inch of full pictures (assumed)
 SMALL_DPI = 100
 """Dots per inch of small pictures: 11 inches are the 1100 pixels of `html`'s page."""
 COLOURS = 48
-"""Of small pictures: three colours of line, their shades and edges (assumed; looks right)."""
+"""Colours of small pictures: three of lines, their shades and edges (assumed; looks right)."""
 
 LEVEL = 6
-"""Of zlib for small pictures: 9 takes six times as long for a tenth fewer bytes (measured)."""
+"""Level of zlib for small pictures: 9 takes six times as long for a tenth fewer bytes
+(measured)."""
 
 
 def save_full(figure: Figure, path: str | os.PathLike[str]) -> None:

@@ -21,7 +21,7 @@ OPTIONAL = ("cmaes", "numba", "scikit-learn", "torch")
 
 
 class Provenance(TypedDict):
-    """What ``provenance.json`` says of a run, as `provenance` makes it."""
+    """Contents of ``provenance.json``, as `provenance` makes them."""
 
     command: str
     arguments: dict[str, object]

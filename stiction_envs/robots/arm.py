@@ -15,14 +15,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.model_files import find_model
+from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, MODEL_FILES, ArmFiles, known_arm
+from stiction_envs.robots.registry import ARMS, ArmFiles, known_arm
 from stiction_envs.robots.stated import StatedJoints, nothing_stated
 from stiction_envs.robots.tables import (
     Limits,
@@ -74,7 +74,7 @@ class Arm:
     on_floor: bool
     """Whether the base stands on a floor, at z = 0 of the untilted world."""
     stated: StatedJoints
-    """What the robot's own file states of the joints beyond rigid links."""
+    """Physics of the joints that the robot's own file states beyond rigid links."""
     registered: bool
     """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
 
@@ -90,11 +90,6 @@ class Arm:
         Data of an arm are selected by it, never by `name`, which a user's file may share.
         """
         return self.name if self.registered else None
-
-    @property
-    def title(self) -> str:
-        """For headings."""
-        return self.name if self.registered_name is None else ARMS[self.registered_name].title
 
     @property
     def fingerprint(self) -> str:
@@ -193,8 +188,8 @@ def load_arm(
         robot: a name in `registry.ARMS`, a folder of MuJoCo Menagerie, a name of
             robot_descriptions (extra), or a path to an ``.xml``, ``.mjcf`` or ``.urdf``
             with one serial chain of 1 to 9 hinges. A TOML of the same stem may give
-            limits, rest pose and interface, in the tables of ``panda.toml``; what is in neither
-            is assumed (``generic.toml``). A copy of an arm of the package is that arm.
+            limits, rest pose and interface, in the tables of ``panda.toml``; other
+            numbers are assumed (``generic.toml``). A copy of an arm of the package is that arm.
         payload: mass [kg] and centre of mass x, y, z [m] in the flange frame; its inertia is that
             of a solid sphere of 0.03 m radius (assumed). Mass 0 adds nothing.
         tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
@@ -208,7 +203,8 @@ def load_arm(
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
     load = _payload(payload)
-    roll_pitch = _numbers(tilt, 2, "tilt", "roll and pitch in rad")
+    expected = "2 finite numbers, roll and pitch in rad"
+    roll, pitch = checked_array(tilt, "tilt", (2,), expected=expected).tolist()
     ends = check_chain(robot, chain)
     known = known_arm(robot) if ends is None else None
     if known is None:
@@ -217,39 +213,29 @@ def load_arm(
         fields = _shipped(known) if known.shipped else read_user_arm(known.model)
 
     root = ET.fromstring(fields["xml"])
-    if any(roll_pitch):
-        mjcf.tilt_base(root, fields["link_names"][0], (roll_pitch[0], roll_pitch[1]))
+    if roll or pitch:
+        mjcf.tilt_base(root, fields["link_names"][0], (roll, pitch))
     if load is not None and load[0] > 0:
         mjcf.add_payload(root, fields["end_effector"], load, payload_radius())
-    if any(roll_pitch) or load is not None:
+    if roll or pitch or load is not None:
         fields["xml"] = ET.tostring(root, encoding="unicode")
     fields["rest"].flags.writeable = False
     registered = known is not None
-    return Arm(**fields, registered=registered, payload=load, tilt=(roll_pitch[0], roll_pitch[1]))
-
-
-def _numbers(value: Sequence[float], n: int, what: str, meaning: str) -> tuple[float, ...]:
-    try:
-        out = tuple(float(v) for v in value)
-    except (TypeError, ValueError):
-        raise StictionError(f"{what} {value!r}: expected {n} numbers, {meaning}") from None
-    if len(out) != n or not np.isfinite(out).all():
-        raise StictionError(f"{what} {value!r}: expected {n} finite numbers, {meaning}")
-    return out
+    return Arm(**fields, registered=registered, payload=load, tilt=(roll, pitch))
 
 
 def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, float] | None:
     if payload is None:
         return None
-    meaning = "mass in kg, centre of mass x y z in m"
-    mass, x, y, z = _numbers(payload, 4, "payload", meaning)
+    expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
+    mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
     if mass < 0:
         raise StictionError(f"payload mass {mass:g} kg: must not be negative")
     return mass, x, y, z
 
 
 def _shipped(files: ArmFiles) -> Table:
-    """Fields as of `read_user_arm`; the package's MJCF is bare and taken as it is, bit for bit."""
+    """Fields as of `read_user_arm`; the package's MJCF is bare and taken bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
@@ -296,14 +282,14 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
 def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
     """Fields of an arm that is not registered, as of `read_user_arm`."""
     path = Path(find_model(robot)).expanduser()
-    if path.suffix.lower() not in MODEL_FILES:
+    if path.suffix.lower() not in ENDS:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])
     if not path.is_file():
         raise StictionError(f"{path}: no such file")
     files = (path, path.with_suffix(".toml"))
     content = [x.read_bytes() if x.is_file() else b"" for x in files]
     fields = dict(_read_once(path, chain, *content))
-    if fields["name"] in ARMS:  # tables, models and headings tell arms by name
+    if fields["name"] in ARMS:  # tables, models and headings identify arms by name
         fields["name"] = path.name
     return fields
 

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import clarabel
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.regressor import consistent, from_pseudo_inertia, pseudo_inertia
 
-Array = NDArray[np.float64]
 _PAIRS = [(a, b) for a in range(4) for b in range(a + 1)]
 _UNITS = np.zeros((10, 4, 4))
 for _k, (_a, _b) in enumerate(_PAIRS):
@@ -27,7 +26,8 @@ ROUND_BODY = 0.05
 """Part of a round body of the link's own mass and size in the unit of its deviations [-]; assumed.
 Without it a thin nominal body could not become thicker."""
 LEAST_EIGENVALUE = 1e-6
-"""Of pseudo-inertias in units of the nominal link's [-]; assumed: a body must have an extent."""
+"""Least eigenvalue of pseudo-inertias, in units of the nominal link's [-]; assumed: a body has an
+extent."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

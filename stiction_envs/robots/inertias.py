@@ -7,13 +7,12 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Arm, mjcf
 from stiction_envs.robots.regressor import consistent, inertial_parameters
 
-Array = NDArray[np.float64]
 EXACT = 1e-9
 """Largest relative difference between the new model's parameters and those given [-] (assumed)."""
 
@@ -28,9 +27,7 @@ def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
     Raises:
         StictionError: parameters of another number of links, or physically inconsistent ones.
     """
-    p = np.asarray(phi, dtype=np.float64)
-    if p.shape != (arm.n, 10) or not np.isfinite(p).all():
-        raise StictionError(f"inertias of shape {p.shape}: expected ({arm.n}, 10) finite numbers")
+    p = checked_array(phi, "inertias", (arm.n, 10))
     impossible = np.flatnonzero(~consistent(p))
     if len(impossible):
         names = ", ".join(arm.link_names[i] for i in impossible)

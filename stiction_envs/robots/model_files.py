@@ -27,7 +27,7 @@ _DESCRIPTION = re.compile(r"\w+_description")
 
 
 def find_model(robot: str | Path) -> str | Path:
-    """Return the file of an arm that is named by a folder or a description; else what is given.
+    """Return the file of an arm that a folder or a description names; else ``robot``.
 
     Raises:
         StictionError: a folder without one arm, or a description that is not in the cache.
@@ -100,7 +100,7 @@ def described(name: str) -> Path:
 
 
 def _only_cached(name: str, repositories: Descriptions) -> Callable[..., str]:
-    """Return what stands in for `clone_to_cache`: it finds repositories, and clones none."""
+    """Return a `clone_to_cache` that finds repositories in the cache, and clones none."""
 
     def cached(repository: str, commit: str | None = None) -> str:
         own = os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")

@@ -20,8 +20,6 @@ from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.tables import Table, read_toml
 
 PACKAGE = Path(__file__).resolve().parents[1]
-MODEL_FILES = ENDS
-"""Endings of files that describe an arm."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
         StictionError: no arm there, an unreadable TOML, or a name that is taken.
     """
     room = Path(folder).expanduser().resolve() / "robots"
-    files = sorted(p for p in room.glob("*") if p.suffix.lower() in MODEL_FILES)
+    files = sorted(p for p in room.glob("*") if p.suffix.lower() in ENDS)
     found = [ArmFiles(p.stem, p) for p in files if p.with_suffix(".toml").is_file()]
     if not found:
         raise StictionError(f"{room}: no arm: expected NAME.xml and NAME.toml")
@@ -139,7 +137,7 @@ def _same_files(path: Path, arm: ArmFiles) -> bool:
 
 
 def robot_files(robot: str | Path) -> dict[str, Path]:
-    """Return the files of a robot by name or path, as far as they are there.
+    """Return the files of a robot by name or path that exist.
 
     Returns:
         ``robot``: MJCF or URDF; ``robot_table``: the TOML of the same stem.

@@ -13,12 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import qr, solve_triangular
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array, Bools, Index
+
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-"""Of one link, in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
+"""Parameters of one link in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
 RANK = 1e-8
 """Singular values, over the largest, that count as zero [-] (assumed)."""
 _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
@@ -35,7 +36,7 @@ def inertial_names(n: int) -> tuple[str, ...]:
 
 
 def inertial_parameters(model: pin.Model) -> Array:
-    """Return (n, 10) parameters of the links, what is fixed to them included."""
+    """Return (n, 10) parameters of the links, with all bodies fixed to them."""
     return np.array([inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]])
 
 
@@ -74,7 +75,7 @@ def from_pseudo_inertia(j: ArrayLike) -> Array:
     return np.array(bodies).reshape(*a.shape[:-2], 10)
 
 
-def consistent(phi: ArrayLike) -> NDArray[np.bool_]:
+def consistent(phi: ArrayLike) -> Bools:
     """Return (...,) whether bodies of parameters (..., 10) can exist."""
     return np.asarray(np.linalg.eigvalsh(pseudo_inertia(phi))[..., 0] > 0)
 
@@ -85,9 +86,9 @@ class BaseSet:
 
     names: tuple[str, ...]
     """(p,) of all parameters."""
-    kept: NDArray[np.int64]
+    kept: Index
     """(r,) parameters whose columns are independent, in order."""
-    dropped: NDArray[np.int64]
+    dropped: Index
     """(p − r,) parameters whose columns are sums of the kept ones, or zero."""
     grouping: Array
     """(r, p − r) K."""

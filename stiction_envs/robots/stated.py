@@ -15,11 +15,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 
-Array = NDArray[np.float64]
 # columns of actuator_biasprm and actuator_dynprm that hold LuGre friction (sources.md 3.5)
 COULOMB, STICTION, STRIBECK = 3, 4, 5
 BRISTLE_STIFFNESS = 5
@@ -38,7 +37,7 @@ TAKEN = {
         *("explicitinertial", "gravcomp", "childclass", "mocap", "simple", "fuse"),
     ),
 }
-"""Attributes of MjSpec that are used, or that the line on actuators tells in its own words."""
+"""Attributes of MjSpec that are used, or that the clause on actuators names."""
 _JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 DISABLING = tuple(
     f"mjDSBL_{x}" for x in ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS", "ACTUATION", "EQUALITY")
@@ -52,7 +51,7 @@ URDF_TAGS = ("transmission", "ros2_control", "gazebo", "safety_controller", "cal
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StatedJoints:
-    """What the file of an arm of n joints states; arrays (n,), zero where it states nothing."""
+    """Physics that the file of n joints states; arrays (n,), zero where the file is silent."""
 
     armature: Array
     """Rotor inertia at the joint [kg·m²]; of actuators times their gear squared."""
@@ -76,9 +75,9 @@ class StatedJoints:
     """Slides between base and flange that are held still: their place among the hinges and them,
     from 0, and their name."""
     changed: tuple[str, ...] = ()
-    """What is not as in the file, one clause each."""
+    """Clauses on numbers that were changed."""
     left: tuple[str, ...] = ()
-    """What is left out of the file, one clause each."""
+    """Clauses on parts of the file that were left out."""
 
     @property
     def dry(self) -> bool:
@@ -96,7 +95,7 @@ class StatedJoints:
         return bool(self.stiffness.any()) or bool(self.gravcomp)
 
     def line(self, used: bool = True) -> str:
-        """Return what is taken and what is left, in one line; empty where there is nothing of it.
+        """Return one line on the numbers taken and left; empty where the file states nothing.
 
         Args:
             used: whether friction, springs and gravity compensation are taken; rotors always are.
@@ -121,20 +120,20 @@ class StatedJoints:
 
 
 def without_springs(stated: StatedJoints) -> StatedJoints:
-    """Return what is stated but for springs and gravity compensation."""
+    """Return the stated physics without springs and gravity compensation."""
     zero = np.zeros_like(stated.stiffness)
     return replace(stated, stiffness=zero, springref=zero, gravcomp={})
 
 
 def nothing_stated(n: int) -> StatedJoints:
-    """Return what a file of a bare rigid arm of n joints states."""
+    """Return the stated physics of a bare rigid arm of n joints: none."""
     names = ("armature", "stiction", "coulomb", "stribeck", "bristle", "damping", "stiffness")
     zeros: dict[str, Any] = {k: np.zeros(n) for k in (*names, "springref")}
     return StatedJoints(**zeros, gravcomp={})
 
 
 def dry_friction(
-    model: mujoco.MjModel, ids: Sequence[int] | NDArray[np.int64]
+    model: mujoco.MjModel, ids: Sequence[int] | Index
 ) -> tuple[Array, Array, Array, Array]:
     """Return (n,) F_s and F_c [N·m], v_s [rad/s] and σ0 [N·m/rad] of some joints of a model.
 
@@ -163,14 +162,14 @@ def read_stated(
     changed: Sequence[str],
     left: Sequence[str],
 ) -> StatedJoints:
-    """Return what a file states of some joints.
+    """Return the physics that a file states of some joints.
 
     Args:
         spec: of the file, all its parts named; before anything is deleted.
         model: compiled from it.
         names: the arm's joints, base to flange.
         held: slides that are held still between them.
-        changed: clauses on what is not as in the file.
+        changed: clauses on numbers that were changed.
         left: clauses on what was left out before.
     """
     ids = [model.joint(name).id for name in names]

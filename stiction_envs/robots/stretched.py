@@ -7,11 +7,10 @@ P. Wensing, "Smooth parameterization of rigid-body inertia", IEEE RA-L 2022).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.robots.regressor import from_pseudo_inertia, pseudo_inertia
 
-Array = NDArray[np.float64]
 _STRETCHES = np.zeros((10, 4, 4))
 _STRETCHES[0] = 0.5 * np.eye(4)
 _STRETCHES[[1, 2, 3], [0, 1, 2], 3] = 1.0

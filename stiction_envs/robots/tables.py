@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 
 MOUNTINGS = ("floor", "free")
 PLACEHOLDER = 0.2
@@ -107,7 +107,7 @@ def on_floor(table: Mapping[str, object], where: str) -> bool:
 
 
 def hand_yaw(table: Mapping[str, object], where: str) -> float:
-    """Turn of the hand's frame from the flange's about its z [rad], ``generic.toml``'s if not said.
+    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s.
 
     Raises:
         StictionError: not a finite number.
@@ -126,14 +126,8 @@ def per_joint(value: object, shape: tuple[int, ...], where: str) -> NDArray[np.f
     Raises:
         StictionError: not numbers, another number of joints, or NaN.
     """
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise StictionError(f"{where}: {value!r} is not a list of numbers") from None
-    except OverflowError:
-        raise StictionError(f"{where}: a number of hundreds of digits: expected less") from None
-    if array.ndim and array.shape != shape:
-        raise StictionError(f"{where}: shape {array.shape}, but the arm needs {shape}")
+    lone = np.ndim(value) == 0  # type: ignore[arg-type]
+    array = checked_array(value, where, () if lone else shape, finite=False)
     if np.isnan(array).any():
         raise StictionError(f"{where}: contains NaN")
     return np.array(np.broadcast_to(array, shape))

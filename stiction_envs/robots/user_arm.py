@@ -179,7 +179,7 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list[str]]:
-    """Spec of the file, the joint speeds [rad/s] that a URDF names, what is changed and left out.
+    """Spec of the file, joint speeds [rad/s] of a URDF, and clauses on changes and omissions.
 
     Unnamed bodies and joints get a name, so that XML and compiled model can be matched.
     """
@@ -332,7 +332,7 @@ def _flange(
 ) -> tuple[str, str | None]:
     """Site name of the flange, and the body to which it has to be added, if it is new.
 
-    A well-known site name on the last link or what is fixed to it wins, then a fixed link of such
+    A well-known site name on the last link or a body fixed to it wins, then a fixed link of such
     a name (URDF), then any site of the last link, then the last link's own frame.
     """
     tail = [

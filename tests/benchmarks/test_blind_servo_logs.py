@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.servo.blind_servo_logs import ROBOTS, STUDY, drawn, page, robot_file, score, search
+from benchmarks.servo.blind_servo_logs import STUDY, drawn, page, robot_file, score, search
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
@@ -44,8 +44,7 @@ def test_the_page_counts(tmp_path: Any) -> None:
     assert "| 1 | so101 | delay 2 | delay 2, damping 1 | 20.0 | 2.0 |" in text
 
 
-def test_every_robot_is_there_and_every_fourth_log_hides_nothing() -> None:
-    assert all(load_arm(robot_file(name)).n >= 6 for name in ROBOTS)
+def test_every_fourth_log_hides_nothing() -> None:
     causes = [drawn(k)[1] for k in range(40)]
     assert [not c for c in causes] == [k % 4 == 0 for k in range(40)]
     assert {len(c) for c in causes} == {0, 1, 2, 3}

@@ -26,17 +26,6 @@ def test_frictionloss_creeps_at_default_settings_and_holds_at_the_hardest(tmp_pa
     assert abs(lugre[-1] - command[0]).min() > 3e-3
 
 
-def test_a_command_acts_after_its_delay(tmp_path):
-    arm, _ = servo_arm(tmp_path, stiction=0.0)
-    xml, _ = servo_mjcf(arm, joint_parameters(stiction=0.0), LOAD)
-    model, t = mujoco.MjModel.from_xml_string(xml), np.arange(0.0, 2.0, 0.02)
-    command = np.stack([np.where(t < 1.0, 0.0, 0.4), 0.0 * t], axis=1)
-    log = ServoLog(source="a", t=t, q=0 * command, dq=None, q_cmd=command)
-    now, late = (study.follow(model, log, np.full(2, d)) for d in (0.0, 0.1))
-    np.testing.assert_allclose(late[55:, 0], now[50:-5, 0], atol=5e-3)
-    assert abs(now[55, 0] - late[55, 0]) > 0.05
-
-
 def test_the_page_has_every_model_and_both_groups(tmp_path):
     names = (study.OBEYS, study.LUGRE, study.DEFAULT, study.HARD, study.PLANT)
     errors = {

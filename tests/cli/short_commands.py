@@ -15,12 +15,12 @@ BASE_TWO = "robot,joint,load,direction,tau_base_Nm\n" + "".join(
 TRAINING = """
 [ppo]
 envs = 4
-rollout = 8
-batch_size = 16
-network = [16]
+arguments.n_steps = 8
+arguments.batch_size = 16
+arguments.policy_kwargs.net_arch = [16]
 [sac]
 envs = 4
-learning_starts = 16
+arguments.learning_starts = 16
 [run]
 evaluation_every = 32
 evaluation_episodes = 2

@@ -23,9 +23,6 @@ FILES = {
     "strong.csv": f"{HEADER}7,15,{LIMIT + 0.1}\n",
     "fast.csv": f"{HEADER}7,1001,0.1\n",
     "fast_iiwa.csv": f"{HEADER}7,201,0.1\n",
-    "text.csv": f"{HEADER}7,fast,0.1\n",
-    "empty.csv": "",
-    "binary.csv": b"\x89PNG\r\n\x1a\n\x00\xff\xfe",
     # other tables
     "base_short.csv": f"{BASE}panda,1,load,+,0.5\n",
     "base_robot.csv": f"{BASE}ur5,1,load,+,0.5\n",
@@ -33,7 +30,6 @@ FILES = {
     "told_other.csv": f"{TOLD}iiwa7,1,load,+,15,0.5,0.7\n",
     "told_units.csv": f"{TOLD}panda,1,load,+,15,0.5,700\n",
     "path_columns.csv": "x,y\n0.03,0\n",
-    "path_no_goal.csv": "x,y,z\n",
     "gains8.csv": "joint,gain_nm\n8,0.5\n",
     "gains-.csv": "joint,gain_nm\n1,-0.5\n",
     "notes.csv": "a,b\n1,2\n",
@@ -81,13 +77,7 @@ BAD = {
         "--payload nan 0 0 0": "finite",
         "--payload -1 0 0 0": "negative",
         "--payload 1": "4 arguments",
-        "--iterations -1": "whole numbers from 1",
-        "--seed -1": "whole numbers from 0",
-        "--slots 0": "whole numbers from 1",
-        "--controller-rate 0": "above 0",
         "--controller-rate 300": "divisors of 1000",
-        "--lowpass -1": "from 0",
-        "--friction nowhere.toml": "nowhere.toml",
         "--friction {no.toml}": "not a TOML file",
         "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",
         "--sensing {friction.toml}": "expected a table [sensing]",
@@ -100,32 +90,20 @@ BAD = {
         "{fast.csv}": "at most 1000 Hz",
         "{good.csv} --controller-rate 10": "at most 10 Hz",
         "{good.csv} --joint 1 2": "tested are 1, 2",
-        "{text.csv}": "'fast'",
-        "{empty.csv}": "empty file",
-        "{binary.csv}": "UTF-8",
-        "nowhere.csv": "nowhere.csv",
-        ".": "readable CSV",
     },
     "gte": {
         f"ur5 {TRIANGLE}": ROBOTS,
-        f"{{broken.xml}} {TRIANGLE}": "not a readable MJCF",
-        f"iiwa7 {TRIANGLE} --dither {{fast_iiwa.csv}}": "at most 200 Hz",
         "panda --stiffness 200 20 0": "--trajectory",
         "panda --trajectory triangle": "--stiffness",
     },
     "gte panda --stiffness 200 20 0 --trajectory": {
         "nowhere.csv": "nowhere.csv",
         "{path_columns.csv}": "missing column 'z'",
-        "{path_no_goal.csv}": "no rows",
-        "{empty.csv}": "empty file",
     },
     "gte panda --trajectory triangle --stiffness": {
         "200 -20 0": "from 0",
-        "nan 20 0": "finite",
-        "200 20": "3 arguments",
     },
     f"gte panda {TRIANGLE}": {
-        "--dither {empty.csv}": "empty file",
         f"{DITHER} --gate-velocity 0": "above 0",
         f"{DITHER} --waveform sawtooth": "sawtooth",
         f"{DITHER} --phases all": "'all'",
@@ -140,8 +118,6 @@ BAD = {
         "--start 0 0.2": "2 angles: expected 7",
         "--start 0 0 3 -2 0 1.5 0": "joint 3: 3 rad",
         "--tool 0 0 inf": "finite",
-        "--compensate-payload -1 0 0 0": "negative",
-        "--compensate-tilt 0.1": "2 arguments",
         "--sensing human": "sensing human: expected ideal, robot, or a TOML that is there",
     },
     "calibrate": {
@@ -180,13 +156,10 @@ BAD = {
         "--compensation push": "expected objective gte or both",
         "--pareto --sampler gp": "two objectives",
         "--search waveform --sampler cmaes": "waveforms",
-        "--evaluations 0": "from 1",
         "--bounds nowhere.toml": "nowhere.toml",
         "--bounds {bounds_key.toml}": "'amplitude'",
         "--bounds {bounds_band.toml}": "leaves no frequency",
         "--objective gte --bounds {bounds_slow.toml}": "15 Hz",
-        "--limit nowhere.csv": "nowhere.csv",
-        "--beside {strong.csv}": "torque limit",
         "--storage study.txt": "expected a URL",
         "--storage postgresql+psycopg://me:secret@127.0.0.1:1/none": (
             "storage postgresql+psycopg://me:***@127.0.0.1:1/none"
@@ -207,7 +180,6 @@ BAD = {
     },
     "conformance": {
         "atlas": "no such file, and no robot of that name",
-        "''": "no such file, and no robot of that name",
         "{lugre.xml} --stiction -1": "finite numbers from 0",
         "{lugre.xml} --stiction 1 2": "1 hinges",
         "{lugre.xml} --engine bullet": "expected one of mujoco, warp, mjx, newton",
@@ -216,11 +188,6 @@ BAD = {
     "excite": {
         "ur5": ROBOTS,
         "panda --harmonics 1": "whole numbers from 2",
-        "panda --periods 0": "whole numbers from 1",
-        "panda --base-frequency 0": "above 0",
-        "panda --rate nan": "above 0",
-        "panda --clearance -1": "from 0",
-        "panda --payload -1 0 0 0": "negative",
     },
     "identify": {
         "missing.csv --robot panda": "missing.csv: no such file",
@@ -232,7 +199,6 @@ BAD = {
     },
     "check": {
         "": "FILE",
-        "nowhere.csv": "nowhere.csv: no such file",
         ".": ".: a directory: expected a torque table or a joint log, or a folder of ROS 2",
         "{notes.csv}": "neither a torque table nor a joint log",
         "{good.csv} --robot robbie": "unknown robot 'robbie'",
@@ -246,8 +212,7 @@ CASES = [(f"{a} {b}".strip(), says) for a, ends in BAD.items() for b, says in en
 def test_bad_input(refused, inputs, line, says):
     for name, content in FILES.items():
         if f"{{{name}}}" in line:
-            data = content if isinstance(content, bytes) else content.encode()
-            (inputs / name).write_bytes(data)
+            (inputs / name).write_text(content)
     assert says in refused(*shlex.split(line))
 
 

@@ -108,7 +108,9 @@ def test_standard_output_on_a_full_disk(tmp_path, monkeypatch):
     """Where it is buffered: what is left in the buffer is an error again when Python ends."""
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
-    argv = [sys.executable, "-c", code, "export", "panda", "--out", tmp_path / "a"]
+    table = tmp_path / "final.csv"
+    table.write_text("joint,frequency_hz,amplitude_nm\n7,15,0.1\n")
+    argv = [sys.executable, "-c", code, "check", table]
     with open("/dev/full", "w") as full:
         ran = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ran.returncode == 1

@@ -6,7 +6,6 @@ Only ``mujoco.mj_step`` runs the models here.
 from __future__ import annotations
 
 import csv
-import dataclasses
 import json
 from pathlib import Path
 
@@ -15,7 +14,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.experiments.conformance import conformance
-from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
@@ -138,9 +137,7 @@ def test_kinds_and_engines(cli, two, work, options, kind, has):
 def test_exported_frictionloss_does_not_creep_in_mujoco(cli, two):
     """By noslip; without it the hardest settings still creep, a hundredth of the default's."""
     assert cli("export", two, "--friction", "frictionloss", "--out", "a").code == 0
-    short = dataclasses.replace(
-        experiment_settings().conformance, hold_time=4.0, watched_time=1.0, rise_time=2.0
-    )
+    short = ConformanceSettings(hold_time=4.0, watched_time=1.0, rise_time=2.0)
     assert conformance("a/model.xml", settings=short, rates=()).passed
     creep = []
     for solver in ("hardest", "default"):

@@ -87,7 +87,7 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (out / "bounds.toml").write_text(
         "[all]\nfrequency_hz = [15.0, 80.0]\n[joint.1]\namplitude_nm = [0, 1]\n"
     )
-    (out / "settings.toml").write_text("[ppo]\nrollout = 16\n")
+    (out / "settings.toml").write_text("[ppo]\narguments.n_steps = 16\n")
     rng = np.random.default_rng(0)
     t, q, dq, _ = motion(2, seconds=8.0)
     tau = 0.5 * np.sign(dq) + 0.1 * rng.normal(size=dq.shape)

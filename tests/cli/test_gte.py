@@ -110,6 +110,7 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 
+@pytest.mark.slow
 def test_compensation_of_a_file(cli, work, path):
     """What the tuner writes, alone and with its dither, is what Python makes of it, to the bit."""
     path.write_text("x,y,z\n0.02,0,0\n")
@@ -130,6 +131,7 @@ def test_compensation_of_a_file(cli, work, path):
     assert [tuple(r.values()) for r in read(work / "kind" / "runs.csv")] == rows["final.yaml"]
 
 
+@pytest.mark.slow
 def test_same_run_gives_the_same_bytes(cli, work, path, table):
     own = ["--trajectory", path, *QUICK, "--dither", table, "--seed", 4]
     for name, options in (("a", []), ("b", ["--threads", 1])):
@@ -138,6 +140,7 @@ def test_same_run_gives_the_same_bytes(cli, work, path, table):
     assert files[0] == files[1]
 
 
+@pytest.mark.slow
 def test_arm_of_two_joints(cli, work, two, path):
     """Singular all the time: said, and no NaN."""
     ran = cli("gte", two, "--trajectory", path, *QUICK, "--out", "a")
@@ -146,27 +149,18 @@ def test_arm_of_two_joints(cli, work, two, path):
     assert all(math.isfinite(float(r["rms"])) for r in read(work / "a" / "errors.csv"))
 
 
-def test_goals_not_reached_are_counted(cli, work, path):
-    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
-    path.write_text("x,y,z\n0.06,0,0\n0,0.06,0\n")
-    ran = cli("gte", "panda", *own, "--out", "a")
-    assert ran.code == 0
-    assert "2 goals left beyond the tolerance" in ran.out
-    assert read(work / "a" / "runs.csv")[0]["goals_missed"] == "2"
-
-
 def test_unfinished_runs_fail(cli, work, path, monkeypatch):
     """A generator that waits for ever, and an arm that cannot come: exit code 1, files written."""
     monkeypatch.setattr(experiment, "MotionLimits", partial(MotionLimits, patience=math.inf))
     protocol = gte_protocol.load_gte_protocol().replace(patience=1.0)
     monkeypatch.setattr(experiment, "load_gte_protocol", lambda: protocol)
     path.write_text("x,y,z\n0.06,0,0\n")
-    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 2]
+    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
     ran = cli("gte", "panda", *own, "--out", "a", "--json")
     assert ran.code == 1
     assert len(ran.lines) == 1
-    assert "2 iterations never reached their last goal" in ran.lines[0]
-    assert json.loads(ran.out)["runs"][0]["unfinished"] == 2
+    assert "1 iterations never reached their last goal" in ran.lines[0]
+    assert json.loads(ran.out)["runs"][0]["unfinished"] == 1
     assert (work / "a" / "errors.csv").is_file()
 
 

@@ -20,7 +20,7 @@ from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, sliding, write_csv
 from tests.measured.checks.test_checks import sje, write_sje
-from tests.measured.logs.ros_bags import joint_states, merged, write_bag
+from tests.measured.logs.ros_bags import joint_states, write_bag
 
 
 @pytest.fixture
@@ -121,20 +121,6 @@ def test_diagnose_and_identify_a_bag(cli, two, log, bag, work):
     assert "my_joint1, my_joint2" in (work / "bag/report.md").read_text()
 
 
-def test_options_reach_the_reader(cli, two, values, inputs):
-    names = ("shoulder", "elbow")
-    states = joint_states(values, names, topic="/a")
-    other = joint_states(values, names, topic="/b")
-    path = write_bag(inputs / "log", "mcap", merged(states, other))
-    ran = cli("check", path, "--robot", two)
-    assert ran.code == 1
-    assert "several topics with states of joints: /a, /b: expected one; name the topic" in ran.out
-    ran = cli("check", path, "--robot", two, "--topic", "/a")
-    assert "its joints are elbow, shoulder: expected names" in ran.out
-    ran = cli("check", path, "--robot", two, "--topic", "/a", "--joints", *names)
-    assert ran.code == 0, ran.out + ran.err
-
-
 # ---- a kind of log from outside the package ------------------------------------------------------
 
 
@@ -189,22 +175,9 @@ def test_a_format_from_outside_is_read_by_library_and_commands(cli, inputs, two,
         with pytest.raises(StictionError, match="expected"):
             registry.register(Semicolons() if path == semi else MINE)
         assert cli("check", path, "--robot", two).code == 0
-        ran = cli("diagnose", path, "--robot", two, "--out", path.stem, "--force")
-        assert ran.code == 0, ran.err
 
 
 # ---- servo logs, and angles in other units -------------------------------------------------------
-
-
-def test_check_a_servo_log_and_its_drive(cli, inputs, values):
-    t, q, _, tau = np.split(values, [1, 3, 5], axis=1)
-    header = "t,q_cmd1,q_cmd2,q1,q2,tau1,tau2"
-    path = inputs / "both.csv"
-    table = np.column_stack([t, q + 0.01, q, tau])
-    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
-    assert "columns not used: 'q_cmd1', 'q_cmd2'" in cli("check", path).out
-    assert cli("check", path, "--drive", "position").out == "nothing wrong\n"
-    assert cli("check", path, "--drive", "pneumatic").code == 2
 
 
 def test_units_reach_the_reader(cli, inputs, values, two, work):

@@ -13,7 +13,7 @@ from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
 from tests.gap.small_logs import dry, hidden, write_csv
 
-FILES = {"rehearsal.csv", "rehearsal_runs.json", "provenance.json"}
+FILES = {"rehearsal.csv", "rehearsal_runs.jsonl", "provenance.json"}
 COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
 
 
@@ -32,6 +32,7 @@ def call(log, two):
     return ("diagnose", "--rehearse", log, "--robot", two, *causes)
 
 
+@pytest.mark.slow
 def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     ran = cli(*call, "--out", "a")
     assert ran.code == 0, ran.err

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from stiction_envs.envs.render import offscreen
+from stiction_envs.envs.render import arm_scene
 from stiction_envs.envs.render import video as videos
 from stiction_envs.experiments.gte import experiment
 from tests.envs.helpers import sprint
@@ -38,10 +38,8 @@ def written(monkeypatch):
     return written
 
 
-@pytest.mark.parametrize(
-    "command",
-    [pytest.param(SJE, id="sje"), pytest.param(GTE, id="gte", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [SJE, GTE], ids=["sje", "gte"])
 def test_results_are_the_same_bytes_with_and_without(cli, work, written, dither, command):
     command = [*command, "--dither", dither, "--seed", 3]
     assert cli(*command, "--out", "a").code == 0
@@ -81,7 +79,7 @@ def test_no_opengl_is_said_before_the_work(refused, monkeypatch):
     def none(name):
         raise RuntimeError("no libEGL")
 
-    monkeypatch.setattr(offscreen, "_context_class", none)
+    monkeypatch.setattr(arm_scene, "_context_class", none)
     assert "rendering needs OpenGL" in refused(*GTE, "--out", "a", "--video")
 
 

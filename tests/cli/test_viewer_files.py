@@ -20,6 +20,7 @@ def log(two, inputs):
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_is_written_with_the_report(cli, two, log, work):
     """In the output folder, which lists it."""
     ran = cli("diagnose", log, "--robot", two, "--out", "a", "--rrd", "a/x.rrd")

@@ -115,12 +115,12 @@ def episode(env: gym.Env, action: Any, **reset: Any) -> list[tuple]:
     return steps
 
 
-def tiled(
-    monkeypatch: pytest.MonkeyPatch, kind: Kind, per_tile: int, count: int, **more: Any
+def divided(
+    monkeypatch: pytest.MonkeyPatch, kind: Kind, per_batch: int, count: int, **more: Any
 ) -> Any:
-    """Return environments whose tiles have at most ``per_tile`` arms, on one thread by default."""
+    """Return environments in batches of at most ``per_batch`` arms, on one thread by default."""
     with monkeypatch.context() as m:
-        m.setattr(kind.batch.episodes, "arms_per_tile", per_tile)
+        m.setattr(kind.batch.episodes, "arms_per_batch", per_batch)
         return kind.make_vec(count, **{"threads": 1, "fixed_options": kind.options, **more})
 
 

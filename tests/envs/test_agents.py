@@ -8,11 +8,10 @@ import pytest
 
 from stiction_envs.envs.agents import (
     AGENTS,
+    RULE_FACTOR,
     ConstantTable,
     GatedTable,
-    NoDither,
     TorqueRule,
-    agent_settings,
 )
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
@@ -43,10 +42,6 @@ def test_every_agent_stays_in_the_space_alone_and_in_a_batch(kind, agent):
     assert all(a in env.action_space for a in actions)
     one, _ = AGENTS[agent](env).predict(rows[7])
     assert np.array_equal(one, actions[7])
-
-
-def test_no_dither_is_no_dither(env):
-    assert np.array_equal(NoDither(env).predict(seen(env))[0], env.action_space.low)
 
 
 def test_a_constant_table_is_the_table(env, tmp_path):
@@ -80,7 +75,7 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
         return float(agent.predict(row)[0][0])
 
     assert amplitude(0.0) == 0.0
-    most = agent_settings().rule_factor * 0.5
+    most = RULE_FACTOR * 0.5
     assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * most)
     assert amplitude(0.5) == pytest.approx(most)
     assert amplitude(3.0, 0.2) == pytest.approx(most * np.exp(-1), rel=1e-5)
@@ -98,8 +93,3 @@ def test_the_rule_dithers_what_is_pushed_and_slow(env):
 def test_wrong_tables(env, rows, words):
     with pytest.raises(StictionError, match=words):
         ConstantTable(env, rows)
-
-
-def test_gate_speeds_have_a_bound(env):
-    with pytest.raises(StictionError, match="gate speed 0: expected a number above 0"):
-        GatedTable(env, ROWS, speed=0)

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import warnings
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import (
     RescaleAction,
-    TimeLimit,
 )
 
 from stiction_envs.errors import StictionError
 from tests.envs.helpers import (
-    QUICK,
     TRIANGLE,
     TWO_JOINTS,
     Kind,
@@ -178,30 +175,3 @@ def test_step_needs_a_running_episode(kind):
 
 
 # ---- in wrappers ---------------------------------------------------------------------------------
-
-
-def test_time_limit_truncates_and_ends_nothing(kind):
-    env = TimeLimit(kind.make(), max_episode_steps=3)
-    cut, whole = (episode(e, quiet(e), seed=0, options=kind.options) for e in (env, kind.make()))
-    assert len(cut) == 4 < len(whole)
-    assert cut[-1][2:4] == (False, True)
-    for a, b in zip(cut[:3], whole[:3], strict=True):
-        assert same(a, b)
-    limited = gym.make(kind.panda, max_episode_steps=2)
-    assert episode(limited, quiet(env), seed=0, options=kind.options)[-1][3]
-
-
-@pytest.mark.parametrize("kind", ["sje"], indirect=True)
-def test_rescaled_actions(kind, env):
-    scaled = RescaleAction(kind.make(), -1, 1)
-    action = mild(env, 6, share=0.5)
-    low, high = env.action_space.low, env.action_space.high
-    normalised = (2 * (action - low) / (high - low) - 1).astype(np.float32)
-    a = episode(env, action, seed=1, options=QUICK)
-    b = episode(scaled, normalised, seed=1, options=QUICK)
-    assert b[-1][4]["tau_sje"] == pytest.approx(a[-1][4]["tau_sje"], rel=1e-3)
-    scaled.reset(seed=1)
-    for corner in (-1.0, 1.0):
-        scaled.step(np.full(14, corner, dtype=np.float32))
-    scaled.step(-np.ones(14, dtype=np.float32))
-    assert not scaled.unwrapped.core.rig.dither.amplitude.any()

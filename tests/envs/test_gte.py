@@ -8,7 +8,6 @@ import pytest
 
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
@@ -165,19 +164,6 @@ def test_observed_torque_is_the_impedance_laws_without_dither(panda):
     assert not observation[mine].any(), "nothing is left of the episode before"
 
 
-def test_truncation_has_no_error_sums():
-    env = GTEEnv(control_interval_s=0.2, motion=sprint(), max_episode_steps=4)
-    steps = episode(env, quiet(env), seed=0, options=TRIANGLE)
-    assert len(steps) == 5
-    assert steps[-1][3]
-    assert not steps[-1][2]
-    final = steps[-1][4]
-    assert np.isnan(final["error"]).all()
-    assert np.isnan(final["duration"])
-    assert np.isnan(final["error_left"]).all()
-    assert 0 < final["tracking_error"] < 1
-
-
 @pytest.mark.parametrize("arguments", [{"threads": 1}, {"threads": 2}, {"sensing": "robot"}])
 def test_an_episode_that_is_over_is_not_stepped(arguments):
     """Whatever became of its arm, the others of its batch go on, and a reset starts it anew."""
@@ -194,7 +180,7 @@ def test_an_episode_that_is_over_is_not_stepped(arguments):
     assert np.isfinite(angles).all(), "arms 2 and 3 have begun again"
     angles[0] = np.nan
     before = angles.copy()
-    env.tiles.step(np.array([1, 2]), action[1:])
+    env.batches.step(np.array([1, 2]), action[1:])
     assert np.array_equal(angles[0], before[0], equal_nan=True)
     assert not (angles[1:] == before[1:]).all()
 

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.gte import GTEEnv
-from stiction_envs.envs.sje import SJEEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.randomise import draw, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, QUICK, TRIANGLE, episode, mild, quiet, same
+from tests.envs.helpers import GTE, TRIANGLE, episode, mild, quiet, same
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
 
@@ -23,22 +22,6 @@ def test_no_spread_is_the_nominal_arm_bit_for_bit(kind):
         runs[-1].append(env.reset())  # the stream goes on alike
     assert same(runs[0], runs[1])
     assert same(runs[0], runs[2])
-
-
-def test_breakaway_torque_scales_with_the_friction_and_its_unit_does_not():
-    env = SJEEnv(scatter=False, randomise={"friction": 0.2}, fixed_options=QUICK)
-    ratio, factor, base = [], [], set()
-    for seed in range(4):
-        final = episode(env, quiet(env), seed=seed)[-1][4]
-        ratio.append(final["tau_sje"] / final["tau_base"])
-        base.add(final["tau_base"])
-        stiction = env.core.rig.plant._p["stiction"][0, 5]
-        factor.append((stiction / env.core._nominal.stiction[5]).mean())
-    assert len(base) == 1
-    assert np.ptp(factor) > 0.1
-    # the offset of the joint does not scale
-    assert np.corrcoef(ratio, factor)[0, 1] > 0.99
-    assert np.max(np.abs(np.array(ratio) - factor)) < 0.1
 
 
 def undithered(**arguments) -> tuple[GTEEnv, dict]:

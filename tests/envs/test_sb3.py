@@ -61,16 +61,6 @@ def test_truncation_is_told():
     assert all(np.isnan(i["tau_sje"]) for i in infos)
 
 
-def test_scaled_actions_reach_the_bounds_exactly():
-    env = make_sb3("PandaSJE-v0", 2, **FIXED)
-    space = env.env.single_action_space
-    assert np.array_equal(env.scale(-np.ones(14)), space.low)
-    assert np.array_equal(env.scale(np.ones(14)), space.high)
-    env.reset()
-    env.step(-np.ones((2, 14), dtype=np.float32))
-    assert not env.env.unwrapped.core.rig.dither.amplitude.any()
-
-
 def test_the_rest_of_the_interface():
     env = make_sb3("PandaSJE-v0", 2, **FIXED)
     assert env.render_mode is None

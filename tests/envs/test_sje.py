@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.sje import SJEEnv
-from stiction_envs.friction.parameters import load_friction
 from tests.envs.helpers import IIWA, PANDA, QUICK, episode, make, mild, quiet
 
 
@@ -84,16 +83,3 @@ def test_truncation_gives_no_bonus():
     assert np.isnan(final["reduction"])
     assert final["reward_terms"]["breakaway"] == 0
     assert sum(s[1] for s in steps) == pytest.approx(-0.8 * 0.07 / abs(final["tau_base"]), rel=0.01)
-
-
-def test_own_friction_and_payload_change_the_base():
-    usual = make().unwrapped
-    p = load_friction("panda")
-    harder = make(friction=p.replace(stiction=1.2 * p.stiction, load_coefficient=np.zeros(7)))
-    assert harder.action_space.high[5] != usual.action_space.high[5]
-    loaded = make(payload=(1.0, 0.0, 0.0, 0.05))
-    base = []
-    for env in (usual, harder, loaded):
-        env.reset(seed=0, options={**QUICK, "load": "load"})
-        base.append(float(env.unwrapped.core.tau_base[0]))
-    assert len(set(base)) == 3

@@ -1,16 +1,13 @@
-"""A batch is its single environments, bit for bit, whatever its size, its threads and its tiles."""
+"""A batch is its single environments, bit for bit, whatever its size, threads and division."""
 
 from __future__ import annotations
-
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 
-from stiction_envs.envs.tiles import Tiles
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import TRIANGLE, same, tiled
+from tests.envs.helpers import TRIANGLE, divided, same
 
 N = 5
 FIXED = {"sje": {"fixed_options": {"joint": 6}}, "gte": {}}
@@ -74,21 +71,6 @@ def test_a_partial_first_reset_is_seen_and_not_stepped(kind):
         env.step(np.tile(env.single_action_space.low, (2, 1)))
 
 
-def test_a_reset_of_some_leaves_the_others_alone(kind):
-    """An arm on its way is the same bits whether its neighbour was reset meanwhile or not."""
-    seen = []
-    for reset in (False, True):
-        env = kind.make_batch(2, autoreset_mode="Disabled", fixed_options=kind.options)
-        env.reset(seed=0)
-        rows = []
-        for k, action in enumerate(actions(env, 8)):
-            if reset and k == 3:
-                env.reset(seed=9, options={"reset_mask": np.array([False, True])})
-            rows.append(env.step(action)[0][0])
-        seen.append(rows)
-    assert np.array_equal(*seen)
-
-
 def test_options_for_all_and_for_each(kind):
     each, wrong = {
         "sje": ([{"joint": 2, "load": "load"}, {"joint": 7}], {"joint": 9}),
@@ -122,15 +104,15 @@ def test_wrong_actions_name_what_was_expected(kind):
         kind.batch(2, render_mode="human")
 
 
-# ---- tiles ---------------------------------------------------------------------------------------
+# ---- divided -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mode", [pytest.param("NextStep", marks=pytest.mark.slow), "SameStep"])
-def test_tiles_change_no_bit(kind, mode, monkeypatch):
-    """Through resets of single tiles and of all, on one thread, two, and more than cores."""
+def test_dividing_changes_no_bit(kind, mode, monkeypatch):
+    """Through resets of single batches and of all, on one thread, two, and more than cores."""
     parts = {(N, 1): [5], (2, 1): [2, 2, 1], (3, 2): [3, 2], (1, 16): [1] * 5}
-    envs = [tiled(monkeypatch, kind, k, N, threads=t, autoreset_mode=mode) for k, t in parts]
-    sizes = [[c.num_envs for c in e.unwrapped.tiles.cores] for e in envs]
+    envs = [divided(monkeypatch, kind, k, N, threads=t, autoreset_mode=mode) for k, t in parts]
+    sizes = [[c.num_envs for c in e.unwrapped.batches.cores] for e in envs]
     assert sizes == list(parts.values())
     whole, *others = envs
     first = whole.reset(seed=3)
@@ -143,8 +125,8 @@ def test_tiles_change_no_bit(kind, mode, monkeypatch):
     assert ended.min() >= 1
 
 
-def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
-    env, other = (tiled(monkeypatch, kind, 2, N) for _ in range(2))
+def test_bad_input_of_the_last_batch_changes_none(kind, monkeypatch):
+    env, other = (divided(monkeypatch, kind, 2, N) for _ in range(2))
     good = actions(env, 2)
     bad = good[0].copy()
     bad[-1, 0] = np.nan
@@ -156,24 +138,3 @@ def test_bad_input_of_the_last_tile_changes_none(kind, monkeypatch):
         env.reset(options=[None] * (N - 1) + [{"nonsense": 1}])
     for action in good:
         assert same(list(env.step(action)), list(other.step(action)))
-
-
-def test_a_tile_has_its_arms_for_every_thread():
-    class Core:
-        arms_per_tile, on_one_thread = 32, True
-
-        def __init__(self, num_envs: int, threads: int = 0, engine_threads: int = 1) -> None:
-            self.num_envs, self.engine_threads = num_envs, engine_threads
-            self.rig = SimpleNamespace(share_out=lambda *_: None)
-
-    def sizes(count: int, threads: int) -> list[int]:
-        return [c.num_envs for c in Tiles(Core, count, threads=threads).cores]  # type: ignore[arg-type]
-
-    assert sizes(1, 1) == sizes(1, 64) == [1]
-    assert sizes(8, 2) == sizes(8, 64) == [8], "threads share it"
-    assert sizes(64, 2) == [32, 32]
-    assert sizes(70, 1) == sizes(70, 2) == [24, 23, 23], "no tile is left with a few"
-    Core.on_one_thread = False
-    assert sizes(8, 2) == [8], "its engine has threads of its own"
-    lone, among = (Tiles(Core, n, threads=2).cores[0] for n in (32, 64))  # type: ignore[arg-type]
-    assert (lone.engine_threads, among.engine_threads) == (2, 1)

@@ -184,24 +184,15 @@ def test_the_model_is_not_changed():
 # ---- report, command line, errors ----------------------------------------------------------
 
 
-def test_a_file_is_tested_as_its_text(tmp_path):
-    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
-    good.write_text(lugre())
-    bad.write_text(stock())
-    assert "1 of 1 joints stick" in str(conformance(good, rates=NO_RAMP))
-    assert "0 of 1 joints stick" in str(conformance(bad, rates=NO_RAMP))
-    assert not conformance(good, [0.7], rates=NO_RAMP).passed
-    (tmp_path / "broken.xml").write_text("<mujoco><nonsense/></mujoco>")
-    with pytest.raises(StictionError, match="not a readable MJCF or URDF"):
-        conformance(tmp_path / "broken.xml")
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         ({"model": "atlas"}, "no such file, and no robot of that name"),
-        ({"model": stock(), "stiction": [0.3, 0.3]}, r"shape \(2,\), the model 1 hinges"),
-        ({"model": stock(), "stiction": [np.nan]}, "finite and not negative"),
+        ({"model": stock(), "stiction": [0.3, 0.3]}, r"shape \(2,\): .* one for each of 1 hinges"),
+        (
+            {"model": stock(), "stiction": [np.nan]},
+            "stiction is nan: expected finite numbers from 0",
+        ),
         ({"model": stock(), "stiction": [0.0]}, "carries friction"),
         ({"model": stock(), "rates": (0.1, 0.0)}, "must be positive"),
         (

@@ -15,17 +15,15 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.conformance import conformance
+from stiction_envs.experiments.conformance import STILL_SINGLE, conformance
+from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.experiments.engines import ENGINES, Refused, base, engine_named
 from stiction_envs.experiments.engines.mujoco_c import MuJoCo
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.friction.plain_mjcf import plain_mjcf
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import sticking
 
-SHORT = dataclasses.replace(
-    experiment_settings().conformance, hold_time=4.0, watched_time=1.0, rise_time=2.0, go_time=4.0
-)
+SHORT = ConformanceSettings(hold_time=4.0, watched_time=1.0, rise_time=2.0, go_time=4.0)
 
 
 class Copy(MuJoCo):
@@ -72,7 +70,7 @@ def test_another_engine_answers_the_same_questions(copy):
 
 def test_rows_name_the_engine_and_its_tolerance(copy, tmp_path):
     report = conformance(lugre(), engine="copy", settings=SHORT)
-    assert report.settings.still == SHORT.still_single > SHORT.still
+    assert report.settings.still == STILL_SINGLE > SHORT.still
     assert report.provenance["arguments"]["engine"]["mujoco"] == mujoco.__version__
     report.save(tmp_path / "a")
     with open(tmp_path / "a" / "conformance.csv", encoding="utf-8") as file:

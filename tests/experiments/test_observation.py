@@ -9,8 +9,8 @@ import pytest
 
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.observation import Group, action_bounds, observed_action, pack
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.observation import action_bounds
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
 
@@ -29,20 +29,3 @@ def test_bounds_are_the_limits_of_torque_stiction_and_controller():
     slow = dataclasses.replace(interface, controller_rate_hz=10)
     with pytest.raises(StictionError, match="controller rate 10 Hz: expected more than 10 Hz"):
         action_bounds(p, poses, slow)
-
-
-def test_actions_are_seen_between_minus_one_and_one():
-    low, high = np.array([0.0, 5.0]), np.array([2.0, 105.0])
-    amplitude, frequency = observed_action(np.array([low, high, [0.5, 55.0]]), low, high)
-    assert amplitude.tolist() == [[-1], [1], [-0.5]]
-    assert frequency.tolist() == [[-1], [1], [0]]
-
-
-def test_observations_are_in_the_order_of_the_groups_and_within_their_bounds():
-    names = ("b", "a")
-    groups = [Group(name=k, low=-1.0, high=1.0, unit="1", meaning="") for k in names]
-    low, high = np.full((2, 3), 1.0, dtype=np.float32) * [[-1], [1]]
-    values = {"a": np.array([0.1, 7.0]), "b": np.array([[0.2, -7.0], [0.3, 0.4]])}
-    out = pack(groups, values, 2, low, high)
-    assert out.dtype == np.float32
-    assert out == pytest.approx(np.array([[0.2, -1.0, 0.1], [0.3, 0.4, 1.0]]))

@@ -8,11 +8,18 @@ import numpy as np
 import pytest
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.assumed import ASSUMED, friction_note
 from stiction_envs.friction.export import export
-from stiction_envs.friction.from_file import file_friction, own_friction, shipped_friction
+from stiction_envs.friction.from_file import (
+    ASSUMED,
+    FROM_LOGS,
+    file_friction,
+    friction_note,
+    is_assumed,
+    own_friction,
+    shipped_friction,
+)
 from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
-from stiction_envs.friction.sticking import sticking_model
+from stiction_envs.friction.sticking import friction_of, sticking_model
 from stiction_envs.robots import Arm, load_arm
 
 TWO = """<mujoco><compiler angle="radian"/><worldbody><body name="l1" pos="0 0 0.1">
@@ -81,3 +88,28 @@ def test_joints_break_away_at_the_frictionloss_of_the_file(tmp_path: Path):
     result = experiment.measure(experiment.jobs([1, 2], loads=["no_load"], directions=["+"]))
     tau = [row.tau_nm for row in result.rows]
     np.testing.assert_allclose(tau, [1.3, 0.4], rtol=0.2)
+
+
+def test_a_report_notes_that_friction_is_assumed_until_it_is_given(tmp_path: Path):
+    own = arm_of(tmp_path)
+    friction = friction_of(own)
+    assert friction_note(own, friction) == ASSUMED
+    assert friction_note(own, None) == FROM_LOGS
+    assert not is_assumed(load_friction("panda"))
+    for name in ("stiction", "bristle_stiffness", "rotor_inertia"):
+        other = friction.replace(**{name: 1.01 * np.asarray(getattr(friction, name)) + 1e-9})
+        assert friction_note(own, other) == "", name
+
+
+def test_the_commands_that_are_named_exist():
+    from stiction_envs.cli.dispatch import all_commands, build_parser
+
+    parser = build_parser(all_commands())
+    for line in (
+        ["excite", "ROBOT", "--sweeps"],
+        ["diagnose", "LOG", "--robot", "ROBOT"],
+        ["calibrate", "ROBOT", "TABLE.csv"],
+        ["sje", "ROBOT", "--friction", "model.toml"],
+    ):
+        parser.parse_args(line)
+        assert line[0] == "sje" or f"`stiction {' '.join(line)}`" in ASSUMED

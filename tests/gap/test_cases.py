@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.gap.signals.angles import angle_error
 from stiction_envs.hidden.excited_logs import presliding
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.worlds import inverse_torque
@@ -116,12 +117,45 @@ def test_a_heavy_payload_is_weighed_along_a_small_motion() -> None:
 
 
 def test_currents_in_place_of_torques_are_one_scale_of_all_joints() -> None:
+    """Friction is in N·m all the same."""
     made = recorded(ur10())
     made.tau *= 0.08
     causes = named(diagnose_logs([made.log(noise=0.01)], ur10()))
     assert {"torque_scale"} <= set(causes) <= {*FRICTION, "torque_scale"}
     assert causes["torque_scale"].joints == (1, 2, 3, 4, 5, 6)
-    holds(causes["torque_scale"], "scale", {0: 0.08}, within=0.05)
+    holds(causes["torque_scale"], "scale", {0: 0.08}, within=0.01)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY), within=0.1)
+    holds(causes["viscous_friction"], "viscous_nms", of_joints(SLOPE), within=0.1)
+
+
+@pytest.mark.slow
+def test_currents_of_three_sizes_of_gears_are_three_scales() -> None:
+    """The model file knows them: the same log does not differ from it."""
+    gears, made = np.array([12.5, 12.5, 11.0, 9.2, 9.2, 9.2]), recorded(ur10())
+    made.tau /= gears
+    log = made.log(noise=0.01)
+    found = diagnose_logs([log], ur10())
+    causes = named(found)
+    assert {"torque_scale"} <= set(causes) <= {*FRICTION, "torque_scale"}
+    scales = causes["torque_scale"].parameters
+    for j in range(3):  # the wrist's load is small
+        assert scales[j + 1]["scale"].value == pytest.approx(1 / gears[j], rel=0.02)
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(DRY[:4]), within=0.1)
+    again = diagnose_logs([log], ur10(), nominal=model_of(found))
+    assert (again.verdict, again.causes) == ("no discrepancy", ())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [1000.0, 100 / np.array([87.0] * 4 + [12.0] * 3)])
+def test_other_units_are_converted(unit: Array | float) -> None:
+    """Torques in mN·m, or in percent of what each joint can bear."""
+    middle = np.array([0.1, -0.3, 0.2, -1.8, 0.3, 1.8, 0.4])
+    dry = np.array([0.6, 0.7, 0.5, 0.5, 0.4, 0.3, 0.3])
+    made = recorded(load_arm("panda"), dry, 0.6 * dry, middle=middle, reach=0.5)
+    made.tau *= unit
+    causes = named(diagnose_logs([made.log(noise=0.02 * unit)], "panda"))
+    assert set(causes) == {*FRICTION, "torque_scale"}
+    holds(causes["coulomb_friction"], "coulomb_nm", of_joints(dry), within=0.1)
 
 
 @pytest.mark.slow
@@ -234,3 +268,13 @@ def test_loads_may_be_late_where_friction_is_not() -> None:
         for each in causes[f"{name}_friction"].parameters.values():
             assert each[key].value == pytest.approx(true, rel=0.2)
     assert found.extended_rms.mean() < 0.05
+
+
+def test_a_few_independent_rows_show_no_far_zero() -> None:
+    """One of a hundred zeros fits them by chance, as in a Kinova's log of two seconds."""
+    made = recorded(ur10(), seconds=10.0)
+    moved = made.q + 1.0 * np.eye(6)[2], made.dq, made.ddq
+    others = [np.column_stack([made.ddq[:, j], np.sign(made.dq[:, j])]) for j in range(6)]
+    for rows, found in ((3, None), (40, 3)):
+        error = angle_error(moved, made.tau, others, ur10(), 0.5, rows)
+        assert (error and error.joint) == found

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stiction_envs import SingleJointExperiment, load_model
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje import experiment
-from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import LOADS, load_protocol
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import load_friction

@@ -7,9 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.examples import SHIPPED, main, write_example
+from stiction_envs.hidden.examples import SHIPPED, write_example
 from stiction_envs.hidden.servo_logs import ENCODER
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs, read_servo_logs
@@ -52,15 +51,6 @@ def test_the_so101_stops_short_and_is_read_in_rad(folder):
         assert len(log.t) == rows
         assert not log.warnings
         assert (np.abs(log.q - log.q_cmd).mean(axis=0) > 2 * ENCODER).all()
-
-
-def test_a_folder_that_exists_is_left_alone(folder, capsys):
-    before = (folder / "panda" / "log.csv").read_bytes()
-    with pytest.raises(StictionError, match="exists already"):
-        write_example("so101", folder / "panda")
-    assert main(["panda", str(folder / "panda")]) == 2
-    assert "exists already" in capsys.readouterr().err
-    assert (folder / "panda" / "log.csv").read_bytes() == before
 
 
 @pytest.mark.slow

@@ -7,14 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.imperfect_arms import scattered
-from stiction_envs.hidden.torque_effects import EFFECTS
-from stiction_envs.hidden.worlds import World
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
@@ -38,19 +35,6 @@ def test_each_of_two_effects_is_measured_by_itself() -> None:
     assert np.isclose(case.alone[0, 1], abs(float(offset)), rtol=0.05)  # type: ignore[arg-type]
     assert np.all(case.effect <= case.alone.sum(axis=0) + 0.02)
     assert case.alone[:, 1].min() > 0.1
-
-
-def test_a_wrong_link_is_a_body_that_exists() -> None:
-    """Its inertia is that of another density: positive, and of a triangle's sides."""
-    shift = np.array([0.0, 0.004, -0.003])
-    right, wrong = (World(links=x).model() for x in ({}, {4: (0.8, shift)}))
-    at = right.body("link4").id
-    share = 1 + 0.8 / right.body_mass[at]
-    assert wrong.body_mass[at] == pytest.approx(right.body_mass[at] + 0.8)
-    np.testing.assert_allclose(wrong.body_ipos[at], right.body_ipos[at] + shift)
-    np.testing.assert_allclose(wrong.body_inertia[at], share * right.body_inertia[at], rtol=1e-9)
-    others = np.arange(right.nbody) != at
-    np.testing.assert_array_equal(wrong.body_mass[others], right.body_mass[others])
 
 
 def test_a_phantom_is_in_the_makers_arm_and_not_in_the_log() -> None:
@@ -92,11 +76,6 @@ def test_missing_gravity_is_that_share_of_it() -> None:
     assert case.effect[1] == pytest.approx(share * rms(g), rel=0.1)
 
 
-def test_what_no_log_tells_apart_excludes_each_other() -> None:
-    for name, effect in EFFECTS.items():
-        assert all(name in EFFECTS[other].excludes for other in effect.excludes)
-
-
 # ---- links that are a little off -----------------------------------------------------------------
 
 
@@ -119,11 +98,6 @@ def test_scattered_links_can_exist_and_are_as_far_off_as_said(
     assert mass.std() == pytest.approx(scatter, rel=4 / np.sqrt(2 * mass.size))
     assert centre.std() == pytest.approx(0.1 * scatter, rel=4 / np.sqrt(2 * centre.size))
     assert abs(mass.mean()) < 4 * scatter / np.sqrt(mass.size)
-
-
-def test_a_scatter_out_of_range_is_refused(makers: np.ndarray) -> None:
-    with pytest.raises(StictionError, match=r"scatter 0\.5: expected 0 to 0\.2"):
-        scattered(makers, 0.5, np.random.default_rng(1))
 
 
 def test_links_have_a_random_stream_of_their_own_and_are_not_what_is_hidden() -> None:

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.servo.blind_servo_logs import robot_file
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.gap.servo.parameters import HIGH, INDEX, LOW
-from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint, effect_of
-from stiction_envs.hidden.servo_logs import CAUSES, ENCODER, commands, hide
+from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.hidden.servo_logs import ENCODER, commands, hide
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
@@ -85,14 +83,6 @@ def test_a_log_has_steps_and_late_stamps_and_the_same_bits_again(arm: Arm) -> No
     assert 0.3 * torque < lower * h.stiffness[0] < 2.0 * torque
 
 
-def test_an_unknown_cause_is_one_line(arm: Arm) -> None:
-    with pytest.raises(StictionError, match="unknown cause 'rust': expected one of servo_stiffn"):
-        hide(arm, ("rust",), seed=1)
-    with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
-        effect_of("viscous_friction")
-    assert set(CAUSES) < set(EFFECTS)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "cause", ["damping", "armature", "presliding_hysteresis", "gravity_compensation_missing"]
@@ -113,45 +103,3 @@ def test_friction_that_grows_with_gravity_is_found_on_its_joint() -> None:
     assert h.hidden == (("load_dependent_friction", 2),)
     named = {(c.name, c.joints) for c in diagnose_servo([h.log], arm, h.servo).causes}
     assert ("load_dependent_friction", (2,)) in named
-
-
-# ---- the table -----------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def joint() -> ServoJoint:
-    return ServoJoint(
-        parameters=parameters(damping=1.0),
-        friction=0.3,
-        gravity=1.0,
-        torque=2.0,
-        speed=0.6,
-        inertia=0.02,
-        above=0.1,
-    )
-
-
-@pytest.mark.parametrize("name", sorted(set(EFFECTS) - OUTSIDE))
-def test_what_is_shown_is_the_parameter_of_the_diagnosis(name: str, joint: ServoJoint) -> None:
-    effect, size = EFFECTS[name], 0.3 * EFFECTS[name].largest
-    changed = effect.changed(joint, size)
-    assert ((changed >= LOW) & (changed <= HIGH)).all()
-    p = dict(zip(INDEX, changed, strict=True))
-    expected = {
-        "servo_stiffness": p["stiffness"],
-        "damping": p["damping"],
-        "armature": p["armature"],
-        "delay": p["delay"],
-        "torque_limit": p["torque_limit"],
-        "speed_limit": p["speed_limit"],
-        "dead_zone": 2.0 * p["dead_zone"],
-        "coulomb_friction": p["stiction"] * (1.0 - p["drop"]),
-        "stribeck_friction": p["stiction"] * p["drop"],
-        "load_dependent_friction": p["load"],
-        "presliding_hysteresis": p["stiction"] / p["bristle"],
-        "encoder_offset": p["offset"],
-        "gravity_compensation_missing": p["compensation"],
-    }[name]
-    assert effect.shown(joint, size) == pytest.approx(expected)
-    if name == "stribeck_friction":
-        assert p["stiction"] * (1.0 - p["drop"]) == pytest.approx(joint.friction)

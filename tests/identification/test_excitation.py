@@ -180,18 +180,6 @@ def test_files(tmp_path, motion):
 # ---- numbers and bad input -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        *({"harmonics": 1}, {"periods": 0}, {"velocity_part": 1.1}, {"clearance": -0.1}),
-        *({"base_frequency": 0.0}, {"base_frequency": np.nan}, {"starts": 2.5}),
-    ],
-)
-def test_settings_that_make_no_sense(change):
-    with pytest.raises(StictionError, match=next(iter(change))):
-        DEFAULTS.replace(**change)
-
-
 def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):
     weak = dataclasses.replace(panda.limits, torque=np.full(7, 5.0))
     with pytest.raises(ExperimentError, match=r"at rest the torque is .* of what may be used"):

@@ -156,6 +156,7 @@ def test_the_consistent_minimum_is_one():
     assert tried > 300
 
 
+@pytest.mark.slow
 def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
     """Without noise and far from every bound, links that exist give the same base parameters."""
     state = motion.state(motion.times(RATE))

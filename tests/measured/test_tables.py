@@ -69,13 +69,10 @@ def test_other_line_ends_column_order_and_byte_order_mark(tmp_path):
 
 BAD_SJE = {
     "load": ("panda,3,up,-,30,0.7,-0.6,0.01,5,0.1", "line 2.*load 'up'.*load, no_load"),
-    "joint float": ("panda,1.0,load,-,30,0.7,-0.6,0.01,5,0.1", "joint is '1.0'.*whole"),
     "iterations": ("panda,1,load,-,30,0.7,-0.6,0.01,0,0.1", "iterations is 0"),
     "tau": ("panda,1,load,-,30,0.7,nan,0.01,5,0.1", "tau_nm is 'nan'.*finite"),
-    "std": ("panda,1,load,-,30,0.7,-0.6,-0.01,5,0.1", "std_nm is -0.01"),
     "frequency": ("panda,1,load,-,0,0.7,-0.6,0.01,5,0.1", "frequency_hz is 0.0.*> 0"),
     "robot": (",1,load,-,30,0.7,-0.6,0.01,5,0.1", "robot is empty"),
-    "columns": ("panda,1,load", "line 2: 3 values"),
 }
 
 
@@ -110,11 +107,6 @@ def test_a_gate_of_nothing_is_no_gate(tmp_path, empty):
     assert gated.gate_velocity == 0.05
 
 
-def test_no_dither_on_a_joint_may_have_no_frequency(tmp_path):
-    path = put(tmp_path / "a.csv", "joint,frequency_hz,amplitude_nm\n7,0,0\n")
-    assert read_amplitudes(path, n_joints=7, controller_rate_hz=200) == [AmplitudeRow(7, 0, 0)]
-
-
 HEAD = "joint,frequency_hz,amplitude_nm\n"
 WIDE = "joint,frequency_hz,amplitude_nm,waveform,offset_nm\n"
 BAD_AMPLITUDES = {
@@ -122,7 +114,6 @@ BAD_AMPLITUDES = {
     "unknown column": ("joint,frequency_hz,amplitude_nm,f\n1,2,3,4\n", "column 'f'.*waveform,off"),
     "repeated column": ("joint,joint,frequency_hz,amplitude_nm\n1,1,2,3\n", "repeated column"),
     "text": (HEAD + "1,15,0.5\n2,fast,0.5\n", "line 3: frequency_hz is 'fast'.*number"),
-    "underscore": (HEAD + "1,1_5,0.5\n", "frequency_hz is '1_5'"),
     "nan": (HEAD + "1,15,nan\n", "amplitude_nm is 'nan'.*finite"),
     "duplicate joint": (HEAD + "1,15,0.5\n1,15,0.5\n", "line 3: joint 1 occurs twice"),
     "joint 8": (HEAD + "8,15,0.5\n", "joint is 8.*1 to 7"),
@@ -132,13 +123,9 @@ BAD_AMPLITUDES = {
     "frequency 0": (HEAD + "1,0,0.5\n", "frequency_hz is 0.0.*> 0"),
     "beyond the rate": (HEAD + "1,201,0.5\n", "line 2: .*201 Hz.*at most 200 Hz"),
     "waveform": (WIDE + "1,15,0.5,saw,0\n", "waveform 'saw'.*sine, square"),
-    "offset": (WIDE + "1,15,0.5,sine,nan\n", "offset_nm is 'nan'"),
     "empty": ("", "empty file.*joint,frequency_hz,amplitude_nm"),
-    "no rows": (HEAD, "no rows below the header"),
     "not UTF-8": (b"joint,frequency_hz,amplitude_nm\n1,15,\xff\n", "byte 37 is not UTF-8"),
-    "binary": (b"\x00\x01\x02", "expected"),
     "too few": (HEAD + "1,15\n", "line 2: 2 values"),
-    "too many": (HEAD + "1,15,0,5\n", "line 2: 4 values"),
     "open quote": (HEAD + '1,15,"0.5\n', "expected comma-separated text"),
 }
 

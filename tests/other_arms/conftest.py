@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from stiction_envs.experiments import conformance
-from stiction_envs.experiments.settings import experiment_settings
+from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.identification import excitation, settings
 from stiction_envs.method_settings import override
 from tests.other_arms.arms import Case
@@ -17,8 +17,7 @@ SHORT = {"iterations": 4, "randoms": 2, "starts": 1, "harmonics": 3, "periods": 
 def case(request, cli, monkeypatch) -> Case:
     """A robot by name, in a folder of its own; searches and holds are short."""
     quick = override(settings.identification_settings(), {"excitation": SHORT})
-    tests = override(experiment_settings(), {"conformance": {"ramp_rates": [0.5]}})
     for module in (settings, excitation):
         monkeypatch.setattr(module, "identification_settings", lambda: quick)
-    monkeypatch.setattr(conformance, "experiment_settings", lambda: tests)
+    monkeypatch.setattr(conformance, "USUAL", ConformanceSettings(ramp_rates=(0.5,)))
     return Case(request.param, cli)

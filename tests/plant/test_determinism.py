@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 
@@ -46,6 +46,11 @@ def mixed(asymmetric: bool) -> tuple[np.ndarray, FrictionParameters, np.ndarray]
     return q, p, 8 * t + amplitude * np.sin(2 * np.pi * hz * t)
 
 
+def some(p: FrictionParameters, rows: object) -> FrictionParameters:
+    """Return the friction of some simulations."""
+    return FrictionParameters(**{k: getattr(p, k)[rows] for k in QUANTITIES})
+
+
 def started(q: np.ndarray, p: FrictionParameters, threads: int) -> Plant:
     """Return simulations in poses (N, 7) [rad] with a friction each."""
     plant = Plant(panda(), len(q), parameters=p, threads=threads)
@@ -57,7 +62,7 @@ def started(q: np.ndarray, p: FrictionParameters, threads: int) -> Plant:
 def angles(rows: list[int], threads: int, blocks: list[int], asymmetric: bool) -> np.ndarray:
     """Run the simulations ``rows`` of `mixed` as a batch of their own, in blocks of steps."""
     q, p, torque = mixed(asymmetric)
-    plant = started(q[rows], p.rows(rows), threads)
+    plant = started(q[rows], some(p, rows), threads)
     cuts = np.cumsum([0, *blocks])
     parts = [plant.run(torque[rows][:, a:b]) for a, b in pairwise(cuts)]
     return np.concatenate(parts, axis=1)
@@ -81,18 +86,19 @@ def test_same_bits_in_any_batch(rows, threads, asymmetric):
 
 
 @pytest.mark.parametrize("asymmetric", [False, True], ids=["symmetric", "asymmetric"])
-@pytest.mark.parametrize("blocks", [[1] * K, [7, 100, 23]])
-def test_same_bits_in_any_blocks(blocks, asymmetric):
-    """run(130) is 20 at a time, one at a time, anything."""
+def test_same_bits_in_any_blocks(asymmetric):
     rows = [4, 50, 7]
-    assert angles(rows, 2, blocks, asymmetric).tobytes() == reference(asymmetric)[rows].tobytes()
+    assert (
+        angles(rows, 2, [7, 1, 1, 98, 23], asymmetric).tobytes()
+        == reference(asymmetric)[rows].tobytes()
+    )
 
 
 def test_subset_leaves_the_others_alone():
     """Simulations with clocks of their own: run in any order they end the same."""
     q, p, torque = mixed(asymmetric=False)
     rows = np.arange(4)
-    plant = started(q[rows], p.rows(rows), 2)
+    plant = started(q[rows], some(p, rows), 2)
     out = {i: [] for i in range(4)}
 
     def go(ids: list[int], a: int, b: int) -> None:
@@ -115,16 +121,8 @@ def test_subset_leaves_the_others_alone():
 def test_reset_forgets_everything():
     """After a reset a simulation that has run is a new one."""
     q, p, torque = mixed(asymmetric=True)
-    plant = Plant(panda(), 2, parameters=p.rows([0, 1]), threads=1)
+    plant = Plant(panda(), 2, parameters=some(p, [0, 1]), threads=1)
     plant.run(torque[[5, 6]])
     plant.reset(np.arange(2), q[:2])
-    plant.set_friction(np.arange(2), p.rows([0, 1]))
+    plant.set_friction(np.arange(2), some(p, [0, 1]))
     assert plant.run(torque[:2]).tobytes() == reference(True)[:2].tobytes()
-
-
-def test_one_joint_report_is_the_column_of_all():
-    q, p, torque = mixed(asymmetric=False)
-    joint = np.arange(MANY) % 7
-    out = started(q, p, 2).run(torque, joint=joint)
-    expected = reference(False)[np.arange(MANY), :, joint]
-    np.testing.assert_array_equal(out, expected)

@@ -8,7 +8,7 @@ import pytest
 from mujoco.batch import Batch
 
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.plant.loop_batch import LoopBatch, advance, parts_of
+from stiction_envs.plant.loop_batch import LoopBatch, advance
 from stiction_envs.robots.stated import COULOMB
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -82,16 +82,6 @@ def test_parts_are_stepped_in_any_order_between_calls_of_either_kind(sticking):
         for b in (one, other):
             b.step(nstep=2, stage=VEL)
         assert same(one, other)
-
-
-def test_parts_are_for_threads_and_become_smaller():
-    def sizes(nsim: int, threads: int) -> list[int]:
-        return [s.stop - s.start for s in parts_of(nsim, threads)]
-
-    assert sizes(64, 1) == [64]
-    assert sizes(64, 2) == [20, 20, 8, 8, 4, 4]
-    assert sizes(6, 4) == [4, 2]
-    assert sizes(1, 4) == [1]
 
 
 def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):

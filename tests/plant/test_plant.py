@@ -139,41 +139,6 @@ def test_energy_never_grows_without_input():
     assert np.all(e[-1] < 1e-2 * e[0])
 
 
-@pytest.mark.parametrize("stiffness", [5e4, 5e5])
-def test_stiff_spring_is_a_rigid_joint(stiffness):
-    """As K grows the elastic joint becomes the rigid one, with error like 1/K."""
-    common = {"timestep": 5e-5, "stiction": 0.5, "viscous": 0.1}
-    torque = np.zeros((1, 400, 2))
-    torque[0, :, 0] = np.linspace(0, 4, 400)
-    rigid = Plant(sticking(**common, bristle_damping_ratio=0.4), 1, threads=1).run(torque)
-    # same σ1 for both: the elastic joint's is set by its rotor alone
-    ratio = 0.4 * np.sqrt((J_A + 0.05) / 0.05)
-    springs = sticking(
-        **common,
-        joint_stiffness=[stiffness, np.inf],
-        joint_damping_ratio=1.0,
-        bristle_damping_ratio=[ratio, 0.4],
-    )
-    elastic = Plant(springs, 1, threads=1).run(torque)
-    gap = np.abs(elastic - rigid).max() / np.abs(rigid).max()
-    assert gap < 5e3 / stiffness * 0.03
-    assert gap > 0.0
-
-
-def test_load_is_the_gravity_torque():
-    """The load sensor agrees with MuJoCo's bias force of the rigid arm, signs included."""
-    plant = posed()
-    signed, absolute = plant.load
-    rigid = panda().arm.model()
-    data = mujoco.MjData(rigid)
-    for i, q in enumerate(poses()):
-        data.qpos[:] = q
-        mujoco.mj_forward(rigid, data)
-        free = ~panda().bearing
-        np.testing.assert_allclose(signed[i, free], data.qfrc_bias[free], atol=1e-12)
-    np.testing.assert_array_equal(absolute, np.abs(signed))
-
-
 def test_bearing_load_is_the_moment_across_the_axis():
     """A joint without gravity torque carries |r × w| without its part along the axis, any tilt."""
     model = build(load_arm("iiwa7"))
@@ -209,20 +174,6 @@ def test_warm_up_lowers_friction_over_time():
         assert plant.stiction[0, 0] == pytest.approx(0.6 * (1 + 0.5 * np.exp(-last / 0.4)))
 
 
-def test_viscous_friction_warms_up_too():
-    """Terminal speed under one torque rises as σ2 falls."""
-    model = sticking(viscous=1.0, warm_up_viscous=2.0, warm_up_time=2.0)
-    plant = Plant(model, 1, threads=1)
-    torque = np.zeros((1, 1, 2))
-    torque[0, :, 0] = 3.48  # 0.48 is F_c: 3 N·m are left for σ2 v
-    plant.run(np.tile(torque, (1, 1000, 1)))
-    early = plant.velocity[0, 0]
-    plant.run(np.tile(torque, (1, 19_000, 1)))
-    assert plant.velocity[0, 0] == pytest.approx(3.0, rel=1e-3)
-    sigma2 = 1 + 2 * np.exp(-1.0 / 2.0)
-    assert early == pytest.approx(3.0 / sigma2, rel=0.05)
-
-
 @pytest.mark.parametrize(("q0", "phase"), [(-0.31, 1.0), (0.05, 0.0)])
 def test_ripple_is_a_sine_of_the_angle(q0, phase):
     """The motor feels A sin(Nq + φ); seen as the acceleration of a joint without friction."""
@@ -235,23 +186,6 @@ def test_ripple_is_a_sine_of_the_angle(q0, phase):
 
 
 # ---- interface -----------------------------------------------------------------------------
-
-
-def test_servo_holds_against_torque():
-    plant = Plant(sticking(), 1, threads=1)
-    plant.set_servo(ONE, np.full((1, 2), 500.0), np.full((1, 2), 20.0), np.zeros((1, 2)))
-    torque = np.zeros((1, 3000, 2))
-    torque[0, :, 0] = 5.0
-    q = plant.run(torque)[0, -1, 0]
-    assert 5.0 - 0.6 < 500.0 * q < 5.0 + 0.6
-
-
-def test_stiction_is_that_of_the_present_pose():
-    """Right after a reset, before any step."""
-    plant = posed()
-    expected = panda().parameters.stiction_at(plant.load[1]).mean(axis=2)
-    np.testing.assert_allclose(plant.stiction, expected, rtol=1e-14)
-    assert np.ptp(expected, axis=0).max() > 0.1
 
 
 def test_errors(tmp_path, monkeypatch):

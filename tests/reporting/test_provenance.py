@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import hashlib
 from importlib import metadata
 
 from stiction_envs.reporting.provenance import sha256, versions
-
-
-def test_hash_of_a_file(tmp_path):
-    path = tmp_path / "a"
-    path.write_bytes(b"x")
-    assert sha256(path) == hashlib.sha256(b"x").hexdigest()
 
 
 def test_hash_of_a_folder_is_that_of_names_and_contents(tmp_path):

@@ -12,7 +12,7 @@ from stiction_envs.cli.view import usual_dither
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.friction.parameters import QUANTITIES, load_friction
 from stiction_envs.friction.sticking import friction_file, sticking_model
-from stiction_envs.robots import ARMS, load_arm
+from stiction_envs.robots import ARMS, arm_title, load_arm
 from tests.robots.arms import chain
 
 
@@ -30,7 +30,7 @@ def same_friction(one, other) -> bool:
 
 def test_a_strangers_file_is_no_arm_of_ours_whatever_its_name(stranger: Path):
     arm = load_arm(stranger)
-    assert (arm.name, arm.registered_name, arm.title) == ("panda.xml", None, "panda.xml")
+    assert (arm.name, arm.registered_name, arm_title(arm.name)) == ("panda.xml", None, "panda.xml")
     assert friction_file(stranger) == friction_file(arm) == friction_file("no such arm")
     model = sticking_model(stranger)
     assert same_friction(model.parameters, load_friction(None))

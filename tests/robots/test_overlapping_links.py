@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.overlapping_links import excluded_pairs
 

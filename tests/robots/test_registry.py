@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -17,7 +14,6 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.measured import read_sje
 from stiction_envs.robots import ARMS, BUILTIN, arm_title, load_arm, register_arm_folder
-from stiction_envs.robots.registry import PACKAGE
 
 MJCF = """
 <mujoco model="toy">
@@ -94,20 +90,6 @@ def test_it_is_loaded_by_name():
     assert list(ARMS)[: len(BUILTIN) + 1] == [*BUILTIN, "toy"]
 
 
-def test_its_environments_are_registered_and_stepped():
-    """The joint under test breaks away at the torque its friction file says, dither being 0."""
-    env = gym.make("stiction_envs:ToySJE-v0", scatter=False)
-    env.reset(seed=0, options={"joint": 3, "load": "load", "direction": "+"})
-    for _ in range(200):
-        observation, _, terminated, _, info = env.step(env.action_space.low)
-        assert env.observation_space.contains(observation)
-        if terminated:
-            break
-    assert info["tau_sje"] == info["tau_base"]
-    assert info["tau_base"] == pytest.approx(0.3, abs=0.15)
-    assert gym.spec("ToyGTE-v0").kwargs == {"robot": "toy"}
-
-
 def test_the_command_line_knows_it(tmp_path, capsys):
     words = ["--joint", "3", "--no-scatter", "--load", "load", "--out", str(tmp_path / "a")]
     assert main(["sje", "toy", *words]) == 0
@@ -145,32 +127,3 @@ def test_bad_arm_folders_are_refused(tmp_path, name, toml, message):
     assert "\n" not in str(error.value)
     assert "good" not in ARMS
     assert "GoodSJE-v0" not in gym.registry
-
-
-def test_an_arm_of_the_package_is_data_only(tmp_path):
-    """A copy of the package with one more arm, nothing but its files, is a package of four."""
-    shutil.copytree(PACKAGE, tmp_path / PACKAGE.name, ignore=shutil.ignore_patterns("__pycache__"))
-    rooms = [tmp_path / PACKAGE.name / room for room in ("robots", "friction")]
-    for path in [p for room in rooms for p in room.glob("panda.*")]:
-        text = path.read_text("utf-8").replace('environment = "Panda"', 'environment = "Clone"')
-        path.with_stem("clone").write_text(text.replace('"panda"', '"clone"'), "utf-8")
-    code = """
-import sys, stiction_envs, gymnasium
-from stiction_envs.robots import BUILTIN
-print(*[m for m in ("mujoco", "pinocchio", "scipy") if m in sys.modules], sep=",")
-print(*BUILTIN, sep=",")
-print(gymnasium.spec("CloneSJE-v0").kwargs["robot"], gymnasium.spec("CloneGTE-v0").kwargs["robot"])
-from stiction_envs.friction.model import build
-from stiction_envs.robots import load_arm
-one, other = build(load_arm("clone")), build(load_arm("panda"))
-print(one.arm.on_floor, (one.model.actuator_dynprm == other.model.actuator_dynprm).all())
-from stiction_envs.cli import main
-main(["export", "--help"])
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
-    assert lines[:4] == ["", "clone,iiwa14,iiwa7,panda", "clone clone", "True True"]
-    assert "clone, iiwa14, iiwa7, panda, or a path" in " ".join(done.stdout.split())

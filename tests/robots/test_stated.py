@@ -10,8 +10,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.stated import NO_PHYSICS, TAKEN
-from tests.robots.arms import chain
+from stiction_envs.robots.stated import NO_PHYSICS
 
 LINK = '<geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="{mass}"/>'
 PARTS = {
@@ -296,18 +295,3 @@ def test_every_attribute_is_used_or_said(tmp_path: Path, kind: str, key: str):
     used |= plain.stated.gravcomp != changed.stated.gravcomp
     said = key in changed.stated.line()
     assert used or said, (key, value, changed.stated.line())
-
-
-def test_the_table_of_attributes_names_no_other():
-    known = {(kind, key) for kind, key in attributes()}
-    known |= {(kind, key) for kind, keys in SPECIAL.items() for key in keys}
-    assert {(kind, key) for kind, keys in TAKEN.items() for key in keys} <= known | {
-        ("bodies", "alt"),
-        ("bodies", "ialt"),
-    }
-
-
-def test_a_chain_of_one_hinge_is_an_arm(tmp_path: Path):
-    path = tmp_path / "one.xml"
-    path.write_text(chain(1), "utf-8")
-    assert load_arm(path).n == 1

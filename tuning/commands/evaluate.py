@@ -12,14 +12,11 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
+from tuning.names import EPISODES, PATHS, POLICIES
 
 if TYPE_CHECKING:
     from tuning.policies.task import Task
 
-# as the packages have them; written out, so that --help does not load the engine
-TRAJECTORIES = ("triangle", "pentagon", "random")
-NAMED = ("none", "gated", "random", "rule")
-EPISODES = 32  # as in tuning/policies/settings.toml
 GTE_ONLY = ("trajectory", "stiffness")
 
 
@@ -33,7 +30,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction evaluate panda gte --policy none gated runs/train-panda/policy.zip",
         interrupted="nothing was written; run the same command again",
         run=run,
-        show=show,
     )
     add_task_options(parser)
     parser.add_argument(
@@ -41,7 +37,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs="+",
         required=True,
         metavar="POLICY",
-        help=f"one or more of {', '.join(NAMED)}, a policy.zip of `stiction train`, or an "
+        help=f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
         "amplitude table (.csv); gated: the best gated table that is shipped",
     )
     parser.add_argument(
@@ -61,7 +57,7 @@ def add_task_options(parser: common.Parser) -> None:
     parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
     parser.add_argument(
         "--trajectory",
-        choices=TRAJECTORIES,
+        choices=PATHS,
         help="path of every episode (gte); random: drawn ones, others in training than in "
         "evaluation",
     )
@@ -79,13 +75,6 @@ def add_task_options(parser: common.Parser) -> None:
         help="friction compensation in every episode, undithered ones too (gte): a kind of "
         "`stiction gte`, with gains of the model's friction, or gains that were tuned, "
         "final.csv or final.yaml",
-    )
-    parser.add_argument(
-        "--friction-factor",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="true stiction and load coefficient over those that scale bounds, observations and "
-        "rewards (default: 1)",
     )
     parser.add_argument(
         "--env",
@@ -107,7 +96,7 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     from tuning.policies.task import Task
 
     arguments = dict(_named(text) for text in args.env)
-    for name in ("payload", "chain", "friction", "friction_factor"):
+    for name in ("payload", "chain", "friction"):
         if getattr(args, name) is not None:
             arguments[name] = getattr(args, name)
     if args.sensing != common.IDEAL:
@@ -147,7 +136,7 @@ def _named(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.evaluation import check, evaluate_all
 
@@ -170,7 +159,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         )
     with common.working(), folder:
         evaluated.save(folder.path)
-    return {
+    values = {
         "command": "evaluate",
         "seed": args.seed,
         "out": str(folder.path),
@@ -178,6 +167,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         "summary": evaluated.summary(),
         "rows": list(evaluated.rows),
     }
+    return common.Answer(values, show(values))
 
 
 def compensation_file(args: argparse.Namespace) -> Path | None:
@@ -192,7 +182,7 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     """Return the policies that are files, by a name of their own."""
     from tuning.policies.evaluation import gated_file
 
-    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in NAMED}
+    files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}
     if "gated" in policies and (shipped := gated_file(robot)) is not None:
         files["gated"] = shipped
     return files
@@ -206,16 +196,8 @@ def show(result: JsonRecord) -> str:
     header, rows = means_table(summary)
     table = [header, *rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [
-        "  ".join(
-            [
-                row[0].ljust(widths[0]),
-                *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)),
-            ]
-        )
-        for row in table
-    ]
-    episodes = next(iter(summary.values()))["episodes"]
-    return "\n".join(
-        [f"{result['environment']}, {episodes} episodes", *lines, f"written to {result['out']}"]
-    )
+    lines = [f"{result['environment']}, {next(iter(summary.values()))['episodes']} episodes"]
+    for name, *numbers in table:
+        cells = [x.rjust(width) for x, width in zip(numbers, widths[1:], strict=True)]
+        lines.append("  ".join([name.ljust(widths[0]), *cells]))
+    return "\n".join([*lines, f"written to {result['out']}"])

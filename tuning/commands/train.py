@@ -10,10 +10,7 @@ from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.reporting.json_text import JsonRecord
 from tuning.commands import evaluate
-
-# as the packages have them; written out, so that --help does not load them
-ALGORITHMS = ("sac", "ppo", "td3")
-CHECKPOINT_EVERY = 20_000
+from tuning.names import ALGORITHMS, CHECKPOINT_EVERY
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -25,7 +22,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction train panda gte --algo ppo --steps 300000 --out runs/train-panda",
         interrupted="the last checkpoint is kept; run the same command again to go on from it",
         run=run,
-        show=show,
     )
     evaluate.add_task_options(parser)
     parser.add_argument("--algo", required=True, metavar="|".join(ALGORITHMS), help="how it learns")
@@ -35,13 +31,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         type=common.whole(1),
         metavar="N",
         help="steps of all arms together, each one control interval long (default: 0.1 s)",
-    )
-    parser.add_argument(
-        "--start",
-        type=Path,
-        metavar="TABLE.csv",
-        help="amplitude table that the policy starts with, without its gates (default: half "
-        "of the highest amplitudes and frequencies)",
     )
     parser.add_argument(
         "--settings",
@@ -65,13 +54,12 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Train; write policy, curve, evaluation, plots and provenance."""
-    from stiction_envs.measured import AmplitudeRow, read_amplitudes
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.evaluation import evaluate_all
-    from tuning.policies.report import draw_curve, write_report
+    from tuning.policies.report import draw_curve
     from tuning.policies.settings import policy_settings
 
     arm = common.read_arm(args)
@@ -81,10 +69,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         options = {"trajectory": "random", **test.arguments.get("fixed_options", {})}
         task = replace(test, arguments={**test.arguments, "fixed_options": options})
     settings = override(policy_settings(), args.settings)
-    start: list[AmplitudeRow] = []
-    if args.start is not None:
-        start = read_amplitudes(args.start, n_joints=arm.n)
-    inputs = {**common.model_files(args), "settings": args.settings, "start": args.start}
+    inputs = {**common.model_files(args), "settings": args.settings}
     inputs["compensation"] = evaluate.compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     plan = training.Training(
@@ -92,7 +77,6 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         algorithm=args.algo,
         steps=args.steps,
         seed=args.seed,
-        start=start,
         checkpoint_every=args.checkpoint_every,
         settings=settings,
     )
@@ -114,8 +98,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
             title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
             experiment=args.experiment,
         )
-        write_report(folder.path, task, arm, args.algo, trained, evaluated)
-    return {
+    values = {
         "command": "train",
         "seed": args.seed,
         "out": str(folder.path),
@@ -128,6 +111,7 @@ def run(args: argparse.Namespace) -> dict[str, object]:
         "best_steps": trained.best.steps,
         "summary": evaluated.summary(),
     }
+    return common.Answer(values, show(values))
 
 
 def show(result: JsonRecord) -> str:

@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
+from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
+    from tuning.protocol.tune import Tuning
 
-# as the packages have them; written out, so that --help does not load them
-SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
-OBJECTIVES = ("sje", "gte", "both")
-FREE = ("waveform", "offset")
-TREATMENTS = (
-    *("dither", "feedforward", "push", "smooth_sign", "partial"),
-    *("lugre_observer", "momentum_observer", "observer", "all"),
-)
-COMPENSATIONS = ("none", *(x for x in TREATMENTS if x not in ("dither", "observer", "all")))
-PRICES = ("shaking", "power", "torque_rate")
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
@@ -43,7 +34,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda",
         interrupted="what was measured is kept; run the same command again to go on",
         run=run,
-        show=show,
     )
     common.add_robot_options(parser)
     common.add_servo_option(parser)
@@ -178,37 +168,16 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> dict[str, object]:
+def run(args: argparse.Namespace) -> common.Answer:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
     if args.ask is not None or args.tell is not None:
         return _beside_a_robot(args, arm)
-    if args.protocol == "search":
-        return _search(args, arm)
-    folder = _folder(args, arm, {"table": args.table})
-
-    from tuning.protocol import tune as protocol
-
+    tune_it = _search if args.protocol == "search" else _thesis
     with Progress() as progress:
-        result = protocol.tune(
-            arm,
-            out=folder,
-            table=args.table,
-            frequencies=args.frequencies,
-            scales=args.scales,
-            iterations=args.iterations,
-            scatter=not args.no_scatter,
-            seed=args.seed,
-            storage=args.storage,
-            study=args.study,
-            friction=args.friction,
-            sensing=args.sensing,
-            drive=args.drive,
-            threads=args.threads,
-            progress=progress.set,
-        )
-    return {"command": "tune", "out": str(folder.path), **result.to_json()}
+        result = tune_it(args, arm, progress)
+    return common.answer(args, result, result.folder)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -235,78 +204,56 @@ def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) 
     )
 
 
-def _search(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
+def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
+    """Return the options that the user gave, and those that every way of tuning has."""
+    names = (*names, "seed", "storage", "study", "friction", "threads")
+    return {name: value for name in names if (value := getattr(args, name)) is not None}
+
+
+def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
+    from tuning.protocol.tune import tune
+
+    names = ("table", "frequencies", "scales", "iterations", "sensing", "drive")
+    return tune(
+        arm,
+        out=_folder(args, arm, {"table": args.table}),
+        scatter=not args.no_scatter,
+        progress=progress.set,
+        **_given(args, *names),
+    )
+
+
+def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
     from tuning.search.search import search
 
-    given = {
-        "objective": args.objective,
-        "sampler": args.sampler,
-        "pareto": args.pareto,
-        "free": None if args.search is None else tuple(args.search),
-        "compensation": args.compensation,
-        "treatment": args.treatment,
-        "evaluations": args.evaluations,
-    }
+    def say(stage: str, done: float, total: float) -> None:
+        progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
+
+    names = ("objective", "sampler", "pareto", "compensation", "treatment", "evaluations")
     inputs = {"bounds": args.bounds, "limit": args.limit}
-    folder = _folder(
-        args, arm, inputs | {f"beside {k}": p for k, p in enumerate(args.beside or ())}
+    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
+    return search(
+        arm,
+        out=_folder(args, arm, inputs),
+        free=args.search or (),
+        progress=say,
+        **_given(args, *names, "bounds", "limit", "beside", "sensing"),
     )
-    with Progress("trials") as progress:
-
-        def say(stage: str, done: float, total: float) -> None:
-            progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
-
-        result = search(
-            arm,
-            **{k: v for k, v in given.items() if v is not None},
-            bounds=args.bounds,
-            limit=args.limit,
-            beside=args.beside or (),
-            out=folder,
-            seed=args.seed,
-            storage=args.storage,
-            study=args.study,
-            friction=args.friction,
-            sensing=args.sensing,
-            threads=args.threads,
-            progress=say,
-        )
-    return {"command": "tune", "out": str(folder.path), **result.to_json()}
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> dict[str, object]:
+def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
     from stiction_envs.reporting.output_folder import default_folder
+    from tuning.robot.report import describe
     from tuning.robot.session import Session
 
-    out = args.out or default_folder("ask", arm.name)
+    out, told = args.out or default_folder("ask", arm.name), {}
     with Progress() as progress:
-        options = {
-            "bounds": args.bounds,
-            "limit": args.limit,
-            "out": out,
-            "force": args.force,
-            "seed": args.seed,
-            "storage": args.storage,
-            "study": args.study,
-            "friction": args.friction,
-            "threads": args.threads,
-            "progress": progress.set,
-        }
-        told = {}
+        options = _given(args, "bounds", "limit", "force")
+        options |= {"out": out, "progress": progress.set}
         if args.tell is not None:
             state = Session(arm, **options).tell(args.tell)
             told = {"told": state.told}
         if args.ask is not None:
             state = Session(arm, **options).ask(args.ask)
-    return {"command": "tune", "out": str(out), **state.to_json(), **told}
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as a readable table."""
-    if "ask" in result:
-        from tuning.robot.report import describe as describe_robot
-
-        return f"{describe_robot(result)}\nwritten to {result['out']}"
-    from tuning.protocol.tune import describe
-
-    return f"{describe(result)}\nwritten to {result['out']}"
+    values = {"command": "tune", "out": str(out), **state.to_json(), **told}
+    return common.Answer(values, f"{describe(values)}\nwritten to {out}")

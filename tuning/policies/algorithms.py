@@ -5,11 +5,12 @@ Needs the extra `rl`: ``pip install 'stiction-envs[rl]'``.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping
 from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,9 @@ from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.reporting.provenance import versions
 from tuning.policies.policy import Card, Policy
 from tuning.policies.settings import (
+    AlgorithmSettings,
     PolicySettings,
-    PPOSettings,
     RunSettings,
-    SACSettings,
-    StartSettings,
-    TD3Settings,
 )
 from tuning.policies.task import Task
 
@@ -44,112 +42,75 @@ except ImportError:
 __all__ = ["CheckpointCallback", "EvalCallback"]
 SB3 = Any
 """Its arguments and objects: they take and have more than the types that it declares."""
-Settings = PPOSettings | SACSettings | TD3Settings
-ALGORITHMS = ("sac", "ppo", "td3")
-"""Names of the algorithms."""
+ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
+"""Stable-Baselines3's classes by the names of the algorithms."""
 
 
-def settings_of(algorithm: str, settings: PolicySettings) -> Settings:
+def settings_of(algorithm: str, settings: PolicySettings) -> AlgorithmSettings:
     """Return the settings of one of `ALGORITHMS`.
 
     Raises:
-        StictionError: another algorithm.
+        StictionError: another algorithm, or an argument that Stable-Baselines3 does not know.
     """
     if algorithm not in ALGORITHMS:
         raise unknown("algorithm", algorithm, ALGORITHMS)
-    found: dict[str, Settings] = {"sac": settings.sac, "ppo": settings.ppo, "td3": settings.td3}
-    return found[algorithm]
+    found = {"sac": settings.sac, "ppo": settings.ppo, "td3": settings.td3}[algorithm]
+    known = inspect.signature(ALGORITHMS[algorithm]).parameters
+    for name in found.arguments:
+        if name not in known:
+            raise unknown(f"argument of {algorithm}", name, known)
+    for name in ("n_steps", "learning_starts"):
+        if type(found.arguments.get(name, 1)) is not int:
+            value = found.arguments[name]
+            raise StictionError(f"{algorithm}: {name} is {value!r}: expected a whole number")
+    return found
 
 
-def least_steps(settings: Settings) -> tuple[int, str]:
+def least_steps(settings: AlgorithmSettings) -> tuple[int, str]:
     """Return the smallest number of steps from which anything is learned, and the reason."""
-    if isinstance(settings, PPOSettings):
-        return (
-            settings.envs * settings.rollout,
-            f"one rollout of {settings.envs} arms, {settings.rollout} steps each",
-        )
-    return (
-        settings.learning_starts + settings.envs,
-        f"{settings.learning_starts} at random, then one of each of {settings.envs} arms",
-    )
+    envs = settings.envs
+    if "n_steps" in settings.arguments:
+        rollout = settings.arguments["n_steps"]
+        return envs * rollout, f"one rollout of {envs} arms, {rollout} steps each"
+    random = settings.arguments.get("learning_starts", 100)  # Stable-Baselines3's default
+    return random + envs, f"{random} at random, then one of each of {envs} arms"
 
 
-def make_env(task: Task, num_envs: int, settings: RunSettings, gamma: float) -> VecNormalize:
+def make_env(
+    task: Task, num_envs: int, run: RunSettings, algorithm: AlgorithmSettings
+) -> VecNormalize:
     """Return N arms as Stable-Baselines3 trains on them: monitored, normalised."""
     return VecNormalize(
         VecMonitor(SB3VecEnv(task.make(num_envs))),
-        clip_obs=settings.clip_observation,
-        clip_reward=settings.clip_reward,
-        gamma=gamma,
+        clip_obs=run.clip_observation,
+        clip_reward=run.clip_reward,
+        gamma=algorithm.arguments.get("gamma", 0.99),
     )
 
 
-def make_model(settings: Settings, env: VecNormalize, seed: int) -> BaseAlgorithm:
+def make_model(
+    algorithm: str, settings: AlgorithmSettings, env: VecNormalize, seed: int
+) -> BaseAlgorithm:
     """Return an untrained model; everything random in it follows from the seed.
 
     From here on torch uses one thread: its sums depend on the number of threads, and small networks
     are not faster with more.
+
+    Raises:
+        StictionError: an argument that Stable-Baselines3 does not take.
     """
     torch.set_num_threads(1)
-    network: dict[str, SB3] = {"net_arch": list(settings.network)}
-    arguments: dict[str, SB3] = {
-        "learning_rate": settings.learning_rate,
-        "batch_size": settings.batch_size,
-        "gamma": settings.gamma,
-        "policy_kwargs": network,
-        "seed": seed,
-        "device": "cpu",
-    }
-    if isinstance(settings, PPOSettings):
-        network["log_std_init"] = settings.log_std
-        return PPO(
-            "MlpPolicy",
-            env,
-            n_steps=settings.rollout,
-            n_epochs=settings.epochs,
-            gae_lambda=settings.gae_lambda,
-            clip_range=settings.clip_range,
-            ent_coef=settings.entropy,
-            **arguments,
-        )
-    arguments |= {
-        "learning_starts": settings.learning_starts,
-        "gradient_steps": settings.gradient_steps,
-        "buffer_size": settings.buffer_size,
-        "tau": settings.tau,
-    }
-    if isinstance(settings, SACSettings):
-        return SAC("MlpPolicy", env, ent_coef=f"auto_{settings.temperature}", **arguments)
-    spread = np.full(env.action_space.shape or (), settings.noise)
-    return TD3(
-        "MlpPolicy",
-        env,
-        action_noise=NormalActionNoise(np.zeros_like(spread), spread),
-        policy_delay=settings.policy_delay,
-        target_policy_noise=settings.target_noise,
-        target_noise_clip=settings.target_clip,
-        **arguments,
-    )
-
-
-def begin_with(model: BaseAlgorithm, action: NDArray[np.float64], settings: StartSettings) -> None:
-    """Make an untrained model's mean action (nearly) independent of the observation.
-
-    Args:
-        model: of `make_model`.
-        action: (2n,) in [-1, 1].
-        settings: limits of the weights and of the action.
-    """
-    layers, output = _layers(model)
-    inside = np.clip(action, -settings.most, settings.most)
-    bias = np.arctanh(inside) if output == "tanh" else action
-    with torch.no_grad():
-        layers[-1].weight *= settings.slope
-        layers[-1].bias.copy_(torch.as_tensor(bias))
-    if isinstance(model, PPO):
-        model.policy.log_std.data.fill_(settings.log_std)
-    if isinstance(model, TD3):
-        model.actor_target.load_state_dict(model.actor.state_dict())
+    arguments: dict[str, SB3] = dict(settings.arguments)
+    if "action_noise" in arguments:
+        spread = np.full(env.action_space.shape or (), arguments["action_noise"])
+        arguments["action_noise"] = NormalActionNoise(np.zeros_like(spread), spread)
+    kind: SB3 = ALGORITHMS[algorithm]
+    try:
+        model: BaseAlgorithm = kind("MlpPolicy", env, seed=seed, device="cpu", **arguments)
+    except Exception as error:  # what Stable-Baselines3 and torch raise of a wrong argument
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise StictionError(f"arguments of {algorithm}: {why}") from error
+    return model
 
 
 def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgorithm:
@@ -164,13 +125,14 @@ def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgor
         StictionError: a checkpoint that cannot be read.
     """
     torch.set_num_threads(1)
-    kinds: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
     steps = int(place.name)
     try:
         normal = VecNormalize.load(
             str(place / f"rl_model_vecnormalize_{steps}_steps.pkl"), env.venv
         )
-        model = kinds[algorithm].load(place / f"rl_model_{steps}_steps.zip", normal, device="cpu")
+        model = ALGORITHMS[algorithm].load(
+            place / f"rl_model_{steps}_steps.zip", normal, device="cpu"
+        )
         if isinstance(model, OffPolicyAlgorithm):
             model.load_replay_buffer(place / f"rl_model_replay_buffer_{steps}_steps.pkl")
     except Exception as error:  # unpickling raises any
@@ -205,7 +167,7 @@ def export(
     layers, output = _layers(model)
     linear = [x for x in layers if isinstance(x, torch.nn.Linear)]
     between = {type(x) for x in layers if not isinstance(x, torch.nn.Linear)}
-    names = {torch.nn.Tanh: "tanh", torch.nn.ReLU: "relu"}
+    names: dict[type, SB3] = {torch.nn.Tanh: "tanh", torch.nn.ReLU: "relu"}
     if len(between) > 1 or not between <= set(names):
         raise StictionError(f"layers {between}: expected one of Tanh, ReLU between linear ones")
     batch: SB3 = model.get_env().unwrapped.env.unwrapped  # type: ignore[union-attr]
@@ -233,7 +195,7 @@ def export(
     )
 
 
-def _layers(model: BaseAlgorithm) -> tuple[list[SB3], str]:
+def _layers(model: BaseAlgorithm) -> tuple[list[SB3], Literal["tanh", "clip"]]:
     """Return the actor's layers in order, the last linear, and how the action is bounded."""
     policy: SB3 = model.policy
     if isinstance(model, PPO):

@@ -19,13 +19,12 @@ from stiction_envs.envs.evaluation import Policy as Agent
 from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import AmplitudeRow, read_amplitudes
+from stiction_envs.measured import read_amplitudes
+from tuning.names import EPISODES, POLICIES
 from tuning.policies.policy import Policy
 from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
-NAMED = ("none", "gated", "random", "rule")
-"""Policies that need no file."""
 _TOGETHER = 64  # arms at once: the fastest number (measured)
 Array = NDArray[np.floating]
 Progress = Callable[[str, float, float], None]
@@ -71,7 +70,7 @@ def evaluate_all(
     task: Task,
     policies: Sequence[str | tuple[str, Agent]],
     *,
-    episodes: int | None = None,
+    episodes: int = EPISODES,
     seed: int = 0,
     options: Mapping[str, object] | None = None,
     progress: Progress | None = None,
@@ -80,8 +79,8 @@ def evaluate_all(
 
     Args:
         task: the environment.
-        policies: one of `NAMED`, a ``policy.zip``, an amplitude table, or a name and an agent.
-        episodes: number of episodes of each; None for the settings'.
+        policies: one of `POLICIES`, a ``policy.zip``, an amplitude table, or a name and an agent.
+        episodes: number of episodes of each.
         seed: seed of the first episode; the others have those that follow.
         options: reset options of all episodes; random paths are those that training never draws.
         progress: see `Progress`.
@@ -89,7 +88,6 @@ def evaluate_all(
     Raises:
         StictionError: an unknown policy, one for another purpose, or unknown options.
     """
-    episodes = policy_settings().evaluation.episodes if episodes is None else episodes
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     each = [_held_out(options, k) for k in range(episodes)]
@@ -124,7 +122,7 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
     """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
 
     Args:
-        name: one of `NAMED`, a ``policy.zip``, or an amplitude table (its gates are used).
+        name: one of `POLICIES`, a ``policy.zip``, or an amplitude table (its gates are used).
         task: the environment.
         env: an instance of it.
 
@@ -134,7 +132,7 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
     """
     if name == "gated":
         return best_gated(task.arm_name, env)
-    if name in NAMED:
+    if name in POLICIES:
         return AGENTS[name](env)
     path = Path(name)
     if path.suffix == ".zip":
@@ -148,7 +146,7 @@ def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
         return _WithinBounds(policy, env)
     if path.suffix != ".csv":
         raise StictionError(
-            f"unknown policy {name!r}: expected one of {', '.join(NAMED)}, a policy.zip or an "
+            f"unknown policy {name!r}: expected one of {', '.join(POLICIES)}, a policy.zip or an "
             "amplitude table (.csv)"
         )
     rows = read_amplitudes(path, n_joints=env.core.n)
@@ -166,22 +164,20 @@ def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
     path = gated_file(robot)
     if path is None:
         return GatedTable(env)
-    rows = read_amplitudes(path, n_joints=env.unwrapped.core.n)
-    return GatedTable(env, within_bounds(env, rows), speed=np.inf)
+    core = env.unwrapped.core
+    rows = [
+        replace(
+            row, amplitude_nm=min(row.amplitude_nm, float(core.action_space.high[row.joint - 1]))
+        )
+        for row in read_amplitudes(path, n_joints=core.n)
+    ]
+    return GatedTable(env, rows, speed=np.inf)
 
 
 def gated_file(robot: str) -> Path | None:
     """Return the best gated table shipped for an arm, None if there is none."""
     path = HERE / f"{robot}_gated.csv"
     return path if path.is_file() else None
-
-
-def within_bounds(env: ArmVectorEnv, table: Sequence[AmplitudeRow]) -> tuple[AmplitudeRow, ...]:
-    """Return a table with amplitudes clipped to those of the environment's action."""
-    top = env.unwrapped.core.action_space.high
-    return tuple(
-        replace(row, amplitude_nm=min(row.amplitude_nm, float(top[row.joint - 1]))) for row in table
-    )
 
 
 class _WithinBounds:

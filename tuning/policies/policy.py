@@ -7,26 +7,32 @@ action, _ = policy.predict(observation)                    # [N·m, Hz]
 
 from __future__ import annotations
 
+import io
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 from stiction_envs.method_settings import Positive
+from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.reporting.json_text import JsonRecord
-from tuning.policies.policy_file import Array, read_archive, write_archive
 
-FORMAT = "stiction-envs policy 1"
-ACTIVATIONS = ("tanh", "relu")
-"""Activations of the hidden layers."""
-OUTPUTS = ("tanh", "clip")
-"""How an action is limited to [-1, 1] of its range."""
+Array = NDArray[np.floating]
+ENTRY = "policy.json"
+"""Name of the one file in a ``policy.zip``."""
+MOST_BYTES = 2**26
+"""Largest unpacked size of a ``policy.zip`` [B] (assumed): a hundred times a usual network's."""
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
+_SB3 = {"_stable_baselines3_version", "policy.pth", "data"}
+_Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,22 +41,36 @@ class Card:
 
     robot: str
     """Name of the arm."""
-    environment: str
+    environment: Annotated[str, msgspec.Meta(pattern="^[^-]+-[^-]+$")]
     """End of the environment's identifier with its version: ``GTE-v0``."""
     observation_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
     """Names of all elements, in order."""
     interval: Positive
     """Time between two actions [s]."""
-    activation: str
-    """One of `ACTIVATIONS`."""
-    output: str
-    """One of `OUTPUTS`."""
+    activation: Literal["tanh", "relu"]
+    """Activation of the hidden layers."""
+    output: Literal["tanh", "clip"]
+    """How an action is limited to [-1, 1] of its range."""
     clip: Positive
     """Bound of normalised observations."""
     epsilon: Positive
     """Added to the variance in the normalisation."""
     training: JsonRecord
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Content:
+    """``policy.json``; JSON has no number that is not finite."""
+
+    format: Literal["stiction-envs policy 2"] = "stiction-envs policy 2"
+    card: Card
+    low: _Numbers
+    high: _Numbers
+    mean: _Numbers
+    variance: tuple[Annotated[float, msgspec.Meta(ge=0)], ...]
+    weights: Annotated[tuple[tuple[_Numbers, ...], ...], msgspec.Meta(min_length=1)]
+    biases: tuple[_Numbers, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,8 +134,6 @@ class Policy:
         action = self.low + 0.5 * (y + 1.0) * (self.high - self.low)
         return action.reshape(*x.shape[:-1], len(self.low)), None
 
-    # ---- where it belongs --------------------------------------------------------------------
-
     def check(
         self,
         *,
@@ -132,111 +150,107 @@ class Policy:
             observation_names: of the environment.
             interval: time between two actions [s].
         """
-        card = self.card
-        kind, version = card.environment.split("-")
-        if kind != environment.split("-")[0] or card.robot != robot:
-            mine = f"the {kind} environment of {card.robot}"
-            other = f"the {environment.split('-')[0]} environment of {robot}"
-            raise StictionError(f"policy for {mine}: expected one for {other}")
-        if version != environment.split("-")[1]:
-            raise StictionError(f"policy for {card.environment}: expected one for {environment}")
-        names = tuple(observation_names)
-        if card.observation_names != names:
-            more = [n for n in card.observation_names if n not in names]
-            less = [n for n in names if n not in card.observation_names]
-            words = [f"without {', '.join(less[:3])}"] if less else []
-            words += [f"with {', '.join(more[:3])}"] if more else []
+        card, names = self.card, tuple(observation_names)
+        if (card.robot, card.environment) != (robot, environment):
             raise StictionError(
-                f"policy for other observations, {' and '.join(words) or 'in another order'}: "
-                f"expected the {len(names)} of {environment}: train it again"
+                f"policy for {card.environment} of {card.robot}: expected one for {environment} "
+                f"of {robot}"
+            )
+        if card.observation_names != names:
+            different = sorted(set(names) ^ set(card.observation_names))
+            words = ", ".join(different[:3]) or "their order"
+            raise StictionError(
+                f"policy for other observations ({words}): expected the {len(names)} of "
+                f"{environment}: train it again"
             )
         if abs(card.interval - interval) > 1e-9:  # [s], rounding
             raise StictionError(
                 f"policy for a control interval of {card.interval:g} s: expected {interval:g} s"
             )
 
-    # ---- file --------------------------------------------------------------------------------
-
     def save(self, path: str | Path) -> None:
-        """Write a ``policy.zip``: JSON and arrays."""
-        card = {"format": FORMAT, **vars(self.card), "layers": len(self.weights)}
-        arrays = {name: getattr(self, name) for name in _VECTORS}
-        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            arrays |= {f"weight_{k}": weight, f"bias_{k}": bias}
-        write_archive(Path(path), card, arrays)
+        """Write a ``policy.zip``; the same policy gives the same bytes."""
+        content = _Content(
+            card=self.card,
+            low=tuple(self.low.tolist()),
+            high=tuple(self.high.tolist()),
+            mean=tuple(self.mean.tolist()),
+            variance=tuple(self.variance.tolist()),
+            weights=tuple(tuple(map(tuple, w.tolist())) for w in self.weights),
+            biases=tuple(tuple(b.tolist()) for b in self.biases),
+        )
+        out = io.BytesIO()
+        with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
+            file.writestr(zipfile.ZipInfo(ENTRY, _EPOCH), msgspec.json.encode(content))
+        write_bytes_atomic(Path(path), out.getvalue())
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
         """Read a ``policy.zip`` from any source: no code in it is run.
 
         Raises:
-            StictionError: no file, no policy, Stable-Baselines3's own zip, pickled objects, a
-                content that is too large, numbers that are not finite, inconsistent shapes.
+            StictionError: no file, no policy, Stable-Baselines3's own zip, a content that is too
+                large, or numbers and shapes that do not belong together.
         """
-        path = Path(path)
-        raw, arrays = read_archive(path)
-        card = _checked_card(path, raw)
-        layers = raw.get("layers")
-        if type(layers) is not int or not 1 <= layers <= len(arrays):
-            raise StictionError(f"{path}: layers is {layers!r}: expected a whole number from 1")
-        names = [*_VECTORS, *(f"{p}_{k}" for k in range(layers) for p in ("weight", "bias"))]
-        if sorted(names) != sorted(arrays):
-            odd = sorted(set(names) ^ set(arrays))
-            raise StictionError(
-                f"{path}: {odd[0]} is missing or too many: expected {', '.join(names)}"
+        try:
+            content = msgspec.json.decode(_unpacked(Path(path)), type=_Content)
+            out = cls(
+                card=content.card,
+                low=np.array(content.low),
+                high=np.array(content.high),
+                mean=np.array(content.mean),
+                variance=np.array(content.variance),
+                weights=tuple(np.array(w, dtype=float) for w in content.weights),
+                biases=tuple(np.array(b) for b in content.biases),
             )
-        weights = tuple(arrays[f"weight_{k}"].astype(float) for k in range(layers))
-        biases = tuple(arrays[f"bias_{k}"].astype(float) for k in range(layers))
-        out = cls(
-            card=card,
-            weights=weights,
-            biases=biases,
-            **{name: arrays[name].astype(float) for name in _VECTORS},
-        )
-        out._check_shapes(path)
+            out._check_shapes()
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
+            raise StictionError(f"{path}: not a policy of `stiction train`: {error}") from None
         return out
 
-    def _check_shapes(self, path: Path) -> None:
-        observations, actions = len(self.card.observation_names), self.low.size
-        sizes = [observations, *(w.shape[0] if w.ndim == 2 else -1 for w in self.weights)]
-        lengths = (actions, actions, observations, observations)
-        for name, size in zip(_VECTORS, lengths, strict=True):
-            shape = getattr(self, name).shape
-            if shape != (size,):
-                raise StictionError(f"{path}: {name} has shape {shape}: expected ({size},)")
+    def _check_shapes(self) -> None:
+        """Raise a ValueError if arrays do not belong together."""
+        observations = (len(self.card.observation_names),)
+        if not self.mean.shape == self.variance.shape == observations:
+            raise ValueError(f"expected mean and variance of shape {observations}")
+        inputs = observations[0]
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            if weight.shape != (sizes[k + 1], sizes[k]) or bias.shape != (sizes[k + 1],):
-                raise StictionError(
-                    f"{path}: layer {k} has shapes {weight.shape} and {bias.shape}: expected "
-                    f"({bias.size}, {sizes[k]}) and ({bias.size},)"
+            if weight.shape != (bias.size, inputs):
+                raise ValueError(
+                    f"layer {k} has shape {weight.shape}: expected ({bias.size}, {inputs})"
                 )
-        if not (actions == sizes[-1] and actions % 2 == 0 and (self.low < self.high).all()):
-            raise StictionError(f"{path}: action bounds that are none: expected low < high")
-        if self.variance.min() < 0:
-            raise StictionError(f"{path}: variance below 0")
+            inputs = bias.size
+        if not (self.low.size == self.high.size == inputs and (self.low < self.high).all()):
+            raise ValueError(f"bounds of the action: expected {inputs} with low < high")
 
 
-_VECTORS = ("low", "high", "mean", "variance")
+def _unpacked(path: Path) -> bytes:
+    """Return ``policy.json`` of a zip.
 
-
-def _checked_card(path: Path, raw: JsonRecord) -> Card:
-    if raw.get("format") != FORMAT:
-        raise StictionError(f"{path}: format {raw.get('format')!r}: expected {FORMAT!r}")
+    Raises:
+        StictionError: no such file, no such zip, or too large a content.
+    """
+    expected = "expected a policy.zip of `stiction train`"
     try:
-        card = msgspec.convert(raw, Card)
-    except msgspec.ValidationError as error:
-        said, _, place = str(error).partition(" - at `$.")
-        name = place.rstrip("`").partition("[")[0]
-        value = f"{name} is {raw[name]!r}: " if name in raw else ""
-        raise StictionError(f"{path}: {value}{said[:1].lower()}{said[1:]}") from None
-    if not np.isfinite([card.interval, card.clip, card.epsilon]).all():
-        raise StictionError(f"{path}: interval, clip and epsilon: expected finite numbers")
-    for name, expected in (("activation", ACTIVATIONS), ("output", OUTPUTS)):
-        if getattr(card, name) not in expected:
-            raise unknown(f"{name} in {path}", getattr(card, name), expected)
-    if card.environment.count("-") != 1:
-        raise StictionError(f"{path}: environment {card.environment!r}: expected one as GTE-v0")
-    return card
+        with zipfile.ZipFile(path) as file:
+            names = set(file.namelist())
+            if names & _SB3:
+                raise StictionError(
+                    f"{path}: Stable-Baselines3's zip holds pickled code and is not opened: "
+                    f"{expected}, or what tuning.policies.algorithms.export makes of a model of "
+                    "your own"
+                )
+            if ENTRY not in names:
+                raise StictionError(f"{path}: no {ENTRY} in it: {expected}")
+            # zipfile unpacks no more of an entry than the size that it claims
+            if (size := file.getinfo(ENTRY).file_size) > MOST_BYTES:
+                raise StictionError(f"{path}: {size} bytes unpacked: expected up to {MOST_BYTES}")
+            return file.read(ENTRY)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise StictionError(f"{path}: {reason}: {expected}") from None
+    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
+        raise StictionError(f"{path}: not a zip: {error}: {expected}") from None
 
 
 @compiled

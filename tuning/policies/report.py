@@ -1,4 +1,4 @@
-"""Report of a training: its curve, its pages, and the means of evaluated policies."""
+"""The curve of a training, and the means of evaluated policies."""
 
 from __future__ import annotations
 
@@ -10,20 +10,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from stiction_envs.envs.registration import EXPERIMENTS
-from stiction_envs.friction.assumed import friction_note
-from stiction_envs.friction.sticking import friction_of
-from stiction_envs.reporting.markdown import number, table_text
+from stiction_envs.reporting.markdown import number
 from stiction_envs.reporting.png import save_full
-from stiction_envs.reporting.templates import write_md_and_html
-from stiction_envs.robots import Arm
-from stiction_envs.robots.registry import arm_title
 
 if TYPE_CHECKING:
-    from tuning.policies.evaluation import Evaluated
-    from tuning.policies.task import Task
-    from tuning.policies.train import CurvePoint, Trained
+    from tuning.policies.train import CurvePoint
 
-TEMPLATE = Path(__file__).parents[1] / "templates" / "train.md.j2"
 COLUMNS = {
     "return": ("return", 1.0, 3),
     "return_error": ("±", 1.0, 3),
@@ -35,7 +27,7 @@ COLUMNS = {
     "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
     "power": ("power", 1.0, 3),
 }
-"""Means that the report shows: heading, factor, digits."""
+"""Means that are shown: heading, factor, digits."""
 
 
 def means_table(
@@ -49,47 +41,6 @@ def means_table(
     ]
     return ["policy", *(COLUMNS[c][0] for c in shown)], rows
 
-
-def write_report(
-    folder: Path,
-    task: Task,
-    arm: Arm,
-    algorithm: str,
-    trained: Trained,
-    evaluated: Evaluated,
-) -> None:
-    """Write both pages.
-
-    Args:
-        folder: an existing one, with ``curve.png``.
-        task: task of the training.
-        arm: its arm.
-        algorithm: its name.
-        trained: the policy's curve.
-        evaluated: no dither ("none") and the policy ("trained"), on the same episodes.
-    """
-    summary = evaluated.summary()
-    none, policy = summary["none"], summary["trained"]
-    gain, error = policy["return"] - none["return"], policy["return_error"]
-    write_md_and_html(
-        folder,
-        TEMPLATE,
-        f"{algorithm.upper()} on {task.name}",
-        note=friction_note(arm, friction_of(arm, task.arguments.get("friction"))),
-        robot=arm_title(task.arm_name),
-        algorithm=f"{algorithm.upper()} on {task.name}",
-        trained=policy["return"],
-        error=error,
-        undithered=none["return"],
-        words="" if gain > 2 * error else ": no significant gain over the scatter of episodes",
-        first=trained.points[0].evaluation_return,
-        best=trained.best.evaluation_return,
-        best_steps=trained.best.steps,
-        table=table_text(*means_table(summary)),
-    )
-
-
-# ---- the curve -----------------------------------------------------------------------------------
 
 POLICY, NONE = "#1f5fa8", "#d1701a"
 

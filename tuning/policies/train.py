@@ -15,22 +15,20 @@ from __future__ import annotations
 import csv
 import os
 import shutil
-from collections.abc import Callable, Iterable, Sequence
+import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.envs.agents import ConstantTable
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.atomic import naming
+from tuning.names import CHECKPOINT_EVERY
 from tuning.policies.algorithms import (
     CheckpointCallback,
     EvalCallback,
-    begin_with,
     export,
     least_steps,
     load_checkpoint,
@@ -90,10 +88,7 @@ class Training:
     """Steps of all arms together; the last rollout may exceed it."""
     seed: int = 0
     """Seed of all random numbers."""
-    start: Sequence[AmplitudeRow] = ()
-    """Amplitudes that the policy starts with, for every observation; gates are ignored. Without
-    them: half of the highest amplitudes and frequencies."""
-    checkpoint_every: int = 20_000
+    checkpoint_every: int = CHECKPOINT_EVERY
     """Steps between two checkpoints."""
     settings: PolicySettings
 
@@ -102,9 +97,13 @@ class Training:
         least, why = least_steps(settings_of(self.algorithm, self.settings))
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        env = self.task.make(1)
-        ConstantTable(env, self.start)  # raises if the environment cannot execute it
-        drawn, first = getattr(env.core, "random_paths", 0), self.settings.evaluation.test_paths
+        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        env = make_env(self.task, min(2, own.envs), run, own)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of fewer arms than there will be
+            make_model(self.algorithm, own, env, self.seed)
+        core = env.unwrapped.env.unwrapped.core  # type: ignore[attr-defined]
+        drawn, first = getattr(core, "random_paths", 0), self.settings.evaluation.test_paths
         env.close()
         if drawn > first:
             raise StictionError(
@@ -134,13 +133,11 @@ class Training:
     def _learn(self, out: Path, progress: Progress | None) -> int | None:
         """Train the rest; return the steps that were done before, None for none."""
         own, run = settings_of(self.algorithm, self.settings), self.settings.run
-        env = make_env(self.task, own.envs, run, own.gamma)
+        env = make_env(self.task, own.envs, run, own)
         evaluations = _Evaluations(self, out, progress)
         place = newest(out / CHECKPOINTS)
         if place is None:
-            model = make_model(own, env, self.seed)
-            if self.start:
-                begin_with(model, first_action(self.task, self.start), self.settings.start)
+            model = make_model(self.algorithm, own, env, self.seed)
         else:
             model = load_checkpoint(self.algorithm, place, env)
             # not the episodes and the noise of the beginning once more
@@ -164,7 +161,7 @@ class _Evaluations(EvalCallback):
 
     def __init__(self, training: Training, out: Path, progress: Progress | None) -> None:
         own, run = settings_of(training.algorithm, training.settings), training.settings.run
-        env = make_env(training.task, run.evaluation_episodes, run, own.gamma)
+        env = make_env(training.task, run.evaluation_episodes, run, own)
         # it takes over the training's normalisation
         env.training, env.norm_reward = False, False
         super().__init__(
@@ -216,7 +213,6 @@ class _Evaluations(EvalCallback):
             "algorithm": training.algorithm,
             "steps": int(self.num_timesteps),
             "seed": training.seed,
-            "start": [repr(row) for row in training.start],
             "arguments": {k: repr(v) for k, v in sorted(training.task.arguments.items())},
         }
         export(self.model, training.task, described).save(self._out / POLICY)
@@ -259,19 +255,6 @@ def newest(folder: Path) -> Path | None:
     """Return the newest complete checkpoint in a folder; None if there is none."""
     found = folder.iterdir() if folder.is_dir() else ()
     return max((p for p in found if p.is_dir() and p.name != _PART), default=None)
-
-
-def first_action(task: Task, rows: Sequence[AmplitudeRow]) -> NDArray[np.float64]:
-    """Return an amplitude table as an action in [-1, 1].
-
-    Raises:
-        StictionError: a table that the environment cannot execute.
-    """
-    env = task.make(1)
-    space, table = env.core.action_space, ConstantTable(env, rows)
-    env.close()
-    dither = np.concatenate([table.amplitude, table.frequency])
-    return np.asarray(2.0 * (dither - space.low) / (space.high - space.low) - 1.0)
 
 
 def far_seed(seed: int, which: int) -> int:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.measured import BaseTable, DitheredRow, thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html

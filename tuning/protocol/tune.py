@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.control.sensing import SensingLike
-from stiction_envs.dither.aliasing import check_frequency
+from stiction_envs.dither.dither import check_frequency
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment

@@ -5,7 +5,7 @@ The ratio y = |τ|/|τ_base| of setting s in configuration c is
     y(s, c) = m(s, c) + d(s, c) + ε,      ε ~ N(0, σ_n²)
 
 where m is the prediction of the simulation, the mean under several frictions where the arm's is not
-known (`ensemble`), and d, its discrepancy, is a Gaussian process (Kennedy &
+known (`frictions.plausible`), and d, its discrepancy, is a Gaussian process (Kennedy &
 O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001; Rasmussen &
 Williams, Gaussian Processes for Machine Learning, 2006, eq. 2.22–2.24). The result is the mean of
 the four configurations. A common error of the simulation shifts all settings equally and decides

@@ -1,4 +1,4 @@
-"""Current results of a robot's study: tables to measure, the best settings, report and plot."""
+"""Current results of a robot's study: tables to measure, the best settings, the report."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import number, table_text
-from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
 from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
@@ -30,7 +27,6 @@ from tuning.study.record import Record
 TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
 INTERVAL = 1.96
 """Half of a normal distribution's 95 % interval over its standard deviation [-]."""
-SIMULATED, MEASURED, BELIEVED = "#8a8a8a", "#d1701a", "#1f5fa8"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -172,11 +168,10 @@ def describe(summary: JsonRecord) -> str:
 
 
 def write_state(folder: Path, state: State, *, asked: bool) -> None:
-    """Write final.csv, final.yaml, report.md, belief.png; if ``asked``, ask.csv and measure.csv."""
+    """Write final.csv, final.yaml, report.md; if ``asked``, ask.csv and measure.csv."""
     write_final(folder, [j.final for j in state.joints], state.joint_names)
     if asked:
         _write_asked(folder, state)
-    draw(state, folder / "belief.png")
     title = f"Dither for {state.robot}, measured on the robot"
     write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
@@ -216,43 +211,6 @@ def _write_asked(folder: Path, state: State) -> None:
     empty = ("",) * (len(SJE_COLUMNS) - 6)
     lines = [(state.robot, *row, *empty) for row in rows]
     write_lines(folder / "measure.csv", SJE_COLUMNS, lines)
-
-
-def draw(state: State, path: Path) -> None:
-    """Draw prediction, measurements and posterior with its interval, a panel per joint."""
-    columns = min(4, len(state.joints))
-    lines = -(-len(state.joints) // columns)
-    figure = Figure(figsize=(3.6 * columns, 2.9 * lines + 0.5), layout="constrained")
-    grid = figure.subplots(lines, columns, squeeze=False).ravel()
-    for axes, j in zip(grid, state.joints, strict=False):
-        order = np.argsort(j.candidates.predicted.mean(axis=1), kind="stable")
-        place = {int(s): x for x, s in enumerate(order)}
-        x, percent = np.arange(len(order)), 100 * (1 - j.posterior.mean[order])
-        half = 100 * INTERVAL * j.posterior.sd[order]
-        axes.fill_between(x, percent - half, percent + half, color=BELIEVED, alpha=0.15, lw=0)
-        axes.plot(x, percent, color=BELIEVED, lw=1.2, label="believed, 95 % interval")
-        predicted = 100 * (1 - j.candidates.predicted.mean(axis=1)[order])
-        axes.plot(x, predicted, ":", color=SIMULATED, lw=1.2, label="simulated")
-        found = j.measured()
-        axes.plot(
-            [place[s] for s in found],
-            [100 * (1 - v) for v in found.values()],
-            "o",
-            color=MEASURED,
-            ms=5,
-            label="measured",
-        )
-        for s in j.asked:
-            axes.axvline(place[s], color="0.4", lw=0.8, ls="--")
-        axes.set_title(f"joint {j.candidates.joint}", fontsize=10)
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-        axes.set_xlabel("settings, best in simulation first", fontsize=8)
-        axes.set_ylabel("reduction [%]", fontsize=8)
-        axes.grid(alpha=0.3)
-    for axes in grid[len(state.joints) :]:
-        axes.axis("off")
-    figure.legend(*grid[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    save_full(figure, path)
 
 
 def _words(state: State) -> dict[str, object]:

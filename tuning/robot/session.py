@@ -3,7 +3,7 @@
     Session("panda", out="runs/robot").ask(2)       # runs/robot/ask.csv, measure.csv to fill in
     Session("panda", out="runs/robot").tell("measured.csv")
 
-Both write report.md, belief.png, final.csv and final.yaml. Everything permanent is in the study.
+Both write report.md, final.csv and final.yaml. Everything permanent is in the study.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.provenance import sha256
 from tuning.robot.candidates import Candidates
-from tuning.robot.ensemble import plausible
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
 from tuning.robot.prediction import mean_of, predict
 from tuning.robot.report import State, state_of, write_state
@@ -36,6 +35,7 @@ from tuning.robot.robot_study import (
 )
 from tuning.search.bounds import bounds_of
 from tuning.search.breakaway import BreakawayObjective
+from tuning.search.frictions import plausible
 from tuning.search.reference_tables import reference_tables
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record

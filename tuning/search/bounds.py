@@ -25,8 +25,6 @@ from tuning.settings import BoundsSettings, tuning_settings
 from tuning.study.record import Parameters
 
 Array = NDArray[np.float64]
-OPTIONS = ("waveform", "offset")
-"""Parameters that may be searched besides amplitude and frequency."""
 BELOW_NYQUIST = 0.9
 """Highest frequency without a user's file over half the controller's rate [-] (assumed)."""
 TRIED = 2000

@@ -86,7 +86,7 @@ class BreakawayObjective:
             frictions: frictions under which every setting is measured.
             iterations: repeats per configuration and friction.
             limits: a table whose displacement no setting may pass, where ``bounds`` has none.
-            pareto: second objective, of `options.PRICES`; None for one objective only.
+            pareto: second objective, of `names.PRICES`; None for one objective only.
             progress: called with simulated seconds.
 
         Raises:

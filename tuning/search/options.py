@@ -4,45 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiction_envs.control.compensation import KINDS
 from stiction_envs.errors import StictionError, unknown
-from tuning.search.bounds import OPTIONS
-from tuning.study.samplers import SAMPLERS
-
-OBJECTIVES = ("sje", "gte", "both")
-COMPENSATIONS = ("none", *KINDS)
-_OBSERVERS = ("lugre_observer", "momentum_observer")
-TREATMENTS: dict[str, tuple[str, ...]] = {
-    **{name: (name,) for name in ("dither", *KINDS)},
-    "observer": _OBSERVERS,
-    "all": ("dither", *KINDS),
-}
-"""What is searched one after the other, by the name of the option: dither, or a compensation."""
-PRICES = ("shaking", "power", "torque_rate")
-"""Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
-(GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
+from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a search, besides arm and bounds."""
+    """Options of a search, besides arm and bounds: see the arguments of `search`."""
 
     objective: str = "sje"
-    """One of `OBJECTIVES`."""
     sampler: str | None = None
-    """One of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE."""
     pareto: str | None = None
-    """Second objective, one of `PRICES`; None: one objective. Shaking is a constraint
-    unless it is this objective."""
     free: tuple[str, ...] = ()
-    """Some of `bounds.OPTIONS`: parameters to search besides amplitude and frequency."""
     compensation: str = "none"
-    """Friction compensation of the GTE to search too, one of `COMPENSATIONS`."""
     treatment: str | None = None
-    """One of `TREATMENTS`: each of them is searched alone, and they are compared; None: dither,
-    and compensation as above."""
     evaluations: int | None = None
-    """Trials per joint (SJE) and of whole tables (GTE); None: the settings'."""
 
     def __post_init__(self) -> None:
         for name, choices in (
@@ -65,8 +41,8 @@ class Options:
         if self.pareto == "power" and still:
             raise StictionError("pareto power, of the dither: expected dither to be searched")
         for name in self.free:
-            if name not in OPTIONS:
-                raise unknown("search option", name, OPTIONS)
+            if name not in FREE:
+                raise unknown("search option", name, FREE)
         if self.evaluations is not None and self.evaluations < 1:
             raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
         paths = self.objective != "sje"

@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction_envs.control.compensation_files import compensation_rows
 from stiction_envs.experiments.sje.protocol import configurations
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.json_text import JsonRecord

@@ -71,11 +71,12 @@ def search(
         robot: name, model file, arm, or an arm with its friction (`load_model`).
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
             "both": the second starts from the table of the first. None: "gte" for a treatment.
-        sampler: one of `samplers.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
-        pareto: second objective, of `options.PRICES`; None for one objective.
+        sampler: one of `names.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
+        pareto: second objective, of `names.PRICES`; None for one objective. Shaking is a constraint
+            unless it is this objective.
         free: of "waveform" and "offset": what is searched besides amplitude and frequency.
-        compensation: of the GTE, one of `options.COMPENSATIONS`: searched together with dither.
-        treatment: one of `options.TREATMENTS`: each is searched alone with the same budget and
+        compensation: of the GTE, one of `names.COMPENSATIONS`: searched together with dither.
+        treatment: one of `names.TREATMENTS`: each is searched alone with the same budget and
             under the same limits on vibration and torque rate, and the best on other paths that
             does not shake at rest is recommended.
         evaluations: trials per joint (SJE) and of whole tables (GTE); None for the settings'.

@@ -21,6 +21,7 @@ from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
+from stiction_envs.reporting.kept_rows import KeptRows
 from tuning.search.bounds import Bounds
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
@@ -333,20 +334,20 @@ class Stages:
         for kind in BELIEVED:
             out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
         random = self.options.treatment is not None and _has_random_paths(unseen)
-        return verify_tracking(unseen, out, random=random, **self._unseen)
+        return verify_tracking(unseen, out, self._unseen, random=random)
 
     @cached_property
     def _unseen(self) -> Unseen:
         """What both repeated measurements have in common."""
         s, parameters = self.search, self.sje.sticking.parameters
         draws = frictions(parameters, s.verify_draws, spread=s.spread, seed=self.seed + UNSEEN)
-        return {
-            "bounds": self.bounds,
-            "frictions": draws,
-            "settings": s,
-            "record": self.run.record,
-            "progress": self._progress("verification"),
-        }
+        return Unseen(
+            bounds=self.bounds,
+            frictions=draws,
+            settings=s,
+            kept=KeptRows(self.run.folder.path / "verified.jsonl"),
+            progress=self._progress("verification"),
+        )
 
     def verify(
         self, tables: Mapping[str, Table], tracking: dict[str, dict[str, PathResult]]
@@ -356,7 +357,7 @@ class Stages:
             self.sje.replace(seed=self.seed + 1),
             # a ramp takes long: if only paths were searched, the table found is enough
             tables if "search sje" in tables else self.tables,
-            **self._unseen,
+            self._unseen,
         )
         return Verified(breakaway=breakaway, tracking=tracking)
 

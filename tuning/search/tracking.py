@@ -132,12 +132,12 @@ class TrackingObjective:
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
             joints: joints to dither, from 1.
-            free: from `bounds.OPTIONS`, waveform and offset: what else is searched for each joint.
+            free: from `names.FREE`, waveform and offset: what else is searched for each joint.
             compensation: kind to search, or "none"; its gains are those of the friction that the
                 controller assumes, times a factor.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint, for samplers without constraints.
-            pareto: second objective, of `options.PRICES`; None for one objective only.
+            pareto: second objective, of `names.PRICES`; None for one objective only.
             settings: range of the compensation; None for those of ``settings.toml``.
             rest_margin: how much more than an untreated arm any may vibrate at rest [m]; torque
                 may then change no faster than with ``limits``, and a push has a load gain. None

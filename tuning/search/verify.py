@@ -1,19 +1,15 @@
 """Measures tables again: with frictions, seeds, paths and a start that the search has not seen.
 
-Each measurement is a trial of a separate study, so that nothing is measured twice. The study's name
-contains a digest of what is measured, so that other tables cannot be confused with these.
+Finished measurements are kept in the run's folder, so that an interrupted one goes on.
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypedDict, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from optuna.distributions import CategoricalDistribution
 
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
@@ -21,21 +17,16 @@ from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import Arm
 from tuning.search.bounds import Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
 from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
 from tuning.settings import SearchSettings
-from tuning.study.record import Outcome, Record, Search
-from tuning.study.samplers import sampler
-from tuning.study.workers import Progress, fill
+from tuning.study.workers import Progress
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
-MakeRecord = Callable[[str], Record]
-"""Opens a study of this run by its name."""
 PATHS = TRAJECTORIES
 NOTHING = "no dither"
 LEFT = ("position", "orientation", "resting_position", "resting_orientation")
@@ -79,19 +70,21 @@ class Verified:
         return tuple(next(iter(self.tracking.values()), ()))
 
 
-def digest(things: object) -> str:
-    """Return a short digest of what is measured."""
-    return hashlib.sha256(repr(things).encode()).hexdigest()[:12]
-
-
-class Unseen(TypedDict):
-    """Arguments that both repeated measurements have in common."""
+@dataclass(frozen=True, kw_only=True)
+class Unseen:
+    """What both repeated measurements have in common."""
 
     bounds: Bounds
     frictions: Sequence[FrictionParameters]
     settings: SearchSettings
-    record: MakeRecord
+    kept: KeptRows
+    """Finished measurements, of this run and of one that was interrupted."""
     progress: Progress | None
+
+    def tell(self, done: int, count: int) -> None:
+        """Report how many measurements are finished."""
+        if self.progress is not None:
+            self.progress(done, count)
 
 
 def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
@@ -102,38 +95,23 @@ def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
 
 
 def verify_breakaway(
-    experiment: SingleJointExperiment,
-    tables: Mapping[str, Table],
-    *,
-    bounds: Bounds,
-    frictions: Sequence[FrictionParameters],
-    settings: SearchSettings,
-    record: MakeRecord,
-    progress: Progress | None,
+    experiment: SingleJointExperiment, tables: Mapping[str, Table], unseen: Unseen
 ) -> dict[str, dict[int, Breakaway]]:
-    """Measure every joint of every table in the SJE."""
+    """Measure every joint of every table in the SJE, all settings in one batch."""
     rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
-    distinct = list(dict.fromkeys(rows.values()))
-
-    def measure(wanted: list[AmplitudeRow]) -> list[Outcome]:
+    kept, repeats = unseen.kept, unseen.settings.verify_iterations
+    missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in kept.every]
+    unseen.tell(0, len(missing))
+    if missing:
         objective = BreakawayObjective(
-            experiment, bounds, frictions, iterations=settings.verify_iterations
+            experiment, unseen.bounds, unseen.frictions, iterations=repeats
         )
-        found = objective.measure(wanted)
-        return [
-            Outcome(
-                values=(0.0,),
-                measures={name: x.tolist() for name, x in vars(found[row]).items()},
-            )
-            for row in wanted
-        ]
-
-    made = record(f"verify-sje-{digest(distinct)}")
-    known = dict(zip(distinct, measured_once(made, distinct, measure, progress), strict=True))
-    names = ("tau", "ratio", "oscillation")
+        for row, found in objective.measure(missing).items():
+            kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
+        unseen.tell(len(missing), len(missing))
     out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
     for (name, joint), row in rows.items():
-        arrays = {k: np.array(known[row][k], dtype=float) for k in names}
+        arrays = {k: np.array(x, dtype=float) for k, x in kept.every[repr(row)].items()}
         out[name][joint] = Breakaway(**arrays)
     return out
 
@@ -141,85 +119,64 @@ def verify_breakaway(
 def verify_tracking(
     experiment: GeneratedTrajectoryExperiment,
     treatments: Mapping[str, Treatment],
+    unseen: Unseen,
     *,
-    bounds: Bounds,
-    frictions: Sequence[FrictionParameters],
-    settings: SearchSettings,
-    record: MakeRecord,
-    progress: Progress | None,
     random: bool = False,
 ) -> dict[str, dict[str, PathResult]]:
     """Run every treatment on the path used for tuning and on others, random ones if wanted."""
     treatments = {NOTHING: Treatment(), **treatments}
     groups: dict[str, Sequence[str]] = {path: (path,) for path in PATHS}
     if random:
-        groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(settings.verify_random)]
-    cases = [(name, path) for name in treatments for path in groups]
-
-    def measure_all(wanted: list[tuple[str, str]]) -> list[Outcome]:
-        out: dict[tuple[str, str], Outcome] = {}
-        for path in dict.fromkeys(path for _, path in wanted):
-            places: list[Place] = [(p, k) for p in groups[path] for k in thesis_stiffness()]
-            objective = TrackingObjective(
-                experiment,
-                bounds,
-                frictions,
-                places,
-                iterations=settings.verify_iterations,
-                joints=range(1, experiment.n + 1),
-            )
-            mine = [case for case in wanted if case[1] == path]
-            measured = objective.measure([treatments[name] for name, _ in mine])
-            for case, found in zip(mine, measured, strict=True):
-                ratios = found.by_friction(objective.plain)
-                out[case] = Outcome(
-                    values=(0.0,),
-                    measures={
-                        **{k: v.tolist() for k, v in ratios.items()},
-                        "vibration_m": found.shaking[0],
-                        "vibration_at_rest_m": found.shaking[1],
-                        "power_w": float(found.power.mean()),
-                        "torque_rate_nm_s": float(found.torque_rate.max()),
-                    },
-                )
-        return [out[case] for case in wanted]
-
-    made = record(f"verify-gte-{digest([list(treatments.items()), groups])}")
-    known = measured_once(made, cases, measure_all, progress)
-    result: dict[str, dict[str, PathResult]] = {name: {} for name in treatments}
-    for (name, path), attributes in zip(cases, known, strict=True):
-        names = ("vibration_m", "vibration_at_rest_m", "power_w", "torque_rate_nm_s")
-        shaken = {k: attributes[k] for k in names}
-        left: JsonRecord = {k: _left(attributes[k]) for k in LEFT}
-        result[name][path] = PathResult(**left, **shaken)
+        groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(unseen.settings.verify_random)]
+    kept = unseen.kept
+    for done, (path, places) in enumerate(groups.items()):
+        unseen.tell(done, len(groups))
+        keys = {name: f"{path} {treatment!r}" for name, treatment in treatments.items()}
+        missing = [name for name, key in keys.items() if key not in kept.every]
+        if missing:
+            where: list[Place] = [(p, k) for p in places for k in thesis_stiffness()]
+            found = _tracked(experiment, [treatments[name] for name in missing], where, unseen)
+            for name, row in zip(missing, found, strict=True):
+                kept.add(keys[name], row)
+    unseen.tell(len(groups), len(groups))
+    result: dict[str, dict[str, PathResult]] = {}
+    for name, treatment in treatments.items():
+        result[name] = {}
+        for path in groups:
+            row = kept.every[f"{path} {treatment!r}"]
+            left = {k: _left(row[k]) for k in LEFT}
+            result[name][path] = PathResult(**{**row, **left})
     return result
+
+
+def _tracked(
+    experiment: GeneratedTrajectoryExperiment,
+    treatments: Sequence[Treatment],
+    places: Sequence[Place],
+    unseen: Unseen,
+) -> list[JsonRecord]:
+    """Return what treatments leave on some paths per friction, and how much they shake there."""
+    objective = TrackingObjective(
+        experiment,
+        unseen.bounds,
+        unseen.frictions,
+        places,
+        iterations=unseen.settings.verify_iterations,
+        joints=range(1, experiment.n + 1),
+    )
+    return [
+        {
+            **{k: v.tolist() for k, v in found.by_friction(objective.plain).items()},
+            "vibration_m": found.shaking[0],
+            "vibration_at_rest_m": found.shaking[1],
+            "power_w": float(found.power.mean()),
+            "torque_rate_nm_s": float(found.torque_rate.max()),
+        }
+        for found in objective.measure(treatments)
+    ]
 
 
 def _left(ratios: list[float]) -> tuple[float, float, float]:
     """Return geometric mean and interval of ratios, one per friction."""
     mean, low, high = interval(np.log(np.array(ratios, dtype=float)))
     return float(np.exp(mean)), float(np.exp(low)), float(np.exp(high))
-
-
-def measured_once(
-    record: Record,
-    things: Sequence[T],
-    measure: Callable[[list[T]], list[Outcome]],
-    progress: Progress | None,
-) -> list[JsonRecord]:
-    """Measure things once each, in one batch; return what was measured."""
-    if not things:
-        return []
-    count = len(things)
-    space = {"row": CategoricalDistribution(list(range(count)))}
-    one = Search(
-        record=record,
-        space=space,
-        sampler=sampler("random", space, seed=0),
-        evaluations=count,
-        batch=count,
-        first=tuple({"row": k} for k in range(count)),
-    )
-    fill([one], lambda asked: measure([things[p["row"]] for _, p in asked]), progress)
-    found = {t.params["row"]: dict(t.user_attrs) for t in record.trials}
-    return [found[k] for k in range(count)]

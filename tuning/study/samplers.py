@@ -16,9 +16,8 @@ from optuna.study import Study
 from optuna.trial import FrozenTrial
 
 from stiction_envs.errors import StictionError, unknown
+from tuning.names import SAMPLERS
 from tuning.study.record import CONSTRAINTS, Parameters, Space
-
-SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 
 
 def fixed(setting: Parameters) -> BaseSampler:

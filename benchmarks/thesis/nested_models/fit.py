@@ -34,8 +34,6 @@ ITERATIONS = 2
 assumed."""
 STIFF_BRISTLE = 1e4
 """What stands for no presliding [N·m/rad]: at 1 N·m it yields 0.1 mrad; the bound of 3.4."""
-DUPONT_RATIO = 0.7169
-"""Breakaway over steady deflection of the elasto-plastic example (Dupont et al. 2002, Table I)."""
 PHYSICAL = (
     ("inertia", "+ rotor inertia", "a band of one level, and the rotor's inertia takes torque"),
     ("presliding", "+ presliding", "bristles and Stribeck: LuGre instead of a band"),
@@ -46,8 +44,6 @@ PHYSICAL = (
     ("drift", "+ base drift", "one factor per configuration between measuring days"),
 )
 """Effects one after the other: key, name of the model that has it and all before, statement."""
-ELASTO_PLASTIC = "elasto-plastic"
-"""Effect: no drift inside the band (Dupont et al. 2002), instead of LuGre."""
 ALL = frozenset(key for key, *_ in PHYSICAL)
 
 
@@ -100,7 +96,6 @@ class JointFit(LoneJointTorques):
         whole: WholeArm,
         effects: frozenset[str] = ALL,
         *,
-        fixed: Mapping[str, float] | None = None,
         correction: Array | None = None,
     ) -> None:
         """Set up the fit.
@@ -109,13 +104,12 @@ class JointFit(LoneJointTorques):
             joint: from 1.
             cells: of that joint; to be fitted, those that may be.
             whole: the arm.
-            effects: which physical statements are made, keys of `PHYSICAL`, or `ELASTO_PLASTIC`.
-            fixed: parameters that are neither free nor nominal, such as the ramp rate.
+            effects: which physical statements are made, keys of `PHYSICAL`.
             correction: (cells,) what the whole arm predicts more than the lone joint [-].
         """
         super().__init__(joint, whole)
         self._base = thesis_base(ROBOT)
-        self.cells, self.effects, self.fixed = list(cells), effects, dict(fixed or {})
+        self.cells, self.effects = list(cells), effects
         self.correction = np.zeros(len(self.cells)) if correction is None else correction
         self.names = ["rotor_inertia"]
         if "presliding" in effects:
@@ -147,14 +141,14 @@ class JointFit(LoneJointTorques):
 
     def _without(self) -> dict[str, float]:
         """Return the parameters that effects set, whatever is fitted: most stand for their lack."""
-        out = {"breakaway_ratio": DUPONT_RATIO} if ELASTO_PLASTIC in self.effects else {}
+        out: dict[str, float] = {}
         if "presliding" not in self.effects:
             out |= {"bristle_stiffness": STIFF_BRISTLE, "coulomb_ratio": 1.0}
         if "elasticity" not in self.effects:
             out |= {"joint_stiffness": np.inf}
-        return (
-            out if "path" in self.effects else out | {"lowpass_hz": np.inf, "torque_rate": np.inf}
-        )
+        if "path" not in self.effects:
+            out |= {"lowpass_hz": np.inf, "torque_rate": np.inf}
+        return out
 
     def predict(self, population: Sequence[Mapping[str, float]]) -> Array:
         """Return (population, cells) predicted change |τ_SJE|/|τ_base| − 1 [-]; NaN: stuck.
@@ -162,7 +156,7 @@ class JointFit(LoneJointTorques):
         Args:
             population: parameters by name; what is not named is nominal.
         """
-        sets = [{**self.fixed, **p, **self._without()} for p in population]
+        sets = [{**p, **self._without()} for p in population]
         # joints that differ in nothing are simulated once
         columns = sorted({*self._undithered, *self._dithered})
         tau = self.breakaway(columns, sets, None if "path" in self.effects else 1)
@@ -327,22 +321,18 @@ def with_parameters(
 
 
 def whole_arm(
-    friction: FrictionParameters, chosen: Sequence[Cell], ramp_rate: float | None = None
+    friction: FrictionParameters, chosen: Sequence[Cell]
 ) -> tuple[FrictionParameters, Array]:
     """Calibrate an arm's levels to Table 4.3 and simulate cells with the plant.
 
     Args:
         friction: of the arm; its levels are overwritten.
         chosen: cells to simulate.
-        ramp_rate: [N·m/s], None for the protocol's.
 
     Returns:
         Calibrated parameters and (cells,) changes against the simulation's own base torque [-].
     """
     experiment = SingleJointExperiment(ROBOT, friction=friction, scatter=False)
-    if ramp_rate is not None:
-        protocol = experiment.protocol.replace(ramp_rate=ramp_rate)
-        experiment = experiment.replace(protocol=protocol)
     fitted = calibrate(thesis_base(ROBOT), experiment).parameters
     experiment = experiment.replace(sticking=build(load_arm(ROBOT), fitted))
     jobs = [Job(c.configuration, c.row.frequency_hz, c.row.amplitude_nm) for c in chosen]

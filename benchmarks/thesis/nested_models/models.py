@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.harness import Rows
 from benchmarks.thesis.nested_models.cells import Cell, cells
 from benchmarks.thesis.nested_models.fit import (
     ALL,
-    ELASTO_PLASTIC,
     PHYSICAL,
     ROBOT,
     Found,
@@ -34,10 +34,8 @@ from benchmarks.thesis.nested_models.fit import (
     with_drift,
     with_parameters,
 )
-from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import thesis_base
-from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.robots import load_arm
 
 Array = NDArray[np.float64]
@@ -63,22 +61,8 @@ class NestedModel:
     """Predicted change |τ_SJE|/|τ_base| − 1 of every cell [-]."""
     found: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
     """By joint, where each seed's search ended, best first."""
-    fixed: dict[str, float] = field(default_factory=dict)
-    """Numbers of the whole robot."""
     loss: float | None = None
     """Loss of the fitted cells, summed over the joints."""
-
-
-def preferred(one: NestedModel, two: NestedModel) -> tuple[float, float]:
-    """Return by how much the fitted cells prefer one model to another, and how surely.
-
-    Returns:
-        Loss of ``two`` less that of ``one``, summed over the joints, and twice its standard error
-        from the joints' differences: less than that is no preference.
-    """
-    joints = sorted(set(one.found) & set(two.found))
-    gap = np.array([two.found[j][0]["loss"] - one.found[j][0]["loss"] for j in joints])
-    return float(gap.sum()), float(2 * np.sqrt(len(gap)) * gap.std(ddof=1))
 
 
 # ---- models without physics ---------------------------------------------------------------------
@@ -116,35 +100,33 @@ def _search(
     effects: frozenset[str],
     seeds: tuple[int, ...],
     around: dict[str, float] | None,
-    fixed: dict[str, float],
     correction: Array | None,
 ) -> tuple[list[Found], Array]:
     """Return where a joint's searches ended, and what the best predicts of all its cells."""
     every = [c for c in cells() if c.row.joint == joint]
     fitted = [c for c in every if not c.held_out]
-    fit = JointFit(joint, fitted, whole, effects, fixed=fixed, correction=correction)
+    fit = JointFit(joint, fitted, whole, effects, correction=correction)
     if around is not None:
         around = {n: around.get(n, fit.nominal(n)) for n in fit.names}
     found = search(fit, seeds, generations=GENERATIONS, around=around)
-    full = JointFit(joint, every, whole, effects, fixed=fixed)
+    full = JointFit(joint, every, whole, effects)
     return found, full.predict([found[0].parameters])[0]
 
 
 class NestedModels:
-    """Fits the models, writing each into `ladder.json` of a folder."""
+    """Fits the models, keeping each as a row of `ladder.jsonl` in a folder."""
 
     def __init__(self, folder: Path, *, seeds: Sequence[int] = SEEDS, processes: int = 0) -> None:
         """Go on with the folder's models if they are of the same data and settings."""
-        self.path = folder / "ladder.json"
         self.seeds = tuple(seeds)
         self.cells = cells()
         self.processes = processes or os.cpu_count() or 1
-        self.models: dict[str, NestedModel] = {}
-        self._print = self._fingerprint()
-        if self.path.exists():
-            saved = json.loads(self.path.read_text(encoding="utf-8"))
-            if saved["fingerprint"] == self._print:
-                self.models = {r["key"]: NestedModel(**r) for r in saved["rungs"]}
+        self._rows = Rows(folder / "ladder.jsonl", self._fingerprint())
+
+    @property
+    def models(self) -> dict[str, NestedModel]:
+        """The models that are fitted, by key."""
+        return {key: NestedModel(**row) for key, row in self._rows.every.items()}
 
     def _fingerprint(self) -> str:
         numbers = {
@@ -156,9 +138,7 @@ class NestedModels:
         return hashlib.sha256((text + rows).encode()).hexdigest()
 
     def _save(self, model: NestedModel) -> NestedModel:
-        self.models[model.key] = model
-        out = {"fingerprint": self._print, "rungs": [asdict(r) for r in self.models.values()]}
-        write_text_atomic(self.path, json.dumps(out, indent=1, allow_nan=False) + "\n")
+        self._rows.add(model.key, asdict(model))
         return model
 
     def fit(self, tell: Progress) -> None:
@@ -167,22 +147,14 @@ class NestedModels:
             statement = (function.__doc__ or "").splitlines()[0]
             change = function(self.cells).tolist()
             self._save(NestedModel(key=key, name=name, statement=statement, change=change))
-
-        def once(about: tuple[str, str, str], **how: Any) -> NestedModel:
-            return self.models.get(about[0]) or self._save(self._fit(about, tell, **how))
-
         before, effects = None, frozenset[str]()
         for key, name, statement in PHYSICAL:
             effects |= {key}
             seeds = self.seeds if key == "drift" else ONE_SEED
-            before = once((key, name, statement), effects=effects, around=before, seeds=seeds)
-        for rate in settings()["ramp_rate"]["tried"]:
-            statement = "one rate for the whole robot, instead of the assumed one"
-            about = (f"ramp {rate:g}", f"ramp at {rate:g} N·m/s", statement)
-            once(about, around=before, fixed={"ramp_rate": rate})
-        statement = "presliding below 0.72 of the steady deflection does not drift (Dupont 2002)"
-        about = (ELASTO_PLASTIC, "elasto-plastic instead of LuGre", statement)
-        once(about, effects=ALL | {ELASTO_PLASTIC}, around=before)
+            about = (key, name, statement)
+            before = self.models.get(key) or self._save(
+                self._fit(about, tell, effects=effects, around=before, seeds=seeds)
+            )
         if "arm" not in self.models:
             self._fit_arm(tell)
 
@@ -200,7 +172,6 @@ class NestedModels:
         effects: frozenset[str] = ALL,
         whole: WholeArm | None = None,
         around: NestedModel | None = None,
-        fixed: Mapping[str, float] | None = None,
         correction: Array | None = None,
         seeds: tuple[int, ...] = ONE_SEED,
     ) -> NestedModel:
@@ -212,7 +183,6 @@ class NestedModels:
             effects: of the joints.
             whole: the arm; None for that of `start_friction`.
             around: the model from which the first seed starts.
-            fixed: numbers of the whole robot.
             correction: (all cells,) whole arm minus lone joint [-], NaN where not simulated.
             seeds: of the search.
         """
@@ -226,7 +196,6 @@ class NestedModels:
                 effects,
                 seeds,
                 None if around is None else around.found[str(joint)][0]["parameters"],
-                dict(fixed or {}),
                 None if correction is None else correction[of[joint] & fitted],
             )
             for joint in ORDER
@@ -247,22 +216,8 @@ class NestedModels:
             statement=statement,
             change=change.tolist(),
             found=dict(sorted(found.items())),
-            fixed=dict(fixed or {}),
             loss=sum(f[0]["loss"] for f in found.values()),
         )
-
-    def ramp_rate(self) -> tuple[float, str]:
-        """Return the ramp rate of the robot [N·m/s], and the model that has it.
-
-        That of the protocol, unless another one fits Tables 4.3 and 4.6 better by twice the
-        standard error of the joints' differences.
-        """
-        best, key, most = load_protocol(ROBOT).ramp_rate, "drift", 0.0
-        for rate in settings()["ramp_rate"]["tried"]:
-            gain, error = preferred(self.models[f"ramp {rate:g}"], self.models["drift"])
-            if gain > max(most, error):
-                best, key, most = float(rate), f"ramp {rate:g}", gain
-        return best, key
 
     def _fit_arm(self, tell: Progress) -> None:
         """Correct the lone joints by what the whole arm makes of them, in a few rounds.
@@ -270,21 +225,20 @@ class NestedModels:
         The correction holds near the parameters it was measured at, so each round starts from the
         last. Every joint keeps the round whose fitted cells the whole arm itself met best.
         """
-        rate, start = self.ramp_rate()
-        now, fixed = self.models[start], {"ramp_rate": rate}
+        now = self.models["drift"]
         rows = np.array([not c.held_out for c in self.cells])
         fitted = [c for c in self.cells if not c.held_out]
         kept: dict[str, dict[str, Any]] = {}
         for k in range(ROUNDS + 1):
             tell("whole arm", k, ROUNDS + 2)
             best = {int(j): f[0]["parameters"] for j, f in now.found.items()}
-            arm, change = whole_arm(with_parameters(start_friction(), best), fitted, rate)
+            arm, change = whole_arm(with_parameters(start_friction(), best), fitted)
             whole = WholeArm(load_arm(ROBOT), arm)
             lone = np.zeros(len(fitted))
             for j, found in now.found.items():
                 mine = np.array([c.row.joint == int(j) for c in fitted])
                 cells = [c for c, one in zip(fitted, mine, strict=True) if one]
-                fit = JointFit(int(j), cells, whole, fixed=fixed)
+                fit = JointFit(int(j), cells, whole)
                 parameters = found[0]["parameters"]
                 loss = fit.loss(change[mine], parameters)
                 if j not in kept or loss < kept[j]["loss"]:
@@ -299,12 +253,11 @@ class NestedModels:
                 tell,
                 whole=whole,
                 around=now,
-                fixed=fixed,
                 correction=correction,
             )
         tell("whole arm", ROUNDS + 1, ROUNDS + 2)
         best = {int(j): f["parameters"] for j, f in kept.items()}
-        _, change = whole_arm(with_parameters(start_friction(), best), self.cells, rate)
+        _, change = whole_arm(with_parameters(start_friction(), best), self.cells)
         for key, name, values in (
             ("arm", "whole arm, without drift", change),
             ("arm + drift", "whole arm + base drift", with_drift(self.cells, change)),
@@ -316,7 +269,6 @@ class NestedModels:
                     statement="the fit carried over to all joints of the plant",
                     change=values.tolist(),
                     found={j: [f] for j, f in kept.items()},
-                    fixed=fixed,
                     loss=sum(f["loss"] for f in kept.values()),
                 )
             )

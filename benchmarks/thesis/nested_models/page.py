@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from benchmarks.thesis.nested_models import figures
 from benchmarks.thesis.nested_models.cells import FREQUENCIES, JOINTS, cells
-from benchmarks.thesis.nested_models.models import NestedModel, preferred
+from benchmarks.thesis.nested_models.models import NestedModel
 from benchmarks.thesis.nested_models.scores import (
     ARM,
     SAME_LOSS,
@@ -51,12 +50,15 @@ PARAMETERS = {
 }
 
 
-def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any]:
-    """Write `gap.md`, `report.html` and their pictures; return the errors [% of base torque].
+def write_page(folder: Path, models: Mapping[str, NestedModel]) -> list[tuple[str, float, float]]:
+    """Write `gap.md`, `report.html` and their pictures.
 
     Args:
         folder: where; it exists.
         models: by key, as `NestedModels.models` when all are fitted.
+
+    Returns:
+        Name, mean and median error [% of base torque] of every model, and of the thesis's repeats.
     """
     scores = ModelScores(models, cells())
     figures.models(scores, folder / "ladder.png")
@@ -67,19 +69,8 @@ def write_page(folder: Path, models: Mapping[str, NestedModel]) -> dict[str, Any
     write_text_atomic(folder / "gap.md", text)
     title = "The thesis's dithered torques, model by model"
     write_text_atomic(folder / "report.html", to_html(text.splitlines(), folder, title))
-    return {
-        "repeats": {"mean": scores.floor[0], "median": scores.floor[1]},
-        "models": [
-            {
-                "key": key,
-                "name": x.name,
-                "mean": x.mean,
-                "ci95": [x.low, x.high],
-                "median": x.median,
-            }
-            for key, x in scores.scores.items()
-        ],
-    }
+    found = [(x.name, x.mean, x.median) for x in scores.scores.values()]
+    return [*found, ("the thesis repeated", *scores.floor)]
 
 
 def page(s: ModelScores) -> str:
@@ -105,8 +96,6 @@ def page(s: ModelScores) -> str:
         same_loss=SAME_LOSS,
         same_range=SAME_RANGE,
         identification=_identification(s),
-        ramp_rates=_ramp_rates(s),
-        preferred=preferred(s.models["elasto-plastic"], s.models["drift"]),
     )
 
 
@@ -184,17 +173,3 @@ def _identification(s: ModelScores) -> str:
         good = f"{found[0].seeds} of {seeds}"
         rows.append([str(j), *(texts.get(n, "–") for n in PARAMETERS), good])
     return table_text(["joint", *PARAMETERS.values(), "seeds as good"], rows)
-
-
-def _ramp_rates(s: ModelScores) -> str:
-    rates = s.ramp_rates()
-    loss = {r: float(s.models[k].loss or 0.0) for r, k in rates.items()}
-    best = min(loss, key=loss.__getitem__)
-    rows = []
-    for r, k in rates.items():
-        gap, error = preferred(s.models[rates[best]], s.models[k])
-        worse = "yes" if r != best and gap >= error else "no"
-        over, mean = signed(loss[r] - loss[best]), f"{number(s.scores[k].mean, 2)} %"
-        rows.append([f"{r:g}", number(loss[r]), over, worse, mean])
-    header = ["ramp rate [N·m/s]", "loss of the fit", "over the best"]
-    return table_text([*header, "clearly worse than the best", "held-out mean error"], rows)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thesis.nested_models.cells import RESAMPLES, Cell, repeat_floor, score
-from benchmarks.thesis.nested_models.fit import PHYSICAL, ROBOT, drift_factors, with_drift
+from benchmarks.thesis.nested_models.fit import PHYSICAL, drift_factors, with_drift
 from benchmarks.thesis.nested_models.models import NestedModel
-from stiction_envs.experiments.sje.protocol import Configuration, load_protocol
+from stiction_envs.experiments.sje.protocol import Configuration
 
 Array = NDArray[np.float64]
 ARM = "arm + drift"
@@ -92,7 +92,7 @@ class ModelScores:
         """Score the models.
 
         Args:
-            models: by key, all of `KEYS`.
+            models: by key, all of them.
             chosen: the cells they predict, in the same order.
         """
         self.models, self.cells = dict(models), list(chosen)
@@ -171,11 +171,6 @@ class ModelScores:
             on_bound = name in found[0].get("on_bound", [])
             out.append(Identified(name, value, min(values), max(values), len(good), on_bound))
         return out, len(found)
-
-    def ramp_rates(self) -> dict[float, str]:
-        """Return the model of every ramp rate tried [N·m/s]; that of the protocol is ``drift``."""
-        out = {float(k.removeprefix("ramp ")): k for k in self.models if k.startswith("ramp ")}
-        return dict(sorted({load_protocol(ROBOT).ramp_rate: "drift", **out}.items()))
 
     def drift(self) -> dict[Configuration, float]:
         """Return each configuration's factor on its base, of the whole arm without drift."""

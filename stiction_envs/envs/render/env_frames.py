@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.envs.render.arm_scene import ArmScene
 from stiction_envs.envs.render.panel import draw_panel
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Frame = NDArray[np.uint8] | NDArray[np.float32]
 """A picture (height, width, 3), or distances (height, width) [m]."""
 RENDER_MODES = ("human", "rgb_array", "depth_array")
@@ -31,7 +31,7 @@ WIDTH = SCENE_WIDTH + PANEL_WIDTH
 
 
 class State(Protocol):
-    """What a run of an experiment is at a moment."""
+    """A moment of a run."""
 
     @property
     def position(self) -> Array:
@@ -80,7 +80,7 @@ class Renderer(ABC, Generic[Shown]):
     @staticmethod
     @abstractmethod
     def state(core: Any, i: int) -> Shown:
-        """Return what episode ``i`` of the experiment's `Episodes` is now."""
+        """Return the present moment of episode ``i`` of the experiment's `Episodes`."""
 
     @abstractmethod
     def _decorate(self, scene: mujoco.MjvScene, state: Shown) -> None:
@@ -88,7 +88,7 @@ class Renderer(ABC, Generic[Shown]):
 
     @abstractmethod
     def _lines(self, state: Shown) -> list[str]:
-        """Return the lines above the plots: a title, what is done, and how it goes."""
+        """Return the lines above the plots: a title, the run, and its state."""
 
     @abstractmethod
     def _plot(self, draw: ImageDraw.ImageDraw, state: Shown) -> None:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.rotation import from_rpy, to_matrix
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ball, connect, polyline
 from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
@@ -32,13 +31,12 @@ from stiction_envs.experiments.gte.protocol import Case, Run, Stiffness
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.rows import case_name
 from stiction_envs.experiments.observation import STICTION_FACTOR, largest_stiction
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.plant import CONTROL_DT
 
 if TYPE_CHECKING:
     from stiction_envs.experiments.gte.episodes import GTEEpisodes
 
-Array = NDArray[np.float64]
 _AXES = np.array(
     [[0.85, 0.15, 0.15, 1.0], [0.1, 0.6, 0.2, 1.0], [0.15, 0.3, 0.9, 1.0]], dtype=np.float32
 )
@@ -94,7 +92,7 @@ class PathRenderer(Renderer[Motion]):
 
     @staticmethod
     def state(core: GTEEpisodes, i: int) -> Motion:
-        """Return what episode ``i`` is now."""
+        """Return the present moment of episode ``i``."""
         assert core.recorder.trace is not None
         rig, n, trace = core.rig, core.n, core.recorder.trace[i]
         trajectory, stiffness = core.case[i]
@@ -233,7 +231,7 @@ def _drawing(
     end: float,
     renderer: PathRenderer,
 ) -> Callable[[float], Picture]:
-    """Return what draws the first iteration of a run at a time [s].
+    """Return a function that draws the first iteration of a run at a time [s].
 
     Args:
         experiment: that was run.
@@ -246,34 +244,20 @@ def _drawing(
     arm, case, e = experiment.sticking.arm, run.case, experiment
     stiction = largest_stiction(e.sticking.parameters, find_poses(arm))
     dither = e.dither_of(case)
-    motion = Motion(
-        title=f"{arm.name}  {case.trajectory}, {case_name(case).replace('_', ' ')}",
-        stiffness=case.stiffness,
-        start=e.start,
-        position=positions[0],
-        path=path,
-        reached=0,
-        accepted=np.zeros(0),
-        reference=path[0],
-        turn=np.eye(3),
-        trail=path[:1],
-        time=run.time,
-        error=run.error[0],
-        tolerance=np.array([e.motion.position_tolerance, e.motion.rotation_tolerance]),
-        end=end,
-        amplitude=np.array(dither["amplitude"], dtype=float),
-        frequency=np.array(dither["frequency"], dtype=float),
-        most=np.minimum(e.interface.torque_limit, STICTION_FACTOR * stiction),
-        now="",
+    amplitude, frequency = (
+        np.array(dither[name], dtype=float) for name in ("amplitude", "frequency")
     )
 
     def draw(t: float) -> Picture:
         k = max(1, int(np.searchsorted(run.time, t + 1e-9, side="right")))
         x = run.reference[0, k - 1]
         off = 1e3 * float(np.linalg.norm(run.error[0, k - 1, :3]))
-        state = dataclasses.replace(
-            motion,
+        state = Motion(
+            title=f"{arm.name}  {case.trajectory}, {case_name(case).replace('_', ' ')}",
+            stiffness=case.stiffness,
+            start=e.start,
             position=positions[min(round(t / _SAMPLE), len(positions) - 1)],
+            path=path,
             reached=int(np.sum(run.reached[0] <= t)),
             accepted=run.accepted[0][run.accepted[0] <= t],
             reference=x[:3],
@@ -281,6 +265,11 @@ def _drawing(
             trail=run.actual[0, :k, :3],
             time=run.time[:k],
             error=run.error[0, :k],
+            tolerance=np.array([e.motion.position_tolerance, e.motion.rotation_tolerance]),
+            end=end,
+            amplitude=amplitude,
+            frequency=frequency,
+            most=np.minimum(e.interface.torque_limit, STICTION_FACTOR * stiction),
             now=f"{run.time[k - 1]:.1f} s, {off:.1f} mm off",
         )
         return renderer.picture(state)

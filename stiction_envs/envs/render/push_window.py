@@ -17,6 +17,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.markdown import signed
+from stiction_envs.robots import arm_title
 
 KEYS = "1-9 joint   up/down push   space or D dither   R reset"
 SPACE, D, R, DOWN, UP, ONE = 32, 68, 82, 264, 265, 49
@@ -71,7 +72,7 @@ class PushView:
 
     @property
     def state(self) -> str:
-        """What the joint does, as text."""
+        """State of the joint as text."""
         push = self.push
         text = "holds" if push.torque else "rests"
         if push.slips or abs(push.angle) > _SLIPPING * push.threshold:
@@ -95,7 +96,7 @@ class PushView:
         sign = -1.0 if push.target < 0 else 1.0
         share = abs(push.torque) / holds if holds > 0 else np.inf
         return [
-            f"{push.plant.sticking.arm.title}  joint {push.joint}",
+            f"{arm_title(push.plant.sticking.arm.name)}  joint {push.joint}",
             dither,
             f"torque {signed(push.torque, 2)} N·m, going to {signed(push.target, 2)} N·m",
             f"{100 * share:.0f} % of the {signed(sign * holds, 2)} N·m that friction holds alone",
@@ -115,7 +116,7 @@ class PushWindow:
     """The viewer's window; it runs in real time if the machine is fast enough."""
 
     def __init__(self, view: PushView) -> None:
-        """Open it.
+        """Open the window.
 
         Raises:
             StictionError: no display, or on a Mac outside of mjpython.

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from PIL import ImageDraw
 
+from stiction_envs.arrays import Array
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ArmScene, ball, connect, polyline
 from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
 from stiction_envs.envs.render.panel import BAND, BLUE, ORANGE, SOFT, Plot, round_up
@@ -18,12 +18,10 @@ from stiction_envs.envs.render.video import Picture, Video
 from stiction_envs.experiments.sje.episodes import RampTrace
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, Protocol
-from stiction_envs.experiments.sje.results import is_base
 
 if TYPE_CHECKING:
     from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
-Array = NDArray[np.float64]
 # what follows is assumed: chosen by eye
 _RING = 36  # number of segments
 _SIZE = 0.15  # radius of the ring over the extent of the arm, at most 1 m [-]
@@ -54,7 +52,7 @@ class JointRenderer(Renderer[Ramp]):
 
     @staticmethod
     def state(core: SJEEpisodes, i: int) -> Ramp:
-        """Return what episode ``i`` is now."""
+        """Return the present moment of episode ``i``."""
         assert core.trace is not None
         return Ramp(
             robot=core.arm.name,
@@ -120,7 +118,7 @@ def draw_joint(
     """Draw a ring about a joint's axis, with an arrow along its push and a pointer.
 
     Args:
-        scene: what is rendered.
+        scene: the scene.
         arm: the posed arm.
         joint: from 0.
         angle: since the joint rested [rad].
@@ -159,10 +157,11 @@ def sje_video(experiment: SingleJointExperiment, measurements: Sequence[Measurem
 
     The configuration is the first one with dither, else the first.
     """
-    dithered = [m for m in measurements if not is_base(m)]
+    dithered = [m for m in measurements if not m.is_base]
     c = (dithered or list(measurements))[0].job.configuration
-    mine = sorted((m for m in measurements if m.job.configuration == c), key=is_base, reverse=True)
-    base = float(mine[0].tau[0]) if is_base(mine[0]) else float("nan")
+    mine = [m for m in measurements if m.job.configuration == c]
+    mine.sort(key=lambda m: m.is_base, reverse=True)
+    base = float(mine[0].tau[0]) if mine[0].is_base else float("nan")
     renderer = JointRenderer(experiment.sticking.arm)
     runs = [_run(experiment, m, base, renderer) for m in mine]
     longest = max(len(m.traces[0]) * m.trace_dt for m in mine)
@@ -172,7 +171,7 @@ def sje_video(experiment: SingleJointExperiment, measurements: Sequence[Measurem
 def _run(
     experiment: SingleJointExperiment, m: Measurement, base: float, renderer: JointRenderer
 ) -> Callable[[float], Picture]:
-    """Return what draws the first ramp of a measurement at a time [s]."""
+    """Return a function that draws the first ramp of a measurement at a time [s]."""
     from stiction_envs.experiments.sje.plots import ramps  # loads Matplotlib
 
     c, protocol = m.job.configuration, experiment.protocol

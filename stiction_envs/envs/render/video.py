@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.envs.render.arm_scene import Offscreen
 from stiction_envs.envs.render.env_frames import HEIGHT, WIDTH
-from stiction_envs.envs.render.offscreen import Offscreen
 from stiction_envs.errors import ExperimentError, StictionError, missing_extra, one_line
 
 Picture = NDArray[np.uint8]

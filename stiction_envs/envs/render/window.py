@@ -14,7 +14,7 @@ from stiction_envs.errors import StictionError, one_line
 
 
 def has_display() -> bool:
-    """Return whether a window can be opened, as far as the environment variables tell."""
+    """Return whether a window can be opened, as far as environment variables show."""
     found = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     return bool(found) or not sys.platform.startswith("linux")
 
@@ -56,7 +56,7 @@ def open_viewer(
 
     Args:
         what: name of what needs it, for the error.
-        model: what is shown.
+        model: the model.
         data: its state; the viewer's ``sync`` shows it.
         key_callback: called with the GLFW code of every key that is pressed, in that thread.
 
@@ -84,7 +84,7 @@ class Window:
         camera: mujoco.MjvCamera,
         key_callback: Callable[[int], None] | None = None,
     ) -> None:
-        """Open it, looking as ``camera`` does; other arguments and errors as `open_viewer`."""
+        """Open the window with a camera's view; other arguments and errors as `open_viewer`."""
         before = set(threading.enumerate())
         self.viewer = open_viewer(what, model, data, key_callback)
         self._threads = [t for t in threading.enumerate() if t not in before]
@@ -94,12 +94,12 @@ class Window:
             look.azimuth, look.elevation = camera.azimuth, camera.elevation
 
     def show(self, lines: Sequence[str]) -> None:
-        """Show the scene as it is now, and lines of text."""
+        """Show the present scene, and lines of text."""
         self.viewer.set_texts((None, mujoco.mjtGridPos.mjGRID_TOPLEFT, "\n".join(lines), ""))
         self.viewer.sync()
 
     def close(self) -> None:
-        """Close it."""
+        """Close the window."""
         self.viewer.close()
         for thread in self._threads:
             thread.join(timeout=5.0)  # an open window crashes the interpreter at its end

@@ -1,4 +1,4 @@
-"""What a physics engine is to the conformance test: N copies under applied torques, their angles.
+"""A physics engine as the conformance test uses it: N copies under applied torques, their angles.
 
 An engine is one file and one line in this package's ``__init__.py``.
 """
@@ -15,14 +15,13 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, one_line
 from stiction_envs.friction.plain_mjcf import MotorInput
 
-Array = NDArray[np.float64]
 Torque = Callable[[Array], Array]
-"""Of the (K,) times of a chunk's steps [s], its (N, K, nv) torque [N·m]."""
+"""Takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque [N·m]."""
 CHUNK = 500
 """Steps between two calls of the torque."""
 
@@ -43,13 +42,13 @@ class Bare:
     mjcf: str | Path | None
     """Text or file from which it was compiled, for engines with a reader of their own; nothing is
     taken out of it. None for a model without MJCF."""
-    released: NDArray[np.int64]
+    released: Index
     """Hinges whose spring was taken out of `model`."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """What an engine is asked to simulate: N copies, from rest, under applied joint torques."""
+    """A simulation for an engine: N copies, from rest, under applied joint torques."""
 
     bare: Bare
     """The model; controls stay zero."""
@@ -58,7 +57,7 @@ class Drive:
     torque: Torque
     """Asked once per chunk, so it may depend on the chunks before."""
     steps: int
-    """Of the model's timestep, in all."""
+    """Number of physics steps."""
     record: Sequence[str] = ("qpos",)
     """Names of `mujoco.MjData` fields."""
     threads: int = 0
@@ -66,7 +65,7 @@ class Drive:
 
     @property
     def timestep(self) -> float:
-        """Of the physics [s]."""
+        """Physics step [s]."""
         return float(self.bare.model.opt.timestep)
 
     def chunks(self) -> Iterator[Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import ClassVar
 
-from stiction_envs.experiments.engines.base import CHUNK, Array, Drive, Engine
+from stiction_envs.experiments.engines.base import Array, Drive, Engine
 from stiction_envs.plant.any_model import rollout
 
 
@@ -19,10 +19,9 @@ class MuJoCo(Engine):
 
     def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """See `Engine.simulate`."""
-        d = drive
+        torque, chunks = drive.torque, drive.chunks()
         return rollout(
-            *(d.bare.model, d.qpos, d.torque, d.steps),
-            record=d.record,
-            chunk=CHUNK,
-            threads=d.threads,
+            *(drive.bare.model, drive.qpos, torque, chunks),
+            record=drive.record,
+            threads=drive.threads,
         )

@@ -50,7 +50,7 @@ class Warp(Engine):
 
 
 def print_less() -> None:
-    """Let Warp not tell of compiling, on standard output, where commands write their result."""
+    """Keep Warp's messages on compiling from standard output, where commands write their result."""
     import warp as wp
 
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
@@ -59,10 +59,10 @@ def print_less() -> None:
 def driven(
     drive: Drive, step: Callable[[], object], restore: Callable[[], None], state: Copies
 ) -> Iterator[dict[str, Array]]:
-    """Yield what `Engine.simulate` does.
+    """Yield chunks as `Engine.simulate`.
 
     Args:
-        drive: what is simulated.
+        drive: the simulation.
         step: launches the kernels of one step.
         restore: puts the copies back to their start, at rest, bristles relaxed.
         state: of the copies: ``qfrc_applied``, and the fields that are recorded.

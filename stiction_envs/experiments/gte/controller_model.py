@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.model import StickingModel
-from stiction_envs.plant.in_c import fwd_position, fwd_velocity
+from stiction_envs.plant.loop_batch import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]

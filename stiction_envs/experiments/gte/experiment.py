@@ -40,7 +40,7 @@ from stiction_envs.experiments.gte.rig import GTERig, GTESetup
 from stiction_envs.experiments.gte.sampling import RunLog
 from stiction_envs.experiments.rig import count_blocks, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
 from stiction_envs.friction.sticking import (
     Friction,

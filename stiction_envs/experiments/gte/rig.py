@@ -39,7 +39,7 @@ from stiction_envs.experiments.gte.step import (
     of_arms,
 )
 from stiction_envs.experiments.rig import Rig, minimum_jerk
-from stiction_envs.experiments.sje.protocol import Protocol
+from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
@@ -53,7 +53,7 @@ class GTESetup(Experiment):
     """What an experiment on paths is made of."""
 
     protocol: GTEProtocol
-    approach: Protocol
+    approach: Approach
     settings: ImpedanceSettings
     motion: MotionLimits
     start: Array
@@ -155,7 +155,7 @@ class GTERig(Rig):
             stiffness: (M, 3) translational, rotational, nullspace.
             keys: seed the scatter of each.
         """
-        p, m = self.approach_protocol, len(ids)
+        p, m = self.approach_numbers, len(ids)
         target = np.tile(self.start, (m, 1))
         origin = target.copy()
         factor = np.ones((m, self.n))

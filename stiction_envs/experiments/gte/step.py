@@ -18,7 +18,7 @@ from stiction_envs.control.kernels import (
 from stiction_envs.control.operational import renew
 from stiction_envs.control.sensing_kernels import send
 from stiction_envs.control.trapezoid import accept, write_sample
-from stiction_envs.dither.kernels import sine
+from stiction_envs.dither.dither import sine
 from stiction_envs.experiments.gte.controller_model import ModelArrays, renew_dynamics
 from stiction_envs.friction.model import link_angles
 from stiction_envs.plant import CONTROL_DT
@@ -68,7 +68,7 @@ class DitherArrays(NamedTuple):
     omega: Array
     phase: Array
     amplitude: Array
-    """As in `dither.kernels.sine`."""
+    """As in `dither.dither.sine`."""
     torque: Array
     """(N, n) sines are written in every controller cycle [N·m]."""
 

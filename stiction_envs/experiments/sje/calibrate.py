@@ -20,12 +20,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.settings import CalibrationSettings, experiment_settings
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
@@ -38,7 +37,16 @@ from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
+TOLERANCE = 0.002
+"""Rounds end when every base torque agrees this well, relative [-]; assumed."""
+CONVERGED = 5.0
+"""Largest error of the best round, over the tolerance [-]; assumed."""
+ROUNDS = 10
+"""Most rounds of simulate and correct [-]; assumed."""
+FAR = 0.5
+"""Above this relative error the table is a better start than the arm's friction [-]; assumed."""
+LEAST_FRICTION = 0.05
+"""Least stiction over the table's friction [-]; assumed."""
 SAME_LOAD = 1e-6
 """Loads of two poses that differ by less cannot explain different friction [N·m]; source: rounding
 of float64."""
@@ -116,7 +124,7 @@ def with_levels(
     """Return parameters whose law passes through both poses of every joint.
 
     Args:
-        parameters: of one arm; what is not dry friction or offset is kept.
+        parameters: of one arm; all but dry friction and offset are kept.
         poses: where the two poses are, and their loads.
         friction: (n, 2) stiction in the load and the no-load pose [N·m].
         offset: (n, 2) offset there [N·m].
@@ -124,7 +132,7 @@ def with_levels(
     high, low = poses.load[:, 0], poses.load[:, 1]
 
     def line(values: Array, x: Array) -> tuple[Array, Array]:
-        """Return slope and intercept through both poses; their mean where x cannot tell them."""
+        """Return slope and intercept through both poses; 0 and the mean where x is the same."""
         run = x[:, 0] - x[:, 1]
         flat = np.abs(run) < SAME_LOAD
         slope = np.where(flat, 0.0, (values[:, 0] - values[:, 1]) / np.where(flat, 1.0, run))
@@ -147,7 +155,7 @@ def calibrate(
     experiment: SingleJointExperiment,
     *,
     progress: Callable[[int, float], None] | None = None,
-    settings: CalibrationSettings | None = None,
+    tolerance: float = TOLERANCE,
 ) -> Calibration:
     """Identify stiction, load coefficient, offset and gravity error of every joint.
 
@@ -155,14 +163,13 @@ def calibrate(
         table: measured base torques.
         experiment: the arm and the protocol it was measured with; its scatter is switched off.
         progress: called with (round, largest relative error so far) after each round.
-        settings: constants of the method; None for those of ``settings.toml``.
+        tolerance: rounds end when every base torque agrees this well, relative [-].
 
     Raises:
         StictionError: table of another number of joints, friction that is not positive, or joints
             under position servos: base torques are torques of a ramp.
         ExperimentError: no convergence (the message names the worst cell).
     """
-    s = settings or experiment_settings().calibration
     n = experiment.n
     if table.n_joints != n:
         raise StictionError(f"base table of {table.n_joints} joints, but the arm has {n}")
@@ -173,7 +180,7 @@ def calibrate(
     poses = experiment.poses
     friction, offset = _levels(experiment)
     best: Calibration | None = None
-    for round_ in range(1, s.rounds + 1):
+    for round_ in range(1, ROUNDS + 1):
         parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
         trial = experiment.replace(sticking=sticking, scatter=False)
@@ -193,20 +200,20 @@ def calibrate(
             )
         if progress is not None:
             progress(round_, worst)
-        if best.error <= s.tolerance:
+        if best.error <= tolerance:
             break
-        if round_ == 1 and worst > s.far:
+        if round_ == 1 and worst > FAR:
             friction, offset = table.friction.copy(), table.offset.copy()
             continue
         half_width = (simulated[..., 0] - simulated[..., 1]) / 2
         middle = (simulated[..., 0] + simulated[..., 1]) / 2
-        # the slide to the threshold adds to the reading, whatever the friction
+        # the slide to the threshold adds to the reading, for any friction
         friction = np.maximum(
-            friction + table.friction - half_width, s.least_friction * table.friction
+            friction + table.friction - half_width, LEAST_FRICTION * table.friction
         )
         offset = offset + table.offset - middle
     assert best is not None
-    if best.error > s.converged * s.tolerance:
+    if best.error > CONVERGED * tolerance:
         cell = np.unravel_index(
             np.argmax(np.abs(best.simulated - table.tau) / np.abs(table.tau)), table.tau.shape
         )

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.errors import unknown
 from stiction_envs.experiments.episodes import (
     Arguments,
     Array,
@@ -18,9 +19,17 @@ from stiction_envs.experiments.episodes import (
     Outcome,
     ScatterKey,
 )
-from stiction_envs.experiments.observation import Checked, largest_stiction, observed_action, pack
+from stiction_envs.experiments.observation import (
+    DITHER,
+    TORQUE,
+    Checked,
+    Group,
+    largest_stiction,
+    named_options,
+    observed_action,
+    pack,
+)
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.observation import GROUPS, check_sje_options
 from stiction_envs.experiments.sje.oscillation import Oscillation
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
@@ -30,8 +39,25 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.rig import APPROACH, BLOCK, RAMP, STICKING, SJERig
 from stiction_envs.experiments.sje.undithered import base_torques
 from stiction_envs.friction.sticking import Friction
+from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
+
+OPTIONS = ("joint", "load", "direction")
+"""Names of the reset options."""
+GROUPS = (
+    Group("displacement", -5.0, 5.0, "threshold", "link angle minus the pose", per_joint=True),
+    Group("velocity", -50.0, 50.0, "threshold/s", "link speed", per_joint=True),
+    TORQUE,
+    Group("progress", -5.0, 5.0, "threshold", "angle since the ramp started, along the ramp"),
+    Group("ramp", -10.0, 10.0, "τ_base", "commanded torque of the tested joint, dither excluded"),
+    Group("elapsed", 0.0, 20.0, "τ_base", "torque by which the ramp has grown"),
+    Group("tested", 0.0, 1.0, "1", "1 for the tested joint, else 0", per_joint=True),
+    Group("load", 0.0, 1.0, "1", "1 in the load pose, 0 in the no-load pose"),
+    Group("direction", -1.0, 1.0, "1", "sign of the ramp"),
+    *DITHER,
+)
+"""The observation, in order; bounds are assumed: wider than what occurs."""
 
 
 @dataclass
@@ -60,7 +86,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
     final = ("shaking", "tau_sje", "tau_base", "reduction")
     groups = GROUPS
     # one after the other runs a whole block: only its arrays have to fit; 64 had 0.95 of the speed
-    arms_per_tile = 256
+    arms_per_batch = 256
 
     reward_settings = staticmethod(sje_reward_settings)
 
@@ -71,7 +97,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
 
     @staticmethod
     def block_steps(experiment: SingleJointExperiment) -> int:
-        """Return of how many control steps a control interval must be a multiple."""
+        """Return the control steps of which a control interval is a multiple."""
         return BLOCK
 
     def _make(self, a: Arguments) -> None:
@@ -247,3 +273,23 @@ class SJEEpisodes(Episodes[Configuration, float]):
             }
             for name, value in sample.items():
                 getattr(self.trace[i], name).append(value)
+
+
+def check_sje_options(options: Mapping[str, object] | None, n: int) -> Checked:
+    """Return valid reset options of an arm of ``n`` joints.
+
+    Raises:
+        StictionError: an option or a value that does not exist.
+    """
+    expected: dict[str, tuple[object, ...]] = {
+        "joint": tuple(range(1, n + 1)),
+        "load": LOADS,
+        "direction": DIRECTIONS,
+    }
+    out: Checked = {}
+    for name, value in named_options(options, OPTIONS).items():
+        kinds = (int, np.integer) if name == "joint" else (str,)
+        if isinstance(value, bool) or not isinstance(value, kinds) or value not in expected[name]:
+            raise unknown(name, value, expected[name])
+        out[name] = int(value) if name == "joint" else value
+    return out

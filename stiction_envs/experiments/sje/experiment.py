@@ -18,11 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Index
 from stiction_envs.control.position_servo import put_under_servos
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
     LOADS,
@@ -35,7 +36,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
@@ -43,7 +44,6 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 
-Array = NDArray[np.float64]
 Dither = str | Path | Sequence[AmplitudeRow]
 """An amplitude table, or its rows."""
 MAX_SIMULATIONS = 384
@@ -55,7 +55,7 @@ class SingleJointExperiment(SJESetup):
     """One arm, its friction, its torque interface and the protocol: all that defines a result."""
 
     servos: PositionServos | None
-    """What drives the joints under gravity; None: torques, gravity compensated."""
+    """Servos that drive the joints under gravity; None: torques, gravity compensated."""
 
     def __init__(
         self,
@@ -186,7 +186,7 @@ class SingleJointExperiment(SJESetup):
 
     @property
     def drive_record(self) -> dict[str, object]:
-        """What a provenance says of servos."""
+        """Entry of a provenance for the servos."""
         return {"servos": None if self.servos is None else dataclasses.asdict(self.servos)}
 
     def expected(self, job: Job) -> float:
@@ -316,7 +316,7 @@ class SingleJointExperiment(SJESetup):
             if again:
                 self._begin(rig, np.array(again), logs)
 
-    def _begin(self, rig: SJERig, ids: NDArray[np.int64], logs: dict[int, RampLog]) -> None:
+    def _begin(self, rig: SJERig, ids: Index, logs: dict[int, RampLog]) -> None:
         jobs = [logs[int(i)].job for i in ids]
         keys = [
             (*j.configuration.index, len(logs[int(i)].ramps), j.replica)
@@ -333,9 +333,7 @@ class SingleJointExperiment(SJESetup):
         )
 
     @staticmethod
-    def _trace(
-        rig: SJERig, busy: NDArray[np.int64], ended: NDArray[np.int64], logs: dict[int, RampLog]
-    ) -> None:
+    def _trace(rig: SJERig, busy: Index, ended: Index, logs: dict[int, RampLog]) -> None:
         ramping = np.concatenate([busy[rig.stage[busy] == RAMP], ended])
         if not len(ramping):
             return

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.plant import CONTROL_DT
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Oscillation:
@@ -21,7 +18,7 @@ class Oscillation:
     """
 
     def __init__(self, nsim: int, n: int, *, corner: float, far: float) -> None:
-        """Make it for N arms of n joints; `start` each.
+        """Prepare N arms of n joints; `start` each.
 
         Args:
             nsim: number of arms.

@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.experiments.sje.protocol import (
     DIRECTIONS,
@@ -32,7 +32,6 @@ from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots.registry import arm_title
 
-Array = NDArray[np.float64]
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
 WITHOUT, WITH = "0.45", "#d1701a"
 MOST_NAMED = 2
@@ -68,32 +67,6 @@ def ramps(m: Measurement, ramp_rate: float) -> list[tuple[Array, Array]]:
         torque = np.asarray(sign * float(start) + ramp_rate * time, dtype=np.float64)
         out.append((torque, np.array(trace, dtype=np.float64)))
     return out
-
-
-def mean_ramp(m: Measurement, ramp_rate: float) -> tuple[Array, Array, Array, Array]:
-    """Return the mean and standard deviation of torque and displacement over the iterations.
-
-    Iterations that ended before the longest are extended with their last values (thesis 4.1).
-
-    Returns:
-        Torque mean, torque std [N·m], displacement mean, displacement std [rad], (K,) each.
-    """
-    lines = ramps(m, ramp_rate)
-    longest = max(len(torque) for torque, _ in lines)
-
-    def padded(k: int) -> Array:
-        return np.array(
-            [np.pad(line[k], (0, longest - len(line[k])), mode="edge") for line in lines]
-        )
-
-    torque, angle = padded(0), padded(1)
-    ddof = min(1, len(lines) - 1)
-    return (
-        torque.mean(axis=0),
-        torque.std(axis=0, ddof=ddof),
-        angle.mean(axis=0),
-        angle.std(axis=0, ddof=ddof),
-    )
 
 
 def plot_sje(
@@ -190,7 +163,15 @@ def _iterations(axes: Axes, m: Measurement, ramp_rate: float) -> None:
 def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
     direction = m.job.configuration.direction
     colour = colormaps[MAPS[direction]](0.75)
-    torque, _, angle, spread = mean_ramp(m, ramp_rate)
+    lines = ramps(m, ramp_rate)
+    longest = max(len(line) for line, _ in lines)
+    # the last values of iterations that ended before the longest are held (thesis 4.1)
+    torque, angles = (
+        np.array([np.pad(line[k], (0, longest - len(line[k])), mode="edge") for line in lines])
+        for k in range(2)
+    )
+    torque, angle = torque.mean(axis=0), angles.mean(axis=0)
+    spread = angles.std(axis=0, ddof=min(1, len(lines) - 1))
     axes.fill_between(torque, angle - spread, angle + spread, color=colour, alpha=0.22, lw=0)
     axes.plot(
         torque,

@@ -1,4 +1,4 @@
-"""What a Single Joint Experiment is: its numbers, its configurations, its jobs and results."""
+"""Numbers, configurations, jobs and results of the Single Joint Experiment."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.base import joint_number
+from stiction_envs.experiments.servos import Approach
+from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
 
-Array = NDArray[np.float64]
-LOADS = ("load", "no_load")
-DIRECTIONS = ("+", "-")
 POSES = {"load": "load pose", "no_load": "no-load pose"}
 """As pages write loads."""
 SIGNS = {"+": "+", "-": "−"}
@@ -24,7 +24,7 @@ _TOML = Path(__file__).with_name("sje.toml")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Protocol:
+class Protocol(Approach):
     """Numbers of the experiment; `sje.toml` has their sources."""
 
     ramp_rate: Positive
@@ -35,28 +35,16 @@ class Protocol:
     """Repeats per configuration."""
     start_tolerance: NotNegative
     """Largest distance of any joint from the pose when a ramp starts [rad]."""
-    return_time: NotNegative
-    """Time of the move back to the pose [s]."""
-    settle_time: NotNegative
-    """Time the pose is held before the ramp starts [s]."""
     rest_speed: NotNegative
     """Fastest joint speed that counts as rest; a ramp starts from rest [rad/s]."""
     patience: NotNegative
     """A ramp starts after this many times the planned approach, at rest or not [-]."""
-    hold_stiffness: NotNegative
-    """Servo stiffness over torque limit [1/rad]; `servos` says where friction asks for more."""
-    hold_damping_ratio: NotNegative
-    """Damping ratio of the servo [-]."""
     averaged_start_torque: NotNegative
     """1: the ramp starts at the averaged external torque (iiwa), 0: at zero (Panda)."""
     averaging_time: NotNegative
     """Time over which that torque is averaged [s]."""
     give_up_factor: NotNegative
     """A ramp ends as stuck at this multiple of stiction plus offset [-]."""
-    pose_scatter: NotNegative
-    """Standard deviation of the pose from one iteration to the next [rad]."""
-    friction_scatter: NotNegative
-    """Standard deviation of the dry friction, relative [-]."""
     torque_noise: NotNegative
     """Standard deviation of a torque reading [N·m]."""
 
@@ -71,7 +59,7 @@ class Protocol:
 
 @dataclass(frozen=True, kw_only=True)
 class UnderServos:
-    """What differs where position servos drive the joints."""
+    """Numbers that differ where position servos drive the joints."""
 
     threshold: Positive
     """See `Protocol` [rad]."""
@@ -79,14 +67,14 @@ class UnderServos:
 
 @dataclass(frozen=True, kw_only=True)
 class SJERewardSettings:
-    """Weights of the environment's penalties, and what shakes."""
+    """Weights of the environment's penalties, and the least frequency of shaking."""
 
     power_weight: Positive
-    """Of the mean of (A / A_max)² [-]."""
+    """Weight of the mean of (A / A_max)² [-]."""
     torque_rate_weight: Positive
-    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
     shaking_weight: Positive
-    """Of (oscillation / threshold)² [-]."""
+    """Weight of (oscillation / threshold)² [-]."""
     shaking_corner: Positive
     """Joints oscillate above this frequency [Hz]; see `Oscillation`."""
 
@@ -194,6 +182,16 @@ class Measurement:
     def mean(self) -> float:
         """Mean torque [N·m]; NaN if an iteration was stuck."""
         return float(self.tau.mean())
+
+    @property
+    def is_base(self) -> bool:
+        """Whether the ramp was without dither and offset."""
+        return self.job.amplitude_nm == 0 and self.job.offset_nm == 0
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether an iteration ended without reaching the threshold."""
+        return not np.isfinite(self.mean)
 
     @property
     def displacement(self) -> float:

@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.base import Experiment, joint_number
 from stiction_envs.experiments.rig import Rig, dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
@@ -24,7 +24,6 @@ from stiction_envs.friction.model import StickingModel
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
-Array = NDArray[np.float64]
 _ARM = np.array([0])
 
 
@@ -62,7 +61,7 @@ class Push(Rig):
             joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
         """Dither of each joint that has one."""
-        self.threshold = self.approach_protocol.threshold
+        self.threshold = protocol.threshold
         """Distance after which the joint has let go [rad]."""
         # whole controller cycles, none longer than the plant leaves its friction alone
         self.block = max(1, SLOW_STEPS // self.interface.hold_steps) * self.interface.hold_steps

@@ -13,11 +13,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.protocol import (
-    DIRECTIONS,
-    LOADS,
     POSES,
     SIGNS,
-    Configuration,
     Measurement,
     Protocol,
 )
@@ -28,31 +25,14 @@ from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
 Row = Mapping[str, Any]
-"""Of the table, by column: `SJERow` as a dict."""
-
-
-def is_base(m: Measurement) -> bool:
-    """Whether the ramp was without dither and offset."""
-    return m.job.amplitude_nm == 0 and m.job.offset_nm == 0
-
-
-def is_stuck(m: Measurement) -> bool:
-    """Whether an iteration ended without reaching the threshold."""
-    return not math.isfinite(m.mean)
-
-
-def base_of(measurements: Iterable[Measurement]) -> dict[Configuration, Measurement]:
-    """Return the undithered measurement of each configuration."""
-    return {m.job.configuration: m for m in measurements if is_base(m)}
+"""A row of the table: `SJERow` as a dict."""
 
 
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
     """Return measurements by joint, load, no load, +, −, then base before dithered."""
 
     def key(m: Measurement) -> tuple[float, ...]:
-        c = m.job.configuration
-        where = (c.joint, LOADS.index(c.load), DIRECTIONS.index(c.direction))
-        return (*where, m.job.frequency_hz, m.job.amplitude_nm)
+        return (*m.job.configuration.index, m.job.frequency_hz, m.job.amplitude_nm)
 
     return sorted(measurements, key=key)
 
@@ -69,27 +49,26 @@ def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
         no base torque is known. `std_nm` is NaN after a single iteration: it is not known.
     """
     ordered = in_order(measurements)
-    base = base_of(ordered)
+    base = {m.job.configuration: m for m in ordered if m.is_base}
     rows = []
     for m in ordered:
-        if is_stuck(m):
+        if m.is_stuck:
             continue
         c = m.job.configuration
         reference = base.get(c)
         tau_base = math.nan if reference is None else reference.mean
-        plain = is_base(m)
         rows.append(
             SJERow(
                 robot=robot,
                 joint=c.joint,
                 load=c.load,
                 direction=c.direction,
-                frequency_hz=0.0 if plain else m.job.frequency_hz,
+                frequency_hz=0.0 if m.is_base else m.job.frequency_hz,
                 amplitude_nm=m.job.amplitude_nm,
                 tau_nm=m.mean,
                 std_nm=m.std if len(m.tau) > 1 else math.nan,
                 iterations=len(m.tau),
-                reduction=0.0 if plain else 1.0 - abs(m.mean) / abs(tau_base),
+                reduction=0.0 if m.is_base else 1.0 - abs(m.mean) / abs(tau_base),
             )
         )
     return rows
@@ -123,7 +102,7 @@ class BreakawayTorques(Result):
         """(n, 2, 2) base torques [N·m], signed: joint, load | no load, + | −; NaN if not known."""
         out = np.full((self.n, 2, 2), np.nan)
         for m in self.measurements:
-            if is_base(m):
+            if m.is_base:
                 out[m.job.configuration.index] = m.mean
         return out
 
@@ -139,7 +118,7 @@ class BreakawayTorques(Result):
     @property
     def stuck(self) -> list[Measurement]:
         """Measurements with an iteration that ended before the threshold was reached."""
-        return [m for m in self.measurements if is_stuck(m)]
+        return [m for m in self.measurements if m.is_stuck]
 
     def describe_stuck(self) -> str:
         """Return which configurations were stuck, one line; empty without any."""
@@ -155,7 +134,7 @@ class BreakawayTorques(Result):
 
     def to_json(self) -> dict[str, object]:
         """Return robot, rows with the torque of every iteration, and what was stuck."""
-        good = [m for m in self.measurements if not is_stuck(m)]
+        good = [m for m in self.measurements if not m.is_stuck]
         return {
             "robot": self.robot,
             "rows": [
@@ -186,7 +165,7 @@ class BreakawayTorques(Result):
         groups: dict[str, list[Measurement]] = {}
         for m in self.measurements:
             c = m.job.configuration
-            ending = "" if is_base(m) else "_dither"
+            ending = "" if m.is_base else "_dither"
             groups.setdefault(f"joint{c.joint}_{c.load}{ending}.png", []).append(m)
         for k, (name, group) in enumerate(groups.items()):
             plot_sje(group, folder / name, robot=self.robot, protocol=self.protocol)
@@ -195,7 +174,7 @@ class BreakawayTorques(Result):
         write_report(folder, self, list(groups))
 
     def __repr__(self) -> str:
-        dithered = sum(not is_base(m) for m in self.measurements)
+        dithered = sum(not m.is_base for m in self.measurements)
         text = f"{len(self.measurements) - dithered} base torques, {dithered} with dither"
         return f"<BreakawayTorques of {self.robot}: {text}, {len(self.stuck)} stuck>"
 

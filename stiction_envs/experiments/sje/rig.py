@@ -12,19 +12,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
-from stiction_envs.dither.kernels import add_sines
+from stiction_envs.dither.dither import add_sines
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.base import Experiment
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.rig import Rig, minimum_jerk
-from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 IDLE, APPROACH, RAMP = 0, 1, 2
 BLOCK = SLOW_STEPS
 """Control steps of one `advance`."""
@@ -38,7 +36,7 @@ assumed: it takes 2 % of the oscillation."""
 
 @dataclass(frozen=True, init=False, repr=False)
 class SJESetup(Experiment):
-    """What an experiment on single joints is made of."""
+    """An experiment on single joints: a protocol, and poses for every joint."""
 
     protocol: Protocol
     poses: Poses
@@ -266,7 +264,7 @@ class SJERig(Rig):
         else:
             torque[rows, :, self.joint[ids]] = out[:, :, 0]
 
-    def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array | None:
+    def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
         """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held.
 
         None where all are held.
@@ -335,7 +333,7 @@ class SJERig(Rig):
         self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
         over = np.greater_equal(moved, self.protocol.threshold)
-        reached: NDArray[np.bool_] = np.any(over, axis=1)
+        reached: Bools = np.any(over, axis=1)
         first = over.argmax(axis=1)
         torque = self.ramp_torque(ids, step)
         stuck = ~reached & (np.abs(torque[:, -1] - self.start_torque[ids]) > self._give_up[ids])

@@ -12,8 +12,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.position_servo import ServoDrive
 from stiction_envs.experiments.rig import minimum_jerk
@@ -22,8 +22,6 @@ from stiction_envs.experiments.sje.rig import HIGHPASS, RAMP, SJERig, SJESetup
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.plant import CONTROL_DT
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 FURTHER = 2.0
 """Way of a command, over the threshold, after which a joint that stays counts as stuck [-];
 assumed."""
@@ -65,7 +63,7 @@ class ServoRig(SJERig):
         super().approach(ids, keys)
         self._origin[ids] = self.drive.command[ids]
 
-    def _setpoints(self, ids: Index, step: Index, ramping: NDArray[np.bool_]) -> Array:
+    def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array:
         x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))[:, :, None]
         origin, target = self._origin[ids][:, None], (self.target + self._sag)[ids][:, None]
         out: Array = (1.0 - x) * origin + x * target

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.poses import Poses
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data

@@ -19,9 +19,10 @@ from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.causes.base import DRY, FRICTION, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
+from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
 from stiction_envs.gap.judge.judgement import WIDTH
-from stiction_envs.gap.judge.problem import Term
+from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Model, Search
 from stiction_envs.gap.links import with_found_links
 from stiction_envs.gap.predictors.torque import FOLDS, PARTS, TorquePredictor
@@ -101,6 +102,8 @@ def judge(
         if same and not any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms):
             break
     best = _clear(predictor, best)
+    if data.converted:
+        best = _in_unit(predictor, best)
     terms = predictor.problem.model(best.terms)
     return Judged(predictor, best, terms, predictor.problem.fit(terms))
 
@@ -127,6 +130,34 @@ def _clear(predictor: TorquePredictor, model: Model) -> Model:
         return model
     evidence = predictor.refresh(problem, named)
     return Model(tuple(named), problem.scales, problem.inflation.copy(), evidence)
+
+
+def _in_unit(predictor: TorquePredictor, model: Model) -> Model:
+    """Return the model with the gain of torques in another unit, on the arm or on each joint.
+
+    The logs were converted by a rough factor. The gain is in the model even where that is right.
+    """
+    problem = predictor.problem
+    rest = [t for t in model.terms if t.cause != TorqueScale.name or not t.shape]
+    offered = [t for t in predictor.candidates if t.cause == TorqueScale.name and t.shape]
+    gains = {t.joint: t for t in reversed(offered)}
+    each = [*rest, *(t for j, t in gains.items() if j != ARM)]
+    terms = each
+    if ARM in gains:
+        arm = [*rest, gains[ARM]]
+        less = problem.score(each) - problem.score(arm)
+        terms = arm if less < NAMED * (len(each) - len(arm)) else each
+    evidence = predictor.refresh(problem, terms)
+    return Model(tuple(terms), problem.scales, problem.inflation.copy(), evidence)
+
+
+def gains(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> Array:
+    """Return (n, ...) gain of each joint's torque in a model with coefficients (..., P)."""
+    out = np.ones((predictor.data.n, *c.shape[:-1]))
+    for term, mine in zip(terms, predictor.problem.split(terms, c), strict=True):
+        if term.cause == TorqueScale.name and not term.small:
+            out[slice(None) if term.joint == ARM else term.joint] += mine[..., 0]
+    return out
 
 
 def _first(predictor: TorquePredictor) -> Model:
@@ -316,10 +347,15 @@ def draws(judged: Judged, count: int, seed: int) -> Draws:
     rng = np.random.default_rng(seed)
     moved = rng.normal(size=(count, len(factor))) @ factor.T
     split = dict(zip(every, alone.split(every, moved), strict=True))
+    doubt = np.ones((predictor.data.n, count))
+    if predictor.data.converted:  # the sizes of all causes are as uncertain as the gain
+        doubt = gains(predictor, terms, moved[:, : len(judged.coefficients)])
     out = []
     for i, (term, mine) in enumerate(zip(terms, parts, strict=True)):
         low, high = problem.bounds(term)
         own = np.clip(mine + split[term], low, high)
+        if term.joint != ARM and term.cause != TorqueScale.name:
+            own = own / doubt[term.joint][:, None]
         shapes = [term.shape] * count
         if i in bent:
             steps = np.exp(np.clip(split[bent[i]][:, 0], -1, 1))

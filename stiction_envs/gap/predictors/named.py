@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.causes.base import ALL_LINKS
+from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause, NotShown, percent_lost
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
@@ -41,10 +42,10 @@ def named_causes(
     """
     predictor, model = judged.predictor, judged.model
     problem, search = predictor.problem, search_of(predictor)
-    now, residual = problem.score(model.terms), predictor.data.residual
-    some = predictor.data.measured
-    nominal, full = _rms(residual), _left(judged, judged.terms, judged.coefficients)
-    out = []
+    now, some = problem.score(model.terms), predictor.data.measured
+    nominal, in_newton_metres = _rms(predictor.data.logged_residual), _rms(predictor.data.residual)
+    full = _left(judged, judged.coefficients)
+    out, lost = [], {}
     for name in dict.fromkeys(t.cause for t in model.terms):
         mine = [t for t in model.terms if t.cause == name]
         rest = list(model.terms)
@@ -56,8 +57,15 @@ def named_causes(
                 for t in judged.terms
             ]
         )
-        without = _left(judged, judged.terms, judged.coefficients * gone)
-        rivals = _rivals(search, model.terms, mine, now)
+        without = _left(judged, judged.coefficients * gone)
+        nats, rivals = now - problem.score(rest), list[tuple[str, float]]()
+        if name == TorqueScale.name and predictor.data.converted:
+            without = _left(judged, judged.coefficients * gone, logged=True)
+            nats = _against_newton_metres(judged, mine)
+        else:
+            rivals = _rivals(search, model.terms, mine, now)
+        # a thousand times the torque, in mN·m, would make every other cause a minor one
+        lost[name] = percent_lost(*(x[some] for x in (without, full, in_newton_metres)))
         joints = tuple(sorted(t.joint + 1 for t in mine))
         if any(t.joint == ARM for t in mine):
             joints = tuple(range(1, predictor.data.n + 1))
@@ -70,7 +78,7 @@ def named_causes(
                 joints=joints,
                 gain_percent=percent_lost(*(x[some] for x in (without, full, nominal))),
                 parameters={t.joint + 1: _estimates(judged, t, drawn) for t in mine},
-                nats=now - problem.score(rest),
+                nats=nats,
                 rivals=tuple(rivals),
                 evidence=(
                     f"{what}: without it joint {worst + 1} is off by {without[worst]:.3g} N·m "
@@ -80,7 +88,7 @@ def named_causes(
             )
         )
     out.sort(key=lambda x: -x.gain_percent)
-    minor = [c for c in out[1:] if c.gain_percent < MINOR]
+    minor = [c for c in out[1:] if lost[c.name] < MINOR]
     return tuple(c for c in out if c not in minor), tuple(minor)
 
 
@@ -135,11 +143,31 @@ def _rms(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(x), axis=0)))
 
 
-def _left(judged: Judged, terms: Sequence[Term], c: Array) -> Array:
-    """Return (n,) error of a model on all rows, root mean square [N·m]."""
+def _left(judged: Judged, c: Array, *, logged: bool = False) -> Array:
+    """Return (n,) error of a model on all rows, root mean square [N·m].
+
+    ``logged`` takes the torques as they were logged, in their unit.
+    """
     data = judged.predictor.data
-    each = [data.residual[:, j] - judged.predictor.torque(terms, c, j) for j in range(data.n)]
+    residual = data.logged_residual if logged else data.residual
+    each = [residual[:, j] - judged.predictor.torque(judged.terms, c, j) for j in range(data.n)]
     return _rms(np.stack(each, axis=1))
+
+
+def _against_newton_metres(judged: Judged, gains: Sequence[Term]) -> float:
+    """Return the evidence that torques were not logged in N·m, by Laplace's approximation [nats].
+
+    Args:
+        judged: the model.
+        gains: its terms of the torques' gain.
+    """
+    problem, terms = judged.predictor.problem, judged.terms
+    covariance = problem.covariance(terms)
+    start = np.cumsum([0, *(len(problem.numbers[t]) for t in terms)])
+    at = [int(start[terms.index(t)]) for t in gains]
+    unit = np.array([(t.shape or (1.0,))[0] for t in gains])
+    away = judged.coefficients[at] - (1 / unit - 1)
+    return float(away @ np.linalg.solve(covariance[np.ix_(at, at)], away) / 2)
 
 
 def shares(judged: Judged) -> dict[str, float]:
@@ -158,7 +186,7 @@ def shares(judged: Judged) -> dict[str, float]:
         "set_up": [x for t, x in torques.items() if t.small and t.shape != LINKS],
     }
     left = np.array(data.residual)
-    nominal = np.maximum(_rms(left), 1e-300)
+    nominal = np.maximum(_rms(data.logged_residual), 1e-300)
     out, before = dict[str, float](), np.ones(data.n)
     for kind, some in kinds.items():
         left -= np.sum([np.zeros_like(left), *some], axis=0)

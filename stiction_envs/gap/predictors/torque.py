@@ -181,7 +181,7 @@ class TorquePredictor:
         for other in each[1:]:
             problem.share(other, each[0], other.part * size)
         usual, small = prior.usual, Term(term.cause, term.joint, (), True)
-        if usual and not any(term.shape) and small not in problem.numbers:
+        if usual and small not in problem.numbers:
             problem.share(small, each[0], np.full(k, usual))
         return each
 

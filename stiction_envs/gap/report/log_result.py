@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.judge.judgement import NamedCause
@@ -35,7 +35,7 @@ FAR = 3.0
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogDiagnosis(DiagnosisResult):
-    """What a simulation gets wrong about joint logs."""
+    """Diagnosis of joint logs."""
 
     data = "logs"
     diagnosis: Diagnosis

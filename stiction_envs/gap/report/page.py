@@ -36,7 +36,7 @@ class Errors:
     """Error of each joint under both models; (n,) each, in one unit."""
 
     what: str
-    """What is averaged, and how."""
+    """Quantity that is averaged, and how."""
     unit: str
     joints: tuple[int, ...]
     """From 1."""
@@ -45,7 +45,7 @@ class Errors:
     noise: Array
     """Noise floor; NaN where unknown."""
     more: Mapping[str, Array] = field(default_factory=dict)
-    """The same error on other data, by a column's heading."""
+    """Error on other data, by a column's heading."""
 
     def table(self) -> str:
         """Return the table of the report."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -20,7 +20,7 @@ from stiction_envs.gap.report.page import Errors, where
 from stiction_envs.gap.report.series import Series
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord, plain, write_json
+from stiction_envs.reporting.json_text import plain, write_json
 from stiction_envs.reporting.markdown import short, span, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
@@ -39,10 +39,10 @@ HEADLINES = {
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DiagnosisResult(Result):
-    """What a simulation gets wrong about measured data."""
+    """Diagnosis of measured data: everything that a simulation gets wrong about them."""
 
     data: ClassVar[str]
-    """What was measured: "logs", "servo logs" or "torque tables"."""
+    """Kind of data: "logs", "servo logs" or "torque tables"."""
     diagnosis: Judgement
     nominal_name: str
     """The nominal model: "rigid", "shipped", a file's name, or "given"."""
@@ -92,7 +92,7 @@ class DiagnosisResult(Result):
 
     @property
     def checked(self) -> str:
-        """What logs say that took no part, sentences; empty without such logs."""
+        """Result of logs that took no part, sentences; empty without such logs."""
         return ""
 
     @property
@@ -226,17 +226,9 @@ class DiagnosisResult(Result):
         return f"<{type(self).__name__} of {self.robot}: {self.verdict}, {names}>"
 
     def __str__(self) -> str:
-        keys = ("name", "joints", "gain_percent", "confused_with")
-        causes = [{k: getattr(c, k) for k in keys} for c in self.causes]
-        return describe(self.verdict, self.summary, causes)
-
-
-def describe(verdict: str, summary: str, causes: Iterable[JsonRecord]) -> str:
-    """Return verdict and causes, entries of ``diagnosis.json``, as readable lines."""
-    lines = [f"{verdict}: {summary}", ""]
-    for cause in causes:
-        confused = ", ".join(cause["confused_with"])
-        also = f"  (or {confused})" if confused else ""
-        of = ",".join(map(str, cause["joints"])) or "arm"
-        lines.append(f"{cause['gain_percent']:6.1f} %  {cause['name']:<28} joints {of}{also}")
-    return "\n".join(lines)
+        lines = [f"{self.verdict}: {self.summary}", ""]
+        for cause in self.causes:
+            also = f"  (or {', '.join(cause.confused_with)})" if cause.confused_with else ""
+            of = ",".join(map(str, cause.joints)) or "arm"
+            lines.append(f"{cause.gain_percent:6.1f} %  {cause.name:<28} joints {of}{also}")
+        return "\n".join(lines)

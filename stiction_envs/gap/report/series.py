@@ -27,7 +27,7 @@ class Series:
 
     arm: Arm
     quantity: str
-    """What was compared: ``torque`` or ``angle``."""
+    """Quantity that was compared: ``torque`` or ``angle``."""
     time: Array
     """(T,) rising [s]."""
     measured: Array
@@ -56,7 +56,7 @@ class Series:
 
     @property
     def unit(self) -> str:
-        """Of what was compared."""
+        """Unit of the quantity that was compared."""
         return "N·m" if self.quantity == "torque" else "rad"
 
     def csv(self) -> str:

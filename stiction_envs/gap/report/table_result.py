@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from stiction_envs.friction.assumed import friction_note
+from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.report.page import Errors
@@ -18,7 +18,7 @@ from stiction_envs.robots import Arm
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TableResult(DiagnosisResult):
-    """What a simulation gets wrong about torque tables."""
+    """Diagnosis of torque tables."""
 
     data = "torque tables"
     diagnosis: TableDiagnosis

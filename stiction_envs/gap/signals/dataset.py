@@ -5,7 +5,7 @@ A change makes a new `Data`; derived values stay with the old one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,9 @@ class Data:
     friction: FrictionState
     noise: Array
     """(n,) noise floor of the residual torque [N·m]."""
+    unit: Array = field(default_factory=lambda: np.ones(1))
+    """(n,) what 1 N·m is in the unit that logged torques had, and the nominal model does not know
+    of; (1,) alike for all."""
 
     def __post_init__(self) -> None:
         for x in (self.nominal, self.rigid, self.carried):
@@ -159,6 +162,16 @@ class Data:
     def residual(self) -> Array:
         """(T, n) measured less nominal torque [N·m]."""
         return self.tau - self.nominal
+
+    @property
+    def logged_residual(self) -> Array:
+        """(T, n) torque as it was logged less nominal torque [N·m]."""
+        return self.unit * self.tau - self.nominal if self.converted else self.residual
+
+    @property
+    def converted(self) -> bool:
+        """Whether the torques were logged in another unit than N·m."""
+        return bool((self.unit != 1).any())
 
     @cached_property
     def strength(self) -> Array:
@@ -298,6 +311,7 @@ def assemble(
     settings: GapSettings | None = None,
     link_factor: Array | None = None,
     of_file: bool = False,
+    known_unit: Array | None = None,
 ) -> Data:
     """Compare signals with the nominal rigid arm and its friction, None for no friction.
 
@@ -306,6 +320,7 @@ def assemble(
     ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
     ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links, ``of_file`` whether the
     friction is that of the robot's file: frictionloss has no presliding, so the logs tell it.
+    ``known_unit`` is the unit of torques that an earlier diagnosis found.
     """
     recording = join(arm, signals, torque=torque, settings=settings, link_factor=link_factor)
     if friction is None:
@@ -328,4 +343,5 @@ def assemble(
         rigid=recording.rigid + arm.stated.stiffness * (recording.q - arm.stated.springref),
         friction=state,
         noise=noise,
+        unit=signals.torque_unit / (1.0 if known_unit is None else known_unit),
     )

@@ -1,4 +1,4 @@
-"""What gravity and inertia need of each logged torque: its factor, its sign, and where gravity is.
+"""Logged torques against gravity and inertia: factor and sign of each joint, gravity's direction.
 
     loads(signals, log, arm) -> Loads;  Loads.findings -> sentences
 
@@ -60,18 +60,13 @@ OTHER_UNIT = 2.0
 """Factor, or one over it, from which on torques have another unit, if all joints have the same;
 times the ratio by which they differ [-]; assumed: a mass that is missing makes factors of 2 to
 3."""
-MOST_CLEAR = 20.0
-"""Standard deviations from which on a joint's resistance counts no more [-]; assumed."""
 ROUNDS = 20
 """Rounds in which gravity's direction and the joints' factors are found in turn [-]."""
 SURE = 0.25
 """Largest half width of a factor's interval, over the factor, for another unit [-]; assumed."""
-LEAST_FACTOR = 0.02
-"""Least factor of a load that is only held, which shows a sign [-]; assumed."""
 LEFT = 0.5
-"""Part of a joint's residual that another direction of gravity leaves at most [-]; assumed."""
-EXPLAINED = 0.4
-"""Largest error over a joint's load where another mounting explains all joints [-]; assumed."""
+"""Part of a joint's residual that another direction of gravity leaves at most [-]; assumed: a
+spring, too, is explained by another mounting, but leaves more."""
 MOUNTED = 0.7
 """Angle between assumed and found gravity from which on the arm is mounted in another way [rad];
 assumed: a smaller one is a base that leans."""
@@ -83,7 +78,7 @@ RIGHT_ANGLE = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Loads:
-    """What one log shows of the torques of n joints."""
+    """Findings about the torques of n joints in one log."""
 
     arm: Arm
     factor: Array
@@ -107,7 +102,7 @@ class Loads:
     angle: AngleError | None = None
     """A joint whose angle is not the model's; the rest is as if it were."""
     elsewhere: bool
-    """Whether that is far from the assumed one, and explains what the assumed one does not."""
+    """Whether that is far from the assumed one, and all joints that carry a load agree on it."""
 
     @property
     def unit(self) -> float:
@@ -122,13 +117,13 @@ class Loads:
 
     @property
     def findings(self) -> list[str]:
-        """What is wrong with the torques or the mounting, a sentence each."""
+        """Defects of the torques or of the mounting, a sentence each."""
         out = []
         if (unit := self.unit) != 1:
             what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
             out.append(
                 f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "
-                f"another unit, {what} torque_scale says the factor, and friction is in that unit"
+                f"another unit, {what} torque_scale says the factor"
             )
         if self.lacks_gravity:
             out.append(
@@ -206,7 +201,8 @@ def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = N
         return found
     q, dq, ddq, tau, apart = rows
     others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
-    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD)
+    independent = len(tau) * min(1.0, apart / APART)
+    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD, independent)
     if error is None:
         return found
     sign, shift = np.ones(arm.n), np.zeros(arm.n)
@@ -249,7 +245,7 @@ def _loads(
     silent = np.array(
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
-    factor, width = (np.array([x(f) for f in usual]) for x in (_factor, _width))
+    factor, width = _factors(usual)
     due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
     moves = np.ptp(q, axis=0) > motion.travel_span
     measured = ~(silent & due)
@@ -263,7 +259,7 @@ def _loads(
     resisting = np.array(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
-    held = ~shown & measured & (np.abs(factor) > LEAST_FACTOR)
+    held = ~shown & measured
     sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, held, free)
     side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
@@ -272,7 +268,6 @@ def _loads(
     elsewhere = bool(
         np.arccos(np.clip(found @ down, -1, 1)) > MOUNTED
         and (after[shown] < LEFT * before[shown]).any()
-        and (after[shown] < EXPLAINED * load.std(axis=0)[shown]).all()
         and shown.any()
         and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
@@ -292,10 +287,11 @@ def _loads(
         by_load = shown & _sure(clear, there)
         sign = np.where(by_load, np.sign(clear), 0).astype(np.int64)
     needed = rest + pulls @ (found if elsewhere else down)
+    factor, width = _factors(best)
     return Loads(
         arm=arm,
-        factor=np.array([_factor(f) for f in best]),
-        width=np.array([_width(f) for f in best]),
+        factor=factor,
+        width=width,
         needed=_rms(needed),
         logged=_rms(tau),
         sign=sign,
@@ -307,14 +303,10 @@ def _loads(
     )
 
 
-def _factor(fit: _Fit) -> float:
-    """Return the first coefficient."""
-    return float(fit.c[0])
-
-
-def _width(fit: _Fit) -> float:
-    """Return half of the first coefficient's 95 % interval."""
-    return float(1.96 * np.sqrt(fit.cov[0, 0]))
+def _factors(fits: Sequence[_Fit]) -> tuple[Array, Array]:
+    """Return (n,) first coefficients, and half widths of their 95 % intervals."""
+    c, variance = (np.array(x) for x in ([f.c[0] for f in fits], [f.cov[0, 0] for f in fits]))
+    return c, 1.96 * np.sqrt(variance)
 
 
 def _sure(clear: Array, fits: Sequence[_Fit]) -> Flags:
@@ -336,11 +328,11 @@ def _signs(
         fits: of the joints.
     """
     sign = np.zeros(len(loaded), dtype=np.int64)
-    wrong, resists = changing & (loaded < 0), np.clip(resisting, -MOST_CLEAR, MOST_CLEAR)
+    wrong = changing & (loaded < 0)
     if wrong.any():
         # gravity alone is opposite where the arm is mounted in another way
         alone = wrong[changing].all()
-        against = resists.sum() < CLEAR if alone else resists < CLEAR
+        against = resisting.sum() < CLEAR if alone else resisting < CLEAR
         sign[changing] = 1
         if alone and against:
             sign[:] = -1

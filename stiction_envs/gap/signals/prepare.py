@@ -17,7 +17,7 @@ The cutoff comes from the spectra, each of which stops falling where noise takes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -107,6 +107,9 @@ class Signals:
     """How the signals were computed, one sentence each."""
     torque_sign: int = 0
     """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
+    torque_unit: Array = field(default_factory=lambda: np.ones(1))
+    """(n,) what 1 N·m is in the unit of the logged torques, which were divided by it; (1,) alike
+    for all."""
     measured: NDArray[np.bool_] | None = None
     """(n,) whether each torque is a measurement; None for all."""
     findings: tuple[str, ...] = ()

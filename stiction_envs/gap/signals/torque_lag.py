@@ -44,7 +44,7 @@ LEAST_LAG = 0.1
 """Least sum of delay and time constant that is corrected where a load shows it [s]; assumed: the
 cause `actuator_delay` covers shorter ones."""
 LEAST_FRICTION_LAG = 0.01
-"""The same where only friction shows the lag, which that cause does not cover [s]; assumed."""
+"""Least sum where only friction shows the lag, which that cause does not cover [s]; assumed."""
 RESIDUAL_LEFT = 0.5
 """Largest remaining part of the residual for a lag to be corrected [-]; assumed."""
 DELAYS = np.arange(0.0, 0.1501, 0.01)
@@ -78,7 +78,7 @@ class TorqueLag:
     before: float
     """Residual of the joint after the fit, as logged [N·m]."""
     after: float
-    """The same with δ and T [N·m]."""
+    """Residual with δ and T [N·m]."""
     loaded: bool
     """Whether a load shows it; else reversals at several speeds show it."""
     certain: bool
@@ -154,8 +154,9 @@ def correct_torques(
     settings: GapSettings | None = None,
     known_sign: int = 0,
     known_lag: Lag | None = None,
+    known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, and correct the torques that lag.
+    """Correct torques of the opposite sign, in another unit, and that lag.
 
     Args:
         logs: of one robot.
@@ -164,6 +165,7 @@ def correct_torques(
         settings: constants of the method; None for those of ``settings.toml``.
         known_sign: as in `correct_sign`.
         known_lag: by an earlier diagnosis of the robot; None for none.
+        known_unit: as in `correct_sign`.
 
     Returns:
         Logs and their signals; each change is recorded as a correction.
@@ -171,7 +173,7 @@ def correct_torques(
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
     """
-    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign)
+    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign, known_unit)
     changed = False
     for i, log in enumerate(read):
         if log.static:

@@ -1,4 +1,4 @@
-"""Torques of the opposite sign are inverted, those that are not measured left out: by `loads`."""
+"""Torques of another sign or unit are corrected, dead channels left out: by `loads`."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.settings import GapSettings
@@ -17,8 +18,14 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-OF_CHANNELS = ("torque_sign", "measured", "findings", "set_up", "zero_off")
+Array = NDArray[np.float64]
+OF_CHANNELS = ("torque_sign", "torque_unit", "measured", "findings", "set_up", "zero_off")
 """Fields of `Signals` that `correct_sign` fills in."""
+LARGE_UNIT = 10.0
+"""Factor between logged torque and load from which on torques are converted [-]; assumed: masses
+that a model lacks make factors of 2 to 3, and a joint's friction is no load."""
+SAME_UNIT = 2.0
+"""Factor within which the units of two logs of a robot are the same [-]; assumed."""
 
 
 def correct_sign(
@@ -27,8 +34,11 @@ def correct_sign(
     arm: Arm,
     settings: GapSettings | None = None,
     known: int = 0,
+    known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, leave out those that are not measured, and say so.
+    """Invert torques of the opposite sign, convert those in another unit, and say so.
+
+    Channels that are not measured are left out.
 
     Args:
         logs: of one robot, with one convention.
@@ -37,6 +47,7 @@ def correct_sign(
         settings: constants of the method; None for those of ``settings.toml``.
         known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
             that changes overrides it.
+        known_unit: likewise, (n,) what 1 N·m is in the unit of the torques; None for 1.
 
     Returns:
         Logs, with notes on corrections, and signals; unchanged where nothing is wrong.
@@ -60,6 +71,7 @@ def correct_sign(
     if known and not shown:
         signs = np.full((1, arm.n), 1 if again else known)
     opposite = (signs < 0).any(axis=0) & (signs <= 0).all(axis=0)
+    unit = _unit([x.unit for x in found.values()], known_unit)
     done = replace(
         signals,
         torque_sign=-1 if opposite.all() else int(signs.any()),
@@ -68,6 +80,8 @@ def correct_sign(
         zero_off=next((x.angle for x in found.values() if x.angle and x.angle.offset), None),
         findings=tuple(dict.fromkeys(text for x in found.values() for text in x.findings)),
     )
+    if (unit != 1).any():
+        logs, done = converted(logs, done, unit * np.ones(arm.n))
     if not opposite.any():
         return list(logs), done
     which = joint_list([int(j) + 1 for j in np.flatnonzero(opposite)])
@@ -78,10 +92,45 @@ def correct_sign(
     )
     if known < 0 and not shown:
         text += ", as those of the diagnosed logs"
-    turned = []
+    return _times(logs, done, side, "sign", text)
+
+
+def _unit(found: Sequence[float], known: Array | None) -> Array:
+    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m."""
+    seen = [x for x in found if x != 1]
+    if known is not None:
+        usual = float(np.median(known))
+        if not seen or 1 / SAME_UNIT < np.median(seen) / usual < SAME_UNIT:
+            return known
+    unit = float(np.median(seen or [1.0]))
+    return np.full(1, unit if unit < 1 or unit > LARGE_UNIT else 1.0)
+
+
+def converted(
+    logs: Sequence[JointLog], signals: Signals, unit: Array
+) -> tuple[list[JointLog], Signals]:
+    """Return logs and signals with torques in N·m: divided by ``unit`` (n,), and by no other."""
+    more = unit / signals.torque_unit
+    done = replace(signals, torque_unit=unit)
+    each = ", ".join(f"{x:.3g}" for x in dict.fromkeys(unit))
+    text = f"torques are converted to N·m: divided by {each}"
+    earlier = [replace(x, corrections=_but(x.corrections, "unit")) for x in logs]
+    return _times(earlier, done, 1 / more, "unit", text)
+
+
+def _but(corrections: Sequence[Correction], kind: str) -> tuple[Correction, ...]:
+    return tuple(c for c in corrections if c.kind != kind)
+
+
+def _times(
+    logs: Sequence[JointLog], signals: Signals, factor: Array, kind: str, text: str
+) -> tuple[list[JointLog], Signals]:
+    """Return logs and signals with torques times a factor (n,), noted as a correction."""
+    out = []
     for log in logs:
-        extra = {k: x * side if k == "tau_cmd" else x for k, x in log.extra.items()}
-        corrections = (*log.corrections, Correction(kind="sign", rows=len(log.t), text=text))
-        turned.append(replace(log, tau=log.tau * side, extra=extra, corrections=corrections))
-    segments = tuple(replace(s, tau=s.tau * side) for s in done.segments)
-    return turned, replace(done, segments=segments)
+        extra = {k: x * factor if k == "tau_cmd" else x for k, x in log.extra.items()}
+        corrections = (*log.corrections, Correction(kind=kind, rows=len(log.t), text=text))
+        out.append(replace(log, tau=log.tau * factor, extra=extra, corrections=corrections))
+    segments = tuple(replace(s, tau=s.tau * factor) for s in signals.segments)
+    noise = signals.noise_tau * np.abs(factor)
+    return out, replace(signals, segments=segments, noise_tau=noise)

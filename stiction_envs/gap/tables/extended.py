@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.plain_mjcf import plain_mjcf

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.experiments.sje.protocol import Job
-from stiction_envs.friction.lone_joint import STEP, LoneJoints, breakaway
+from stiction_envs.friction.lone_joint import LoneJoints, breakaway
 from stiction_envs.friction.parameters import bristle_damping
 from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL, Quantity, State, WholeArm
+from stiction_envs.plant import CONTROL_DT
 
 Array = NDArray[np.float64]
 Column = tuple[float, float, float, float]
@@ -85,7 +86,7 @@ class LoneJointTorques:
         zeta = np.full(len(level), self._zeta)
         lone = LoneJoints(
             stiction=level,
-            bristle_damping=bristle_damping(p["bristle_stiffness"], zeta, carried, STEP),
+            bristle_damping=bristle_damping(p["bristle_stiffness"], zeta, carried, CONTROL_DT),
             joint_damping=2 * damping * np.sqrt(damped),
             link_inertia=link,
             amplitude=amplitude,
@@ -119,8 +120,8 @@ class LoneJointTorques:
         carried = p.get("rotor_inertia", self.nominal("rotor_inertia")) + link
         stiffness = p.get("bristle_stiffness", self.nominal("bristle_stiffness"))
         zeta, one = np.array([self._zeta]), np.ones(1)
-        damping = bristle_damping(stiffness * one, zeta, carried * one, STEP)
-        return bool(STEP * damping[0] < STABLE * carried)
+        damping = bristle_damping(stiffness * one, zeta, carried * one, CONTROL_DT)
+        return bool(CONTROL_DT * damping[0] < STABLE * carried)
 
 
 class LoneJoint:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.poses import find_poses
 from stiction_envs.experiments.sje.protocol import Job, Protocol, load_protocol
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.parameters import FrictionParameters

@@ -182,16 +182,24 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
     make = partial(prepare, cutoff_hz=cutoff, settings=settings)
     sign, lag = found.torque_sign, found.torque_lag
-    logs, signals = correct_torques(logs, arm, make, settings, sign, lag)
+    logs, signals = correct_torques(logs, arm, make, settings, sign, lag, found.torque_unit)
     shown = d.data.measured if signals.measured is None else d.data.measured & signals.measured
     signals = replace(signals, sessions=sessions(logs, found.sessions), measured=shown)
     torque, friction, file = d.data.recording.torque, d.baseline.friction, d.baseline.file
-    base = assemble(arm, signals, friction=friction, torque=torque, settings=settings, of_file=file)
+    base = assemble(
+        arm,
+        signals,
+        friction=friction,
+        torque=torque,
+        settings=settings,
+        of_file=file,
+        known_unit=d.baseline.torque_unit,
+    )
     nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
     noise = base.noise
     before, after, torque_rms = (
-        _rms(x) for x in (base.tau - nominal.nominal, base.tau - extended, base.tau)
+        _rms(x) for x in (nominal.logged_residual, base.tau - extended, base.tau)
     )
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
     worse = (after > (1 + WORSE) * before) & (added > noise)

@@ -18,12 +18,10 @@ dry friction, as much as the log shows, which a rigid nominal model lacks: that 
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Unpack
 
@@ -35,7 +33,7 @@ from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Run, Subject, measure
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
@@ -43,11 +41,11 @@ from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
 from stiction_envs.hidden.servo_effects import EFFECTS, effect_of
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import naming_of
 from stiction_envs.measured.logs.reader import drive_of
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log
-from stiction_envs.reporting.json_text import write_json
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -80,17 +78,19 @@ class Plan:
             kept: file in which finished jobs are kept; what is there already is not done again.
                 None keeps nothing.
         """
-        say = progress or (lambda *_: None)
-        runs: dict[str, list[Run]] = {}
-        if kept is not None and kept.exists():
-            runs = json.loads(kept.read_text("utf-8"))
-        asked = [job for job in self.jobs if not job.why_not]
-        missing = [job for job in asked if job.key not in runs]
-        for job, found in _measured(missing, self.subject, self.seed, threads):
-            runs[job.key] = found
-            if kept is not None:
-                write_json(kept, runs)
-            say(f"hid {job.key} in the log", len(runs) / len(asked))
+        asked = {job.key: job for job in self.jobs if not job.why_not}
+
+        def tell(key: str, done: int, count: int) -> None:
+            if progress is not None:
+                progress(f"hid {key} in the log", done / count)
+
+        runs = KeptRows(kept).fill(
+            asked,
+            partial(measure, subject=self.subject, seed=self.seed),
+            processes=threads or os.cpu_count() or 1,
+            tell=tell,
+            begin=partial(_begin, registered()),
+        )
         order = list(dict.fromkeys(job.cause for job in self.jobs))
         rows = [
             row_of(job, row, [] if job.why_not else runs[job.key])
@@ -102,32 +102,9 @@ class Plan:
             robot=self.robot,
             rows=tuple(sorted(rows, key=lambda r: (order.index(r.cause), r.joint))),
             named_without=tuple(x[0] for x in runs[NOTHING][0]["named"]),
-            runs={job.key: runs[job.key] for job in asked},
+            runs=runs,
             provenance=self.provenance,
         )
-
-
-def _measured(
-    jobs: list[Job], subject: Subject, seed: int, threads: int
-) -> Iterator[tuple[Job, list[Run]]]:
-    """Yield the runs of each job when they are done, in processes of one thread each."""
-    processes = min(threads or os.cpu_count() or 1, len(jobs))
-    if processes < 2:
-        yield from ((job, measure(job, subject, seed)) for job in jobs)
-        return
-    pool = ProcessPoolExecutor(
-        processes, get_context("spawn"), initializer=_begin, initargs=(registered(),)
-    )
-    before = os.environ.get("OPENBLAS_NUM_THREADS")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
-    try:
-        waiting = {pool.submit(measure, job, subject, seed): job for job in jobs}
-        for one in as_completed(waiting):
-            yield waiting[one], one.result()
-    finally:
-        if before is None:
-            del os.environ["OPENBLAS_NUM_THREADS"]
-        pool.shutdown(cancel_futures=True)  # after an interruption none begins anything
 
 
 def _begin(causes: Sequence[Cause]) -> None:
@@ -149,16 +126,16 @@ def rehearse(
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
-        data: a joint log or servo log, or several, as of `diagnose`.
+        data: as of `plan`, and so are the other arguments.
         robot: name, model file or arm.
         causes: names of the causes to hide; None for all that are registered.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: of `diagnose`; see `plan`.
+        options: of `diagnose`.
 
     Raises:
-        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
+        StictionError: as of `plan`.
     """
     planned = plan(data, robot, causes=causes, progress=progress, **options)
     return planned.run(threads=threads, progress=progress)
@@ -181,10 +158,10 @@ def plan(
             looked for.
         progress: called with what is done and the part of the whole, 0.
         options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
-            ``poses`` or ``method``.
+            ``poses``.
 
     Raises:
-        StictionError: as `rehearse`.
+        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
     """
     for name in ("check", "poses", "method"):
         if name in options:
@@ -193,13 +170,7 @@ def plan(
     given = [data] if isinstance(data, str | Path | RobotLog) else list(data)
     for table in (x for x in given if isinstance(x, str | Path) and file_kind(x) == TABLE):
         raise StictionError(f"rehearse: {table} is a torque table: expected joint logs")
-    naming = Naming(
-        joints=tuple(options.get("joints", ())),
-        topic=options.get("topic"),
-        units=options.get("units"),
-        calibration=options.get("calibration"),
-        columns=tuple(options.get("columns", ())),
-    )
+    naming = naming_of(None, options)
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
         effect_of(name) if kind == POSITION else cause_named(name)

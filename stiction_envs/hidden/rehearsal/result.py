@@ -10,14 +10,15 @@ from pathlib import Path
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord, write_json
+from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed, plural, short
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 
 CSV = "rehearsal.csv"
-RUNS = "rehearsal_runs.json"
+RUNS = "rehearsal_runs.jsonl"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +120,10 @@ class Rehearsal(Result):
             cells["smallest_named"] = f"{row.smallest_named:.4g}" if row.named else ""
             out.writerow(cells.get(f.name, getattr(row, f.name)) for f in fields(Row))
         write_text_atomic(folder / CSV, text.getvalue())
-        write_json(folder / RUNS, self.runs)
+        rows = KeptRows(folder / RUNS)
+        for key, runs in self.runs.items():
+            if key not in rows.every:
+                rows.add(key, runs)
 
     @property
     def summary(self) -> str:

@@ -7,9 +7,10 @@ print(found)                   # one finding in a line
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
+from typing import Unpack
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.checks.tables import check_table
@@ -17,7 +18,7 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log, no_log
-from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.joint_names import Reading, naming_of
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 from stiction_envs.measured.logs.timing import IGNORED
@@ -40,14 +41,14 @@ class Finding:
     where: str
     """Row or cell; empty for the file as a whole."""
     kind: str
-    """Of a table's defect: see `Defect.kind`. Of a log: ``corrected`` when it is read, ``warning``
+    """For a table: see `Defect.kind`. For a log: ``corrected`` when it is read, ``warning``
     if it cannot be. ``unreadable``: nothing can be done with the file. ``remark``: not wrong."""
     message: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Findings(Result):
-    """What is wrong in some files."""
+    """Defects of some files."""
 
     files: tuple[str, ...]
     findings: tuple[Finding, ...]
@@ -77,25 +78,16 @@ class Findings(Result):
         )
 
     def __str__(self) -> str:
-        return describe([asdict(x) for x in self.findings])
-
-
-def describe(findings: Sequence[Mapping[str, str]]) -> str:
-    """Return findings as text, one in a line: file, where, kind, message."""
-    lines = [": ".join(text for text in x.values() if text) for x in findings]
-    return "\n".join(lines) or "nothing wrong"
+        lines = [": ".join(filter(None, astuple(x))) for x in self.findings]
+        return "\n".join(lines) or "nothing wrong"
 
 
 def check(
     *files: str | os.PathLike[str],
     robot: str | Path | None = None,
     chain: Sequence[str] | None = None,
-    joints: Sequence[str] = (),
-    topic: str | None = None,
     drive: str | None = None,
-    units: str | None = None,
-    calibration: str | Path | None = None,
-    columns: Sequence[str] = (),
+    **reading: Unpack[Reading],
 ) -> Findings:
     """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
 
@@ -108,15 +100,9 @@ def check(
         files: paths.
         robot: whose logs these are; without it fewer wrong units are seen.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
-        joints: names of joints 1 to n in the log; () finds them (`logs.joint_names`).
-        topic: of ROS bags that have several with joint states.
         drive: what drives the joints of the logs, torque or position; None for what each one has,
             torque where it has both.
-        units: what angles are measured in: rad, deg, percent (of calibrated ranges) or ticks
-            (encoder steps); None for rad, or what the log shows (`logs.units`).
-        calibration: lerobot's file with the ranges of the motors, for percent and ticks.
-        columns: names of a log's columns: all in their order, or some as ``OURS=NAME``; () where
-            the names are ours or well known (`logs.aliases`).
+        reading: ``joints``, ``topic``, ``units``, ``calibration``, ``columns``; see `Naming`.
 
     Raises:
         StictionError: no file, one that is not there, or that is neither table nor log.
@@ -130,17 +116,8 @@ def check(
         if not is_log(path):
             raise no_log(path, "a torque table or a joint log")
     arm = None if robot is None else load_arm(robot, chain=chain)
-    n, limits, names = (0, None, ()) if arm is None else (arm.n, arm.limits, arm.joint_names)
-    naming = Naming(
-        robot=names,
-        whole=() if arm is None else arm.whole,
-        held=() if arm is None else arm.stated.held,
-        joints=tuple(joints),
-        topic=topic,
-        units=units,
-        calibration=calibration,
-        columns=tuple(columns),
-    )
+    n, limits = (0, None) if arm is None else (arm.n, arm.limits)
+    naming = naming_of(arm, reading)
     kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
     logs: list[JointLog] = []
@@ -171,15 +148,15 @@ def check(
         "files": [str(p) for p in paths],
         "robot": robot,
         "chain": chain,
-        "joints": list(joints),
-        "topic": topic,
+        "joints": list(naming.joints),
+        "topic": naming.topic,
         "drive": drive,
-        "units": units,
-        "columns": list(columns),
+        "units": naming.units,
+        "columns": list(naming.columns),
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
-    if calibration is not None and Path(calibration).is_file():
-        inputs["calibration"] = Path(calibration)
+    if naming.calibration is not None and Path(naming.calibration).is_file():
+        inputs["calibration"] = Path(naming.calibration)
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),

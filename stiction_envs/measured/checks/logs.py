@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.corrections import Rows, longest_run
+from stiction_envs.measured.logs.corrections import RawLog, longest_run
 from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
@@ -44,10 +43,9 @@ TOO_FAST = 3.0
 """No arm moves at more than this times its joint's largest speed [-]; assumed."""
 Array = NDArray[np.float64]
 _DEGREE = np.pi / 180
-Place = Callable[[int], str]
 
 
-def check_finite(rows: Rows, place: Place) -> None:
+def check_finite(rows: RawLog) -> None:
     """No value is infinite or larger than any joint's, and every row has a time.
 
     Raises:
@@ -55,7 +53,7 @@ def check_finite(rows: Rows, place: Place) -> None:
     """
     if not np.isfinite(rows.t).all():
         i = int(np.argmin(np.isfinite(rows.t)))
-        raise StictionError(f"{place(i)}: t is {rows.t[i]}: expected finite numbers in s")
+        raise StictionError(f"{rows.place(i)}: t is {rows.t[i]}: expected finite numbers in s")
     for name, array in rows.data.items():
         most, unit = LARGEST.get(name, (np.finfo(float).max, ""))
         # NaN is a missing value and not an error here.
@@ -66,10 +64,10 @@ def check_finite(rows: Rows, place: Place) -> None:
             may = f"up to {most:g} {unit}" if np.isfinite(value) and unit else "finite numbers"
             if name in ("q", "q_cmd") and np.isfinite(value):
                 may += ", or units ticks (encoder steps)"
-            raise StictionError(f"{place(i)}: {name}{j + 1} is {value:g}: expected {may}")
+            raise StictionError(f"{rows.place(i)}: {name}{j + 1} is {value:g}: expected {may}")
 
 
-def check_time(rows: Rows, place: Place) -> None:
+def check_time(rows: RawLog) -> None:
     """Time never falls within a recording, and is in seconds.
 
     Raises:
@@ -80,24 +78,24 @@ def check_time(rows: Rows, place: Place) -> None:
     if fell.any():
         i = int(np.argmax(fell))
         raise StictionError(
-            f"{place(i + 1)}: t falls from {rows.t[i]:.9g} to {rows.t[i + 1]:.9g}: expected time "
-            "that rises (a column run may start it anew)"
+            f"{rows.place(i + 1)}: t falls from {rows.t[i]:.9g} to {rows.t[i + 1]:.9g}: expected "
+            "time that rises (a column run may start it anew)"
         )
     rising = step[step > 0]
     if not len(rising):
-        raise StictionError(f"{place(0)}: t never rises: expected time in s")
+        raise StictionError(f"{rows.place(0)}: t never rises: expected time in s")
     usual = float(np.median(rising))
     if usual > SLOWEST_STEP:
         units = ("milliseconds", 1e3), ("microseconds", 1e6), ("nanoseconds", 1e9)
         likely = [u for u, scale in units if usual / scale < SLOWEST_STEP]
         hint = f", it looks like {likely[0]}" if usual > 0.5 and likely else ""
         raise StictionError(
-            f"{place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s (else its "
-            f"unit in the header, as t [ms]), {1 / SLOWEST_STEP:g} rows a second or more"
+            f"{rows.place(0)}: t rises by {usual:g} from row to row{hint}: expected time in s "
+            f"(else its unit in the header, as t [ms]), {1 / SLOWEST_STEP:g} rows a second or more"
         )
 
 
-def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str = "q") -> list[str]:
+def check_angles(rows: RawLog, limits: Limits | None, channel: str = "q") -> list[str]:
     """Angles are in radians, as far as the joint ``limits`` show.
 
     Returns:
@@ -124,7 +122,8 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
         # an angle within a turn may be right, and the limits wrong
         if abs(q[i]) > max(FREE_ANGLE if limits is None else 2 * np.pi, -2 * low, 2 * high):
             raise StictionError(
-                f"{place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: expected "
+                f"{rows.place(i)}: {channel}{j + 1} is {q[i]:g}, which looks like degrees: "
+                "expected "
                 + ("radians" if limits is None else f"{low:g} to {high:g} rad")
                 + ", or units deg (percent, ticks)"
             )
@@ -142,7 +141,7 @@ def check_angles(rows: Rows, place: Place, limits: Limits | None, channel: str =
     return warnings
 
 
-def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+def check_units(rows: RawLog, limits: Limits | None) -> list[str]:
     """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
 
     Returns:
@@ -151,7 +150,7 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
     Raises:
         StictionError: q looks like degrees, or tau like percent or mN·m.
     """
-    warnings = check_angles(rows, place, limits)
+    warnings = check_angles(rows, limits)
     if limits is None:
         return warnings
     doubtful = limits.doubtful("torque")
@@ -165,8 +164,8 @@ def check_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
             unit = "mN·m" if usual > 300 else "per cent of the rated torque"
             i = int(np.argmax(size))
             raise StictionError(
-                f"{place(i)}: tau{j + 1} is {tau[i]:g}, which looks like {unit}: expected N·m, "
-                f"and this joint can do {suspect}"
+                f"{rows.place(i)}: tau{j + 1} is {tau[i]:g}, which looks like {unit}: expected "
+                f"N·m, and this joint can do {suspect}"
             )
         if largest > 1.2 * most:
             unit = "; or in another unit than N·m?" * other
@@ -184,7 +183,7 @@ def _limit(limits: Limits, name: str, j: int, unit: str) -> str:
     return f"{text}: [limits.{name}])"
 
 
-def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
+def check_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
     """Check that something moves; warn of channels that never change or stay at a limit.
 
     Raises:
@@ -198,7 +197,7 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
         what = f"tau1..tau{n}"
         if still["q"].all():
             what = f"q1..q{n} and {what}"
-        raise StictionError(f"{place(0)}: {what} never change: expected a measurement")
+        raise StictionError(f"{rows.place(0)}: {what} never change: expected a measurement")
     if still["q"].all():
         warnings.append("no q ever changes: the arm rests, or its positions were not logged")
     for name in (name for name in still if name != "q"):
@@ -208,7 +207,7 @@ def check_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[s
     return warnings + check_torques(rows)
 
 
-def check_torques(rows: Rows) -> list[str]:
+def check_torques(rows: RawLog) -> list[str]:
     """Return warnings about torques that stay at a limit, or have no sign."""
     tau = rows.data["tau"]
     unsigned = is_unsigned(tau)
@@ -248,7 +247,7 @@ def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
     ]
 
 
-def check_pace(rows: Rows, step: float, limits: Limits | None) -> list[str]:
+def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
     """No joint moves several times faster than it can, as small angles in degrees would.
 
     Args:
@@ -282,7 +281,7 @@ def check_pace(rows: Rows, step: float, limits: Limits | None) -> list[str]:
     return warnings
 
 
-def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]:
+def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[str]:
     """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
 
     Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
@@ -324,9 +323,10 @@ def check_speeds(rows: Rows, step: float, motion: MotionThresholds) -> list[str]
 
 
 def _corner(v: Array, dq: Array, scale: float, rate: float) -> float:
-    """Lowest frequency at which dq has lost half the power of v, Hz; inf where it has not."""
-    f, _, cross, speed, coherent = _spectra(v, dq, rate)
-    damped = (f > 0) & (coherent > 0.8) & (np.abs(cross) < np.sqrt(0.5) * scale * speed)
+    """Return the lowest frequency at which dq has lost half the power of v [Hz]; inf for none."""
+    f, p_v, p_dq, coherent = _spectra(v, dq, rate)
+    left = np.sqrt(coherent * p_dq / np.maximum(p_v, 1e-300))
+    damped = (f > 0) & (coherent > 0.8) & (left < np.sqrt(0.5) * scale)
     twice = np.flatnonzero(damped[1:] & damped[:-1])
     return float(f[twice[0]]) if len(twice) else np.inf
 
@@ -359,8 +359,8 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.in
     for j in movers:
         v = np.gradient(grid["q"][:, j], 1 / rate)
         dq, tau = grid["dq"][:, j], grid["tau"][:, j]
-        f, p_dq, _, p_v, _ = _spectra(v, dq, rate)
-        with_dq, with_v = _spectra(dq, tau, rate)[4], _spectra(v, tau, rate)[4]
+        f, p_v, p_dq, _ = _spectra(v, dq, rate)
+        with_dq, with_v = _spectra(dq, tau, rate)[3], _spectra(v, tau, rate)[3]
         low = 2.0
         while 2 * low <= 0.3 * rate:
             band = (f >= low) & (f < 2 * low)
@@ -384,7 +384,7 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.in
     ]
 
 
-def _even(rows: Rows, step: float) -> dict[str, Array]:
+def _even(rows: RawLog, step: float) -> dict[str, Array]:
     """Measured channels of the first `COMPARED_SECONDS` on even times."""
     t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
     return {
@@ -394,10 +394,9 @@ def _even(rows: Rows, step: float) -> dict[str, Array]:
 
 
 def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:
-    """Frequencies [Hz], spectra of y, of x with y, of x, and coherence of x and y."""
+    """Return frequencies [Hz], spectra of x and of y, and their coherence."""
     length = int(min(len(x) // 4, 2 * rate)) // 2 * 2
     f, p_x = welch(x, rate, nperseg=length)
     p_y = welch(y, rate, nperseg=length)[1]
     cross = csd(x, y, rate, nperseg=length)[1]
-    coherent = np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)
-    return f, p_y, cross, p_x, coherent
+    return f, p_x, p_y, np.abs(cross) ** 2 / np.maximum(p_x * p_y, 1e-300)

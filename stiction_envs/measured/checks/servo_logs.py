@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.checks.logs import Place, check_angles, check_torques
-from stiction_envs.measured.logs.corrections import Rows
+from stiction_envs.measured.checks.logs import check_angles, check_torques
+from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ MOST_LAG = 0.2
 """Longest time between command and motion that is tried [s]; assumed."""
 
 
-def check_servo_units(rows: Rows, place: Place, limits: Limits | None) -> list[str]:
+def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
     """Commanded and measured angles are in radians, as far as limits and each other show.
 
     Returns:
@@ -36,7 +36,7 @@ def check_servo_units(rows: Rows, place: Place, limits: Limits | None) -> list[s
     Raises:
         StictionError: they look like degrees, or are in different units.
     """
-    warnings = [w for name in ("q", "q_cmd") for w in check_angles(rows, place, limits, name)]
+    warnings = [w for name in ("q", "q_cmd") for w in check_angles(rows, limits, name)]
     ratios = []
     for q, command in zip(rows.data["q"].T, rows.data["q_cmd"].T, strict=True):
         moves = q.std() > 0 and command.std() > 0
@@ -45,13 +45,13 @@ def check_servo_units(rows: Rows, place: Place, limits: Limits | None) -> list[s
     ratio = float(np.median(ratios)) if ratios else 1.0
     if not 1 / OTHER_UNIT < ratio < OTHER_UNIT:
         raise StictionError(
-            f"{place(0)}: q_cmd moves by {ratio:.3g} times what q does, which looks like degrees "
-            "beside radians: expected both in rad"
+            f"{rows.place(0)}: q_cmd moves by {ratio:.3g} times what q does, which looks like "
+            "degrees beside radians: expected both in rad"
         )
     return warnings
 
 
-def check_servo_channels(rows: Rows, place: Place, motion: MotionThresholds) -> list[str]:
+def check_servo_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
     """Check that something moves; warn of commands and angles that never do, and of copies.
 
     Raises:
@@ -61,7 +61,7 @@ def check_servo_channels(rows: Rows, place: Place, motion: MotionThresholds) -> 
     n, moved, told = q.shape[1], np.ptp(q, axis=0), np.ptp(command, axis=0)
     if not (moved.any() or told.any()):
         raise StictionError(
-            f"{place(0)}: q_cmd1..q_cmd{n} and q1..q{n} never change: expected a measurement"
+            f"{rows.place(0)}: q_cmd1..q_cmd{n} and q1..q{n} never change: expected a measurement"
         )
     warnings = []
     if not told.any():
@@ -87,7 +87,7 @@ def check_servo_channels(rows: Rows, place: Place, motion: MotionThresholds) -> 
     return warnings + (check_torques(rows) if "tau" in rows.data else [])
 
 
-def _late_commands(rows: Rows, motion: MotionThresholds) -> list[str]:
+def _late_commands(rows: RawLog, motion: MotionThresholds) -> list[str]:
     """Return a warning where all commands come after the motion that follows them."""
     step = float(np.median(np.diff(rows.t)))
     most = int(min(MOST_LAG / max(step, 1e-6), len(rows.t) // 4))

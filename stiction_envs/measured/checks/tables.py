@@ -27,7 +27,7 @@ SAME_STD = 5.0
 """Two runs of one setting contradict if they differ by more combined standard deviations
 [-]; assumed."""
 SAME_SHARE = 0.25
-"""The same as a share of the torque, where no deviation is known [-]. Source: five times the 4.7
+"""Share of the torque, where no deviation is known [-]. Source: five times the 4.7
 points by which the thesis's own runs repeat."""
 ANY_JOINTS = 99
 """Joints of an amplitude table's robot where it is not known."""
@@ -42,7 +42,7 @@ class Defect:
     kind: str
     """``sign``, ``percentage`` or ``repeat``."""
     message: str
-    """What is there, what is expected, and why, in one line."""
+    """Value that is there, value that is expected, and the reason, in one line."""
 
 
 def check_table(path: str | os.PathLike[str], limits: Limits | None = None) -> Iterator[Defect]:

@@ -63,7 +63,7 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zµμ°]+|\d+")
 
 
 class Column(NamedTuple):
-    """What the name of a column says."""
+    """Meaning of a column's name."""
 
     channel: str
     joint: tuple[str, ...]

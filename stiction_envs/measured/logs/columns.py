@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from stiction_envs.errors import StictionError
 
 TORQUE, POSITION = DRIVES = ("torque", "position")
-"""What drives the joints of a log: torque (a joint log), or a servo that is told positions."""
+"""Drives of the joints of a log: torque (a joint log), or a servo that gets positions."""
 
 
 @dataclass(frozen=True)
 class Channels:
-    """What a kind of log has of each joint."""
+    """Channels that a kind of log has of each joint."""
 
     required: tuple[str, ...]
     """Always: angle ``q`` [rad], torque ``tau`` [N·m], commanded angle ``q_cmd`` [rad]."""
@@ -32,7 +32,7 @@ CHANNELS = {
     TORQUE: Channels(("q", "tau"), ("dq", "temperature", "tau_cmd")),
     POSITION: Channels(("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
 }
-"""By what drives the joints."""
+"""Channels by drive."""
 
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""

@@ -9,7 +9,7 @@ repeat counts only where the changes around it show that it cannot be chance.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")
-"""The same of a servo log."""
+"""Channels that a servo log measures with every sample."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,19 +59,37 @@ class Correction:
 
 
 @dataclass(kw_only=True)
-class Rows:
-    """Working copy of a log while it is corrected."""
+class RawLog:
+    """A log as it is in the file; corrections change it in place."""
 
+    source: str
+    """Path as given."""
     t: Array
-    """Time, (T,), s."""
+    """Logged time, (T,), s; row numbers where the log has none."""
     data: dict[str, Array]
-    """Channels, (T, n) each."""
+    """The required channels (`columns.CHANNELS`) and optional ones, (T, n) each."""
     run: NDArray[np.int64]
-    """Number of the recording of each row, (T,)."""
+    """Number of the recording of each row, (T,), from 0."""
+    place: Callable[[int], str]
+    """Where a row is, such as ``a.csv, line 17``."""
+    ignored: tuple[str, ...] = ()
+    """Columns that are not used."""
+    side: str | None = None
+    """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
+    origin: float = 0.0
+    """Time of the clock at ``t`` = 0, s, where its reader took that off."""
+    notes: list[Correction] = field(default_factory=list)
+    """Notes for a person on how it was read."""
+    warnings: list[str] = field(default_factory=list)
+    """Warnings for a person."""
     measured: tuple[str, ...] = CORE
     """Channels that are measured with every sample, where the log has them."""
     held: int = 1
     """Most rows for which a column usually holds one value."""
+
+    def note(self, text: str, rows: int = 0) -> None:
+        """Add a note on how it was read, which may concern some rows."""
+        self.notes.append(Correction(kind="source", rows=rows, text=text))
 
     def keep(self, mask: NDArray[np.bool_]) -> None:
         """Drop the rows where ``mask`` is False."""
@@ -79,11 +97,11 @@ class Rows:
         self.data = {name: array[mask] for name, array in self.data.items()}
 
     def core(self) -> list[str]:
-        """Names of the channels that are measured with every sample."""
+        """Return the names of the channels that are measured with every sample."""
         return [name for name in self.measured if name in self.data]
 
 
-def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correction], list[str]]:
+def fill_missing(rows: RawLog) -> tuple[list[Correction], list[str]]:
     """Interpolate isolated missing values (NaN) of ``rows``, in place.
 
     Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped; so are up to
@@ -105,7 +123,7 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
     for name in core:
         empty &= np.isnan(rows.data[name]).all(axis=1)
     if empty.all():
-        raise StictionError(f"{place(0)}: no row has values: expected numbers")
+        raise StictionError(f"{rows.place(0)}: no row has values: expected numbers")
     corrections += _corrected("missing", empty, "{} without any value dropped")
     alive = index[~empty]
     holes = np.zeros(len(index), bool)
@@ -120,7 +138,7 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
             many = longest > MOST_MISSING_RUN or missing.mean() > MOST_MISSING
             if many and name in core and name != "dq":
                 raise StictionError(
-                    f"{place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
+                    f"{rows.place(int(alive[np.argmax(missing)]))}: {column} has no value, in "
                     f"{missing.sum()} of {len(alive)} rows, {longest} in a row: expected at "
                     f"most {MOST_MISSING_RUN} in a row and {MOST_MISSING:.0%} in all"
                 )
@@ -150,7 +168,7 @@ def fill_missing(rows: Rows, place: Callable[[int], str]) -> tuple[list[Correcti
     return corrections, warnings
 
 
-def drop_repeats(rows: Rows) -> list[Correction]:
+def drop_repeats(rows: RawLog) -> list[Correction]:
     """Drop rows where only the clock moved although the arm did, in place."""
     fresh, active = _freshness(rows)
     same = ~np.logical_or.reduce(list(fresh.values()))
@@ -179,7 +197,7 @@ def drop_repeats(rows: Rows) -> list[Correction]:
     ]
 
 
-def correct_stale(rows: Rows) -> list[Correction]:
+def correct_stale(rows: RawLog) -> list[Correction]:
     """Rows where q, dq or tau is still that of the row before, in place.
 
     Two neighbours that hold one sample between them become one row. What is left: a row with an
@@ -225,7 +243,7 @@ def correct_stale(rows: Rows) -> list[Correction]:
     return corrections
 
 
-def spread_held(rows: Rows) -> list[Correction]:
+def spread_held(rows: RawLog) -> list[Correction]:
     """Columns that hold each value for two rows or more, as angles polled in turn, in place.
 
     The rows where a value is new stay; a spline through them gives the others.
@@ -280,7 +298,7 @@ def _corrected(kind: str, mask: NDArray[np.bool_], text: str) -> list[Correction
     return [Correction(kind=kind, rows=count, text=shown)] if count else []
 
 
-def _refill(rows: Rows, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
+def _refill(rows: RawLog, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
     array = rows.data[name]
     good = kept & ~old
     for j in range(array.shape[1]):
@@ -309,7 +327,7 @@ def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     return short
 
 
-def _freshness(rows: Rows) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+def _freshness(rows: RawLog) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
     """For each channel: rows that differ from the one before; rows where a repeat is no chance.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance

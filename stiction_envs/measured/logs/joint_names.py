@@ -12,31 +12,61 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, TypedDict
 
 from stiction_envs.errors import StictionError, unknown
+
+if TYPE_CHECKING:
+    from stiction_envs.robots import Arm
 
 
 @dataclass(frozen=True, kw_only=True)
 class Naming:
-    """What is known about the joints of a log: names, and units of their angles."""
+    """Facts about the joints of a log: names, and units of their angles."""
 
     robot: tuple[str, ...] = ()
-    """Of the robot's joints, base to flange."""
+    """Names of the robot's joints, base to flange."""
     whole: tuple[str, ...] = ()
-    """Of all joints in the order of the robot's file, where `robot` is a chain of it; else ()."""
+    """Names of all joints in the order of the robot's file, where `robot` is a chain; else ()."""
     held: tuple[tuple[int, str], ...] = ()
     """Joints that the robot's model holds still: their place among its joints and them, from 0, and
     their name."""
     joints: tuple[str, ...] = ()
-    """Names in the log of joints 1 to n; () to find them."""
+    """Names in the log of joints 1 to n; () to find them (`find_joints`)."""
     topic: str | None = None
-    """Of a ROS bag, where it has several; None for the only one."""
+    """Topic of a ROS bag that has several; None for the only one."""
     units: str | None = None
-    """What its angles are measured in, of `units.UNITS`; None for rad, or what the log shows."""
+    """Unit of the log's angles: rad, deg, percent (of calibrated ranges) or ticks (encoder steps);
+    None for rad, or the unit that the log shows (`units`)."""
     calibration: str | os.PathLike[str] | None = None
     """File of lerobot with the ranges of the motors, for percent and encoder steps."""
     columns: tuple[str, ...] = ()
-    """Names of a table's columns: all in their order, or ``OURS=NAME`` (`aliases.our_names`)."""
+    """Names of a table's columns: all in their order, or some as ``OURS=NAME``; () where the names
+    are ours or well known (`aliases.our_names`)."""
+
+
+class Reading(TypedDict, total=False):
+    """Instructions of a person on how to read logs; `Naming` describes the fields."""
+
+    joints: Sequence[str]
+    topic: str | None
+    units: str | None
+    calibration: str | os.PathLike[str] | None
+    columns: Sequence[str]
+
+
+def naming_of(arm: Arm | None, reading: Reading) -> Naming:
+    """Return what an arm (None where no robot is known) and a person say of the joints of logs."""
+    return Naming(
+        robot=() if arm is None else arm.joint_names,
+        whole=() if arm is None else arm.whole,
+        held=() if arm is None else arm.stated.held,
+        joints=tuple(reading.get("joints", ())),
+        topic=reading.get("topic"),
+        units=reading.get("units"),
+        calibration=reading.get("calibration"),
+        columns=tuple(reading.get("columns", ())),
+    )
 
 
 def check_unnamed(where: str, naming: Naming) -> None:

@@ -24,7 +24,6 @@ from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.corrections import (
     SERVO_CORE,
     Correction,
-    Rows,
     correct_stale,
     drop_repeats,
     fill_missing,
@@ -34,7 +33,7 @@ from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
 from stiction_envs.measured.logs.timing import corrected, ignored, read_each
-from stiction_envs.measured.settings import MotionThresholds, measured_settings
+from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
@@ -57,7 +56,7 @@ an SO-101 at 50 Hz two seemed to jitter by 2 and 7 ms, their stamps by 0.7 ms.""
 
 
 def read_logs(
-    paths: Sequence[Path],
+    logs: Sequence[Path | JointLog],
     n_joints: int,
     *,
     limits: Limits | None = None,
@@ -67,7 +66,7 @@ def read_logs(
     """Read, check and correct the joint logs of one robot.
 
     Args:
-        paths: one or more of the files of `formats.registry`.
+        logs: one or more files of `formats.registry`, or logs that were read.
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
         naming: names of its joints, for kinds of files that have them.
@@ -77,24 +76,18 @@ def read_logs(
         StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
             The message names file, row and column.
     """
-    thresholds = motion or measured_settings().motion
 
     def read(path: Path) -> JointLog:
         raw = read_raw(path, n_joints, naming=naming)
-
-        def check(rows: Rows) -> list[str]:
-            warnings = check_units(rows, raw.place, limits)
-            return warnings + check_channels(rows, raw.place, thresholds)
-
-        repeats = (drop_repeats, correct_stale, spread_held)
-        common, data = corrected(raw, limits, thresholds, check, correct=repeats)
+        checks, correct = (check_units, check_channels), (drop_repeats, correct_stale, spread_held)
+        common, data = corrected(raw, limits, motion, checks, correct=correct)
         return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
 
-    return read_each(paths, read)
+    return read_each(logs, read)
 
 
 def read_servo_logs(
-    paths: Sequence[Path],
+    logs: Sequence[Path | ServoLog],
     n_joints: int,
     *,
     limits: Limits | None = None,
@@ -102,18 +95,12 @@ def read_servo_logs(
     motion: MotionThresholds | None = None,
 ) -> list[ServoLog]:
     """Read, check and correct the servo logs of one robot; see `read_logs`."""
-    thresholds = motion or measured_settings().motion
 
     def read(path: Path) -> ServoLog:
         raw = read_raw(path, n_joints, naming=naming, drive=POSITION)
-
-        def check(rows: Rows) -> list[str]:
-            warnings = check_servo_units(rows, raw.place, limits)
-            return warnings + check_servo_channels(rows, raw.place, thresholds)
-
-        common, data = corrected(
-            raw, limits, thresholds, check, measured=SERVO_CORE, slowest=SLOWEST_CLOCK
-        )
+        raw.measured = SERVO_CORE
+        checks = check_servo_units, check_servo_channels
+        common, data = corrected(raw, limits, motion, checks, slowest=SLOWEST_CLOCK)
         current = data.pop("current_abs", None)
         return ServoLog(
             **common,
@@ -123,7 +110,7 @@ def read_servo_logs(
             extra=data,
         )
 
-    return read_each(paths, read)
+    return read_each(logs, read)
 
 
 def read_poses(
@@ -139,20 +126,19 @@ def read_poses(
         StictionError: as :func:`read_logs`; also for fewer than two poses.
     """
     raw = read_raw(path, n_joints, time=False, naming=naming)
-    rows = Rows(t=raw.t, data=raw.data, run=raw.run)
-    check_finite(rows, raw.place)
-    corrections, warnings = fill_missing(rows, raw.place)
-    if len(rows.t) < 2:
-        raise StictionError(f"{raw.source}: {len(rows.t)} pose: expected two or more")
-    rows.data.pop("dq", None)
-    warnings += check_units(rows, raw.place, limits)
+    check_finite(raw)
+    corrections, warnings = fill_missing(raw)
+    if len(raw.t) < 2:
+        raise StictionError(f"{raw.source}: {len(raw.t)} pose: expected two or more")
+    raw.data.pop("dq", None)
+    warnings += check_units(raw, limits)
     return JointLog(
         source=raw.source,
-        t=np.arange(float(len(rows.t))),
-        q=rows.data.pop("q"),
+        t=np.arange(float(len(raw.t))),
+        q=raw.data.pop("q"),
         dq=None,
-        tau=rows.data.pop("tau"),
-        extra=rows.data,
+        tau=raw.data.pop("tau"),
+        extra=raw.data,
         corrections=(*raw.notes, *corrections),
         warnings=(*ignored(raw), *warnings),
         side=raw.side,

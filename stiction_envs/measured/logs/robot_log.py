@@ -17,10 +17,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotLog:
-    """What all logs have; arrays are float64 and read-only."""
+    """Common part of all logs; arrays are float64 and read-only."""
 
     drive: ClassVar[str]
-    """What drives the joints: torque, or position."""
+    """Drive of the joints: torque, or position."""
     source: str
     """File name as given."""
     t: Array
@@ -36,9 +36,9 @@ class RobotLog:
     held: int = 1
     """Most rows for which a channel holds one value: what is between them is interpolated."""
     corrections: tuple[Correction, ...] = ()
-    """What was corrected."""
+    """Corrections that were made."""
     warnings: tuple[str, ...] = ()
-    """What was found and not corrected, a sentence each."""
+    """Defects that were found and not corrected, a sentence each."""
     date: float | None = None
     """Date that was taken off ``t``, s; None where times are no dates."""
 

@@ -15,7 +15,7 @@ from stiction_envs.reporting.provenance import Provenance
 
 Log = str | Path | RobotLog
 SIDES = ("motor", "link")
-"""Of the gear, on which torque can be measured."""
+"""Sides of the gear on which torque can be measured."""
 
 
 @dataclass(frozen=True)
@@ -25,9 +25,9 @@ class LogSources:
     names: dict[str, str]
     """File name, or the source of a log in memory."""
     files: dict[str, Path]
-    """Those that are files."""
+    """Logs that are files."""
     in_memory: dict[str, str]
-    """SHA-256 of the numbers of those that are not."""
+    """SHA-256 of the numbers of the logs that are not files."""
 
     def hashes(self, provenance: Provenance) -> dict[str, str]:
         """Return the SHA-256 of every log.

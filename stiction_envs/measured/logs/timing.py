@@ -1,13 +1,13 @@
-"""What all logs go through: one rising time for all recordings of a file, and segments of it.
+"""Corrections of all logs: one rising time for all recordings of a file, and segments of it.
 
 Logs of one robot are read one after another, and none of them twice.
 """
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,18 +16,22 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_finite, check_pace, check_speeds, check_time
-from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
-from stiction_envs.measured.logs.corrections import CORE, Correction, Rows, fill_missing
-from stiction_envs.measured.logs.formats.base import RawLog
+from stiction_envs.measured.logs.clock import SLOWEST, correct_clock, find_gaps, usual_step
+from stiction_envs.measured.logs.corrections import Correction, RawLog, fill_missing
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.wrapping import unwrap
-from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
 Path = str | os.PathLike[str]
 Array = NDArray[np.float64]
+Checks = tuple[
+    Callable[[RawLog, "Limits | None"], list[str]],
+    Callable[[RawLog, MotionThresholds], list[str]],
+]
+"""Checks of units and of channels; they return warnings."""
 LogT = TypeVar("LogT", bound=RobotLog)
 
 LEAST_SECONDS = 1.0
@@ -40,45 +44,48 @@ IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 
 
-def read_each(paths: Sequence[Path], read: Callable[[Path], LogT]) -> list[LogT]:
-    """Return the logs of ``paths``, each read by ``read``.
+def read_each(given: Sequence[Path | LogT], read: Callable[[Path], LogT]) -> list[LogT]:
+    """Return logs in their order: files, each read by ``read``, and logs in memory.
 
     Raises:
-        StictionError: no path, two logs with the same numbers, or what ``read`` raises.
+        StictionError: no log, two files with the same numbers, or an error of ``read``.
     """
-    if not paths:
+    if not given:
         raise StictionError("no log given: expected one or more files")
     logs: list[LogT] = []
-    for path in paths:
-        log = read(path)
-        for other in logs:
+    from_files: list[LogT] = []
+    for x in given:
+        if isinstance(x, RobotLog):
+            logs.append(x)
+            continue
+        log = read(x)
+        for other in from_files:
             # but for their times
             pairs = zip(other.arrays[1:], log.arrays[1:], strict=True)
             if all(a is b or np.array_equal(np.array(a), np.array(b)) for a, b in pairs):
                 raise StictionError(f"{log.source}: the same log as {other.source}: expected one")
         logs.append(log)
+        from_files.append(log)
     return logs
 
 
 def corrected(
-    raw: RawLog,
+    rows: RawLog,
     limits: Limits | None,
-    motion: MotionThresholds,
-    check: Callable[[Rows], list[str]],
+    motion: MotionThresholds | None,
+    checks: Checks,
     *,
-    measured: tuple[str, ...] = CORE,
-    correct: Sequence[Callable[[Rows], list[Correction]]] = (),
-    slowest: float = math.inf,
+    correct: Sequence[Callable[[RawLog], list[Correction]]] = (),
+    slowest: float = SLOWEST,
 ) -> tuple[dict[str, Any], dict[str, Array]]:
     """Correct a log: one rising time, no missing values, a regular clock; find its segments.
 
     Args:
-        raw: the log; its arrays are used up.
+        rows: the log; its arrays are used up.
         limits: of the robot; None where it is not known.
-        motion: when a joint moves.
-        check: what returns warnings about rows without missing values.
-        measured: channels that are measured with every sample.
-        correct: what corrects values in place, before the clock.
+        motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
+        checks: of units and of channels, of rows without missing values.
+        correct: functions that correct values in place, before the clock.
         slowest: as of `correct_clock` [s].
 
     Returns:
@@ -87,45 +94,43 @@ def corrected(
     Raises:
         StictionError: what cannot be a measurement.
     """
-    rows = Rows(t=raw.t, data=raw.data, run=raw.run, measured=measured)
-    # Arrays live on in rows only, so that those corrected away are freed.
-    raw.t, raw.data, raw.run = raw.t[:0], {}, raw.run[:0]
-    check_finite(rows, raw.place)
-    check_time(rows, raw.place)
-    start = float(raw.origin + rows.t[0])
+    motion = motion or measured_settings().motion
+    units, channels = checks
+    check_finite(rows)
+    check_time(rows)
+    start = float(rows.origin + rows.t[0])
     date = start if abs(start) > EPOCH else None
-    corrections = [*raw.notes, *_join_runs(rows, date), *unwrap(rows)]
-    more, warnings = fill_missing(rows, raw.place)
+    corrections = [*rows.notes, *_join_runs(rows, date), *unwrap(rows)]
+    more, warnings = fill_missing(rows)
     corrections += more
-    warnings += check(rows)
+    warnings += units(rows, limits) + channels(rows, motion)
     for change in correct:
         corrections += change(rows)
-    more, late = correct_clock(rows, slowest)
-    corrections += more
+    corrections += correct_clock(rows, slowest)
     step = usual_step(rows)
     breaks = _segments(rows, step, corrections)
     bounds = list(pairwise((0, *breaks, len(rows.t))))
     seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
     if not seconds >= LEAST_SECONDS - 1.5 * step:
         raise StictionError(
-            f"{raw.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
+            f"{rows.source}: {seconds:.3g} s of samples: expected {LEAST_SECONDS:g} s or more"
         )
     part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
     data = {k: v[part] for k, v in rows.data.items()}
-    longest = Rows(t=rows.t[part], data=data, run=rows.run[part], measured=measured)
+    longest = replace(rows, t=rows.t[part], data=data, run=rows.run[part])
     try:
-        late += check_pace(longest, step, limits)
+        late = check_pace(longest, step, limits)
         late += check_speeds(longest, step, motion)
     except StictionError as error:
-        raise StictionError(f"{raw.source}: {error}") from None
+        raise StictionError(f"{rows.source}: {error}") from None
     others = dict(rows.data)
     common = {
-        "source": raw.source,
+        "source": rows.source,
         "t": rows.t,
         "q": others.pop("q"),
         "dq": others.pop("dq", None),
         "corrections": tuple(corrections),
-        "warnings": (*ignored(raw), *warnings, *late),
+        "warnings": (*ignored(rows), *warnings, *late),
         "breaks": breaks,
         "held": rows.held,
         "date": date,
@@ -142,7 +147,7 @@ def ignored(raw: RawLog) -> list[str]:
     return [*raw.warnings, f"{IGNORED}: {shown}{more}"]
 
 
-def _join_runs(rows: Rows, date: float | None) -> list[Correction]:
+def _join_runs(rows: RawLog, date: float | None) -> list[Correction]:
     """One rising time for all recordings of a file, and small numbers for dates."""
     corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
@@ -166,7 +171,7 @@ def _join_runs(rows: Rows, date: float | None) -> list[Correction]:
     return corrections
 
 
-def _segments(rows: Rows, step: float, corrections: list[Correction]) -> tuple[int, ...]:
+def _segments(rows: RawLog, step: float, corrections: list[Correction]) -> tuple[int, ...]:
     runs = np.flatnonzero(np.diff(rows.run)) + 1
     gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
     if len(gaps):

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, opening
 
 RADIANS, DEGREES, PERCENT, TICKS = UNITS = ("rad", "deg", "percent", "ticks")
 """Units of angles."""
@@ -48,7 +48,7 @@ class MotorRange:
     """Calibrated range of a motor, in encoder steps."""
 
     number: int
-    """Of the motor on its bus."""
+    """Number of the motor on its bus."""
     low: int
     high: int
 
@@ -61,14 +61,12 @@ def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
     """
     where = os.fspath(path)
     wanted = "expected lerobot's JSON: a motor's name, then id, range_min and range_max"
-    try:
+    with opening(path, wanted.removeprefix("expected ")):
         if Path(path).stat().st_size > MOST_BYTES:
             raise StictionError(f"{where}: over {MOST_BYTES >> 20} MiB: {wanted}")
-        motors = json.loads(Path(path).read_text("utf-8"))
-    except OSError as error:
-        raise StictionError(
-            f"{where}: {(error.strerror or 'unreadable').lower()}: {wanted}"
-        ) from None
+        data = Path(path).read_bytes()
+    try:
+        motors = json.loads(data.decode())
     except (ValueError, RecursionError):
         raise StictionError(f"{where}: no JSON in UTF-8: {wanted}") from None
     if not isinstance(motors, dict) or not motors:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction_envs.measured.logs.corrections import Array, Correction, Rows
+from stiction_envs.measured.logs.corrections import Array, Correction, RawLog
 
 TURN = 2 * np.pi
 OFF = 0.5
 """A jump is a turn to this much, which the joint moves meanwhile [rad]; assumed."""
 
 
-def unwrap(rows: Rows) -> list[Correction]:
+def unwrap(rows: RawLog) -> list[Correction]:
     """Add whole turns to angles where they jump by one, and to commands a turn away, in place."""
     found: dict[str, int] = {}
     for name in (x for x in ("q", "q_cmd") if x in rows.data):

@@ -41,18 +41,6 @@ def test_an_error_of_gravity_moves_intercepts_and_noise_does_not(clean):
     assert r2[1] < 0.1 * r2[0]
 
 
-def test_friction_has_its_limits():
-    bands = lsm.bands_of("panda")
-    rest = lsm.friction(np.zeros((1, 7)), bands)
-    np.testing.assert_array_equal(rest, np.zeros((1, 7)))
-    slow, fast = lsm.friction(np.array([np.full(7, 4e-3), np.full(7, 2.0)]), bands)
-    np.testing.assert_allclose(slow, bands, rtol=0.01)
-    np.testing.assert_allclose(fast, (lsm.COULOMB_RATIO + 2 * lsm.VISCOUS) * bands)
-    np.testing.assert_array_equal(
-        lsm.friction(-np.ones((1, 7)), bands), -lsm.friction(np.ones((1, 7)), bands)
-    )
-
-
 def test_lines_are_those_of_known_data():
     speed = np.linspace(-1, 1, 401)[:, None]
     torque = np.where(speed > 0, 0.5 + 0.2 * speed, -0.3 + 0.1 * speed)
@@ -60,21 +48,6 @@ def test_lines_are_those_of_known_data():
     assert (plus.intercept, plus.slope) == (pytest.approx(0.5), pytest.approx(0.2))
     assert (minus.intercept, minus.slope) == (pytest.approx(-0.3), pytest.approx(0.1))
     assert plus.r2 == pytest.approx(1.0)
-
-
-def test_raw_friction_of_a_model_that_knows_its_arm_is_friction():
-    log = lsm.simulated_log("panda")
-    speed, torque = lsm.raw_friction(log, load_arm("panda"))
-    assert len(speed) == pytest.approx(len(log.t) / lsm.EVERY, abs=2)
-    left = torque - lsm.friction(speed, lsm.bands_of("panda"))
-    assert left.std() == pytest.approx(lsm.TORQUE_NOISE, rel=0.1)
-
-
-def test_a_filtered_speed_lags_by_its_time_constant():
-    log = lsm.simulated_log("panda", lag=lsm.SPEED_LAG)
-    rate = np.gradient(log.dq, log.t, axis=0)[200:]
-    ahead = (np.gradient(log.q, log.t, axis=0) - log.dq)[200:]
-    assert (rate * ahead).sum() / (rate**2).sum() == pytest.approx(lsm.SPEED_LAG, rel=0.02)
 
 
 def test_unconstrained_links_have_negative_masses_where_joints_rest():

@@ -11,13 +11,10 @@ import pytest
 
 from stiction_envs.envs.render import push_window, window
 from stiction_envs.envs.render.push_window import (
-    DOWN,
     SPACE,
     UP,
-    D,
     PushView,
     PushWindow,
-    R,
 )
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
@@ -50,34 +47,6 @@ def test_keys_push_a_joint_until_dither_lets_it_go(view):
         seen.add(view.state.split(" (")[0])
     assert seen == {"holds", "slips", "rests"}
     assert "(let go at +0.51 N·m)" in view.state
-
-
-def test_dither_is_held_against_the_push_without_it(view):
-    push = view.push
-    view.press(ord("7"))
-    push.let_go, view.base = 0.4, 0.8
-    push.switch_dither()
-    assert view.state == "rests (let go at +0.40 N·m, −50 %)"
-    push.switch_dither()
-    assert view.state == "rests (let go at +0.40 N·m)"
-
-
-def test_the_other_keys(view):
-    push = view.push
-    view.press(DOWN)
-    assert push.target == pytest.approx(-0.1 * push.holds_up_to(1.0))
-    view.press(UP)
-    assert push.target == 0.0
-    view.press(D)
-    assert push.dithered
-    assert "no dither for this joint" in view.lines
-    view.press(UP)
-    assert view.advance(0.52) == pytest.approx(0.5), "whole blocks"
-    view.press(R)
-    assert push.target == push.torque == 0.0
-    for key in (ord("8"), ord("9"), ord("0"), ord("X"), 300):
-        view.press(key)
-    assert push.joint == 1
 
 
 class Viewer:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.envs.render.env_frames import HEIGHT, SCENE_WIDTH, WIDTH, Renderer
+from stiction_envs.envs.render.env_frames import HEIGHT, WIDTH, Renderer
 from stiction_envs.envs.render.gte_frames import gte_video
 from stiction_envs.envs.render.sje_frames import sje_video
 from stiction_envs.envs.render.video import LONGEST, Video, check_video, write_frames
@@ -16,7 +16,6 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.measured import AmplitudeRow
 from tests.envs.helpers import sprint
-from tests.envs.render.conftest import blue, orange
 
 WHERE = Configuration(7, "load", "+")
 
@@ -51,18 +50,6 @@ def test_a_short_video_is_in_real_time_and_a_long_one_fits():
     assert long[1] == pytest.approx(0.3)
     assert long[-1] >= 44.0
     assert len(long) <= LONGEST * 10 + 1 + 10
-
-
-def test_runs_are_two_in_a_row():
-    closed = []
-    runs = [lambda t, k=k: np.full((HEIGHT, WIDTH, 3), 50 * k, dtype=np.uint8) for k in range(3)]
-    video = Video(runs=runs, duration=0.1, close=lambda: closed.append(True))
-    first, *_ = frames = list(video.frames())
-    assert len(frames) == len(video.times())
-    assert first.shape == (2 * HEIGHT, 2 * WIDTH, 3)
-    assert (first[HEIGHT - 1, 0, 0], first[0, WIDTH, 0]) == (0, 50)
-    assert (first[HEIGHT, WIDTH - 1, 0], first[HEIGHT, WIDTH, 0]) == (100, 255)
-    assert closed == [True]
 
 
 def test_a_ramp_is_the_measurement(shown):
@@ -112,24 +99,6 @@ def test_a_path_is_the_first_iteration_bit_for_bit(shown):
             assert state.reached == np.sum(run.reached[0] <= t)
         assert state.reached == len(state.path) - 1
     assert [state.amplitude[6] for state in (shown[0], shown[-1])] == [0.0, 0.8]
-
-
-@pytest.mark.usefixtures("gl")
-def test_frames_show_joint_and_path():
-    sje = SingleJointExperiment("panda")
-    video = sje_video(sje, list(sje.run([Job(WHERE, 15.0, 0.8)], iterations=1)))
-    before, after = (video.runs[0](t) for t in (0.0, 1e3))
-    assert orange(before[:, :SCENE_WIDTH]).sum() > 100, "ring and pointer"
-    changed = (before != after).any(axis=2)
-    assert changed[:, :SCENE_WIDTH].sum() > 50, "the pointer has turned"
-    assert changed[:, SCENE_WIDTH:].sum() > 300, "the plots have grown"
-    video.close()
-    gte = GeneratedTrajectoryExperiment("panda", motion=sprint())
-    video = gte_video(gte, [Case(trajectory="triangle", stiffness=(400.0, 40.0, 0.0))])
-    before, after = (video.runs[0](t)[:, :SCENE_WIDTH] for t in (0.0, 1e3))
-    assert blue(before).sum() > 100
-    assert orange(after).sum() > orange(before).sum() + 20, "the trail"
-    video.close()
 
 
 def test_frames_become_an_mp4_that_plays(tmp_path):

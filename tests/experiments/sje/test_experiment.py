@@ -1,4 +1,4 @@
-"""The Single Joint Experiment: its poses, its protocol, its results. Thesis 3.2."""
+"""The Single Joint Experiment: its protocol, its results. Thesis 3.2."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ import pytest
 
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.experiments.settings import experiment_settings
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.poses import PoseLoads, find_poses
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
     Job,
@@ -20,12 +18,10 @@ from stiction_envs.experiments.sje.protocol import (
     configurations,
     load_protocol,
 )
-from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import load_friction
-from stiction_envs.precomputed import store
-from stiction_envs.robots import BUILTIN, Arm, load_arm
+from stiction_envs.robots import load_arm
 
-RATE, QUICK = 0.2, 0.5
+JOINTS = [2, 4, 6, 7]
+RATE, QUICK = 0.35, 0.5
 """Ramp rates of these tests [N·m/s]: the protocol's own, 0.07, takes longer and shows no more."""
 
 
@@ -38,120 +34,25 @@ def bench(robot: str = "panda", *, scatter: bool = True, seed: int = 0, **protoc
 
 @cache
 def all_jobs(scatter: bool) -> dict[Configuration, Measurement]:
-    """Four iterations of every configuration of the Panda."""
+    """Four iterations of every configuration of four joints of the Panda."""
     b = bench(scatter=scatter, ramp_rate=RATE)
-    return {m.job.configuration: m for m in b.run(b.jobs(), iterations=4)}
+    return {m.job.configuration: m for m in b.run(b.jobs(JOINTS), iterations=4)}
 
 
 def one(b: SingleJointExperiment, job: Job, iterations: int = 1) -> Measurement:
     return next(iter(b.run([job], iterations=iterations)))
 
 
-# ---- poses ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("robot", BUILTIN)
-def test_poses_lie_within_limits(robot):
-    """Every joint inside its limits, the tested one with room for the swing."""
-    arm, s = load_arm(robot), experiment_settings().poses
-    q = find_poses(arm).q
-    low, high = arm.limits.position.T
-    assert q.shape == (7, 2, 7)
-    assert np.all((q > low) & (q < high))
-    for joint in range(7):
-        tested = q[joint, :, joint]
-        assert np.all(
-            (tested > low[joint] + s.margin - 1e-9) & (tested < high[joint] - s.margin + 1e-9)
-        )
-
-
-def contacts(arm: Arm, q: np.ndarray) -> int:
-    model = arm.model()
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return int(data.ncon)
-
-
-@pytest.mark.parametrize("robot", BUILTIN)
-def test_poses_are_free_of_collision_over_the_swing(robot):
-    arm, s = load_arm(robot), experiment_settings().poses
-    poses = find_poses(arm)
-    for joint in range(7):
-        for k in range(2):
-            for shift in (-s.swing, 0.0, s.swing):
-                q = poses.q[joint, k].copy()
-                q[joint] += shift
-                assert contacts(arm, q) == 0, f"joint {joint + 1}, {k}, {shift}"
-
-
-def test_looking_for_poses_leaves_the_model_as_it_was():
-    """Contacts are switched on in a copy: the caller's plant has none."""
-    arm = load_arm("panda")
-    sticking = build(arm, load_friction("generic", arm.n).rigid())
-    before = int(sticking.model.opt.disableflags)
-    loads = PoseLoads(sticking, experiment_settings().poses)
-    assert int(sticking.model.opt.disableflags) == before
-    folded = np.array([[0.0, 1.7, 0.0, -3.0, 0.0, 3.7, 0.0], arm.rest])
-    assert loads(folded)[1].tolist() == [False, True]
-
-
-@pytest.mark.parametrize("robot", BUILTIN)
-def test_load_pose_has_more_load(robot):
-    """The load pose comes near the largest load of any pose, the other near none."""
-    arm = load_arm(robot)
-    poses = find_poses(arm)
-    np.testing.assert_array_equal(poses.load, np.abs(poses.signed))
-    assert np.all(poses.load[:, 0] > 20 * poses.load[:, 1])
-    assert np.all(poses.load[:, 1] < 0.03)
-    model = arm.model()
-    data = mujoco.MjData(model)
-    low, high = arm.limits.position.T
-    rng = np.random.default_rng(0)
-    largest = np.zeros(7)
-    for q in rng.uniform(low, high, (500, 7)):
-        data.qpos[:] = q
-        mujoco.mj_forward(model, data)
-        largest = np.maximum(largest, np.abs(data.qfrc_bias))
-    free = ~poses.bearing
-    assert np.all(poses.load[free, 0] > 0.9 * largest[free])
-
-
-def test_search_repeats(monkeypatch):
-    """Searches of the same arm, from scratch, find the same poses, and those that are shipped."""
-    found = [find_poses(load_arm("iiwa7"))]
-    monkeypatch.setenv("STICTION_CACHE", "off")
-    for _ in range(2):
-        store.forget()
-        found.append(find_poses(load_arm("iiwa7")))
-    assert len({p.q.tobytes() + p.signed.tobytes() for p in found}) == 1
-
-
 # ---- the protocol as it ran ----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scatter", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_every_configuration_is_measured(scatter):
-    found = all_jobs(scatter)
-    assert set(found) == set(configurations(7))
+def test_every_configuration_is_measured():
+    found = all_jobs(True)
+    assert set(found) == set(configurations(7, JOINTS))
     for c, m in found.items():
         assert m.tau.shape == (4,)
         assert np.all(np.isfinite(m.tau))
         assert np.all(c.sign * m.tau > 0)
-
-
-def test_servo_leaves_the_joint_where_friction_lets_it():
-    """The joint does not stop exactly at the pose: stiction shows in where it came to rest."""
-    starts = np.concatenate([m.start for m in all_jobs(False).values()])
-    assert np.abs(starts).max() > 0.01
-    hold = load_protocol("panda").hold_stiffness * load_arm("panda").limits.torque
-    for c, m in all_jobs(False).items():
-        joint = c.joint - 1
-        level = float(
-            bench().sticking.parameters.stiction_at(bench().poses.load[:, 0])[joint].max()
-        )
-        offset = abs(bench().expected(Job(c)))
-        assert np.abs(m.start).max() < 1.2 * max(level, offset) / hold[joint] + 0.01
 
 
 def test_torque_is_the_ramp_at_the_threshold():
@@ -174,7 +75,7 @@ def test_first_iteration_differs_from_later_ones():
         differing += abs(m.tau[0] - m.tau[1]) > 1e-3
         assert np.ptp(m.tau[1:]) < 1e-3
         assert abs(m.tau[0] - m.tau[1]) < 0.15 * abs(m.tau[1])
-    assert differing > 20
+    assert differing > 10
 
 
 def test_breakaway_is_stiction_plus_slide_and_offset():

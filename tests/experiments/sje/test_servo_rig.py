@@ -22,10 +22,16 @@ DITHERED = Job(ELBOW, 10.0, 0.2)
 
 def experiment(folder, *, drive=None, **changes):
     arm, path = servo_arm(folder, **changes)
-    return SingleJointExperiment(arm, friction=path, drive=drive, scatter=False, threads=1)
+    return on_bench(arm, path, drive=drive)
 
 
-def measured(e, jobs, iterations=2):
+def on_bench(arm, friction=None, *, drive=None):
+    """Return the experiment with ramps three times as fast as the protocol's."""
+    e = SingleJointExperiment(arm, friction=friction, drive=drive, scatter=False, threads=1)
+    return e.replace(protocol=e.protocol.replace(ramp_rate=0.2))
+
+
+def measured(e, jobs, iterations=1):
     return {m.job: m for m in e.run(jobs, iterations=iterations)}
 
 
@@ -54,13 +60,13 @@ def test_dither_of_the_command_frees_the_joint(tmp_path):
 def test_a_servo_too_weak_for_the_friction_leaves_the_joint_stuck(tmp_path):
     up = Configuration(2, "load", "-")  # against gravity, which takes 0.59 N·m; friction 0.3
     weak, strong = (experiment(tmp_path, torque_limit=np.array([1e6, x])) for x in (0.85, 0.95))
-    assert np.isnan(measured(weak, [Job(up)], iterations=1)[Job(up)].tau).all()
-    assert np.isfinite(measured(strong, [Job(up)], iterations=1)[Job(up)].tau).all()
+    assert np.isnan(measured(weak, [Job(up)])[Job(up)].tau).all()
+    assert np.isfinite(measured(strong, [Job(up)])[Job(up)].tau).all()
 
 
 def test_a_servo_that_cannot_carry_the_arm_is_an_error(tmp_path):
     with pytest.raises(ExperimentError, match=r"joint 1 stopped .* at most 0\.85 N"):
-        measured(experiment(tmp_path, torque_limit=0.85), [Job(ELBOW)], iterations=1)
+        measured(experiment(tmp_path, torque_limit=0.85), [Job(ELBOW)])
 
 
 def test_a_job_does_not_depend_on_the_others(tmp_path, together):
@@ -91,8 +97,7 @@ def test_a_model_keeps_its_servos_whatever_runs_on_it(tmp_path, together):
     """By torque first: the servos of the same model object still lift the arm afterwards."""
     arm, path = servo_arm(tmp_path)
     model = sticking_model(arm, path)
-    by_torque = SingleJointExperiment(model, drive="torque", scatter=False, threads=1)
-    driven = SingleJointExperiment(model, scatter=False, threads=1)
+    by_torque, driven = on_bench(model, drive="torque"), on_bench(model)
     assert by_torque.servos is None
     assert by_torque.sticking.model.body_gravcomp.any()
     assert np.array_equal(measured(driven, [Job(ELBOW)])[Job(ELBOW)].tau, together[Job(ELBOW)].tau)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiction_envs.gap.report import series
+from stiction_envs.gap.report.figures import draw_joint
 from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.series import PAUSE, common_time
+from stiction_envs.gap.report.series import PAUSE, Series, common_time
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 
@@ -85,3 +87,23 @@ def test_logs_without_dates_follow_one_another() -> None:
     t, log = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), np.array([0, 0, 0, 1, 1, 1])
     time = common_time(t, log, [_log(), _log()])
     np.testing.assert_allclose(time, [0, 1, 2, 2 + PAUSE, 3 + PAUSE, 4 + PAUSE])
+
+
+# ---- pictures ----
+
+
+def drawn(s: Series, joint: int, plots: Path) -> bytes:
+    plots.mkdir(exist_ok=True)
+    text = draw_joint(s, joint, plots)
+    assert text.startswith(f"![joint {joint + 1}](plots/joint_{joint + 1}.png)")
+    return (plots / f"joint_{joint + 1}.png").read_bytes()
+
+
+def test_the_residual_leaves_out_contact_and_the_caption_says_so(
+    tmp_path: Path, angles: ServoResult
+) -> None:
+    s = angles.series()
+    free = replace(s, contact=np.zeros(len(s.time), dtype=bool))
+    assert drawn(s, 1, tmp_path) != drawn(free, 1, tmp_path)
+    assert "without contact" in draw_joint(s, 1, tmp_path)
+    assert "contact" not in draw_joint(free, 1, tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,8 +17,9 @@ from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamic
 from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
 from stiction_envs.gap.signals.torque_sign import correct_sign
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.robots import Arm
+from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, hidden, panda, sliding
+from tests.robots.arms import chain
 
 ARM = panda()
 
@@ -211,6 +213,15 @@ def test_gravity_that_points_elsewhere_is_a_mounting(tilt: tuple[float, float], 
     assert [x for x in found.findings if says not in x or not says] == []
     assert len(found.findings) == bool(says)
     assert correct_sign([log], prepare([log]), ARM)[0][0] is log
+
+
+def test_a_spring_is_no_mounting(tmp_path: Path) -> None:
+    """Gravity from elsewhere explains it a little, but leaves more than half."""
+    path = tmp_path / "two.xml"
+    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
+    arm = load_arm(path)
+    log = hidden(arm, lambda q, dq, ddq: 0.5 * sliding(q) + np.array([3.0, 0.0]) * q)
+    assert shown(log, arm).findings == []
 
 
 def test_torques_without_gravity_lack_it(good: JointLog) -> None:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.sje.poses import find_poses
+from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause
 from stiction_envs.gap.tables.extended import extended_friction

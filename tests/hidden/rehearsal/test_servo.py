@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
-from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
-from stiction_envs.hidden.rehearsal.servo import HiddenServos, _base
+from stiction_envs.hidden.rehearsal.servo import HiddenServos
 from stiction_envs.hidden.servo_effects import EFFECTS
 from stiction_envs.hidden.servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.robots import Arm
-from tests.gap.servo.small_arm import motion, parameters, two_links
+from tests.gap.servo.small_arm import two_links
 
 pytestmark = pytest.mark.slow
 FEW = ("coulomb_friction", "delay", "payload", "encoder_offset")
@@ -102,32 +98,3 @@ def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenS
     assert [job.cause for job in asked.jobs if not job.why_not] == ["nothing", "coulomb_friction"]
     assert {r.cause for r in quick.rows} == {"servo_stiffness", "payload"}
     assert all(math.isnan(r.smallest_found) for r in quick.rows)
-
-
-def test_a_cause_of_other_logs_is_one_line(arm: Arm, seen: HiddenServoLog) -> None:
-    with pytest.raises(StictionError, match="unknown cause 'viscous_friction'"):
-        plan([seen.log], arm, causes=["viscous_friction"])
-
-
-@pytest.mark.parametrize(
-    ("known", "expected"),
-    [
-        # nobody said: its own stiffness, and all of its lag as damping
-        ({}, {"stiffness": 20.0, "damping": 1.0 + 20.0 * 0.02, "delay": 0.0, "stiction": 0.0}),
-        # stiffness alone is known: damping is as it was fitted
-        ({"stiffness": np.array([30.0])}, {"stiffness": 30.0, "damping": 1.0, "delay": 0.0}),
-        # an earlier model is what it is, stamps that are late too
-        (
-            {"parameters": parameters(damping=0.7, stiction=0.2, delay=-0.01)[None]},
-            {"stiction": 0.2, "delay": -0.01},
-        ),
-    ],
-)
-def test_with_nothing_hidden_a_joint_is_as_it_is_judged(
-    known: dict, expected: dict[str, float]
-) -> None:
-    found = parameters(damping=1.0, delay=expected["delay"] or 0.02, stiction=0.3)[None]
-    own = SimpleNamespace(servo=Servo(**known), parameters=found)
-    t = 0.01 * np.arange(1500)
-    base = _base(own, [motion(0.4 * np.sin(t), gravity=1.0)])[0]  # type: ignore[arg-type]
-    assert {name: base[INDEX[name]] for name in expected} == pytest.approx(expected)

@@ -114,7 +114,6 @@ BACKWARDS = changed(lambda values: values.__setitem__((ALL, 0), values[::-1, 0].
 
 BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "empty file": (r"log\.csv: empty file: expected a header", ""),
-    "only blank lines": (r"log\.csv: empty file", "\n\r\n\n"),
     "header only": (r"log\.csv: no rows below", HEADER + "\n"),
     "wrong joint count": (r"columns for 6 joints, but the robot has 7: expected t,q1\.\.q7", SIX),
     "no time": (r"log\.csv: missing column 't' \(time in s\)", _header("t,", "uhr,")),
@@ -141,25 +140,21 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
     "below blank lines": (r"line 52: q1 is 'x'", _cell(50, "q1", "x").replace("\n", "\n\n  \n", 1)),
     "underscore in a number": (r"line 7: q5 is '1_000'", _cell(7, "q5", "1_000")),
     "infinity": (r"line 60: q3 is inf: expected finite numbers", _cell(60, "q3", "inf")),
-    "infinite time": (r"line 62: t is inf", _cell(62, "t", "inf")),
     "time missing": (r"line 63: t is nan", _cell(63, "t", "")),
     "huge value": (
         r"line 64: tau6 is 1e\+300: expected up to 100000 N·m",
         _cell(64, "tau6", "1e300"),
     ),
     "time falls": (r"line 3: t falls from 1\.99 to 1\.98: expected time that rises", BACKWARDS),
-    "one negative step": (r"line 81: t falls from 0\.78 to 0\.3", _cell(81, "t", "0.3")),
     "milliseconds": (
         r"t rises by 10 from row to row, it looks like milliseconds",
         _scaled(slice(0, 1), 1e3),
     ),
-    "too slow": (r"t rises by 0\.2 from row to row", _scaled(slice(0, 1), 20)),
     "shorter than a second": (
         r"0\.29 s of samples: expected 1 s or more",
         text_of(good_values(rows=30)),
     ),
     "all constant": (r"q1\.\.q7 and tau1\.\.tau7 never change", CONSTANT),
-    "no torque": (r"tau1\.\.tau7 never change", _set(ALL, TAU, 0.0)),
     "degrees": (
         r"line \d+: q\d is -?\d+\.\d+, which looks like degrees: expected .* rad",
         _scaled(slice(1, 15), 180 / np.pi),
@@ -186,7 +181,6 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
         r"line 20: 21 values: expected one for each of the 22",
         _line(20, lambda line: line.rsplit(",", 1)[0]),
     ),
-    "a row with too many values": (r"line 21: 23 values", _line(21, lambda line: line + ",1")),
     "binary garbage": (r"log\.csv, line 1: ", GARBAGE),
     "half a letter": (r"no UTF-16 after line \d+", GOOD.encode("utf-16")[:2001]),
     "endless line": (r"a line of over 65536 bytes", "1," * 200_000),
@@ -194,7 +188,6 @@ BAD_CSV: dict[str, tuple[str, str | bytes]] = {
 }
 BAD_GZIP: dict[str, tuple[str, str | bytes]] = {
     "not gzip": (r"log\.csv\.gz: not gzip", GOOD),
-    "empty gzip": (r"log\.csv\.gz: empty file", ""),
     "compressed file cut short": (
         r"log\.csv\.gz: the compressed file ends early after line 1\d\d:",
         ZIPPED[:-2000],
@@ -205,7 +198,6 @@ BAD_GZIP: dict[str, tuple[str, str | bytes]] = {
     ),
 }
 BAD_NPZ: dict[str, tuple[str, str | bytes]] = {
-    "npz that is none": (r"damaged or no NumPy archive", b"PK\x03\x04 no archive"),
     "npz cut short": (r"damaged or no NumPy archive", _npz()[:-700]),
     "npz with shorter torques": (
         r"column 'tau1' has 50 rows, 't' has 200",

@@ -23,11 +23,6 @@ def libfranka(values: np.ndarray, between: str = ", ") -> str:
         "state.dq": dq,
         "state.dq_d": zero,
         "state.tau_J": tau,
-        "state.tau_ext_hat_filtered": zero,
-        "cmd.q_d": zero,
-        "cmd.dq_d": zero,
-        "cmd.O_T_EE_d": np.zeros((len(q), 16)),
-        "cmd.O_dP_EE_d": np.zeros((len(q), 6)),
         "cmd.tau_J_d": zero + 5.0,
     }
     columns = {"time": [f"{1000 * t:.0f}" for t in values[:, 0]], "success_rate": ["1"] * len(q)}

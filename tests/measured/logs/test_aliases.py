@@ -70,9 +70,7 @@ def test_what_a_name_says(name: str, says: tuple | None) -> None:
     [
         header("position_{}", "qd{}", "effort_{}", time="time"),
         header("joint_a{}_pos", "joint_a{}_vel", "joint_a{}_torque", time="Time (s)"),
-        header("q[{}]", "dq[{}]", "tau[{}]", first=0, time="timestamp"),
         header("q{}", "dq{}", "tau{}", first=0),
-        header("q{} [rad]", "dq{} [rad/s]", "tau{} [Nm]", time="t [s]"),
         header("panda_joint{}/position", "panda_joint{}/velocity", "panda_joint{}/effort"),
     ],
 )
@@ -179,21 +177,6 @@ def test_columns_as_a_person_names_them(tmp_path: Path) -> None:
             read_logs([path], 7, naming=Naming(columns=columns))
 
 
-def test_a_chain_takes_its_joints_out_of_a_log_of_the_robot(tmp_path: Path) -> None:
-    """By number in the order of the robot's file, where the log has all of its joints."""
-    whole = tuple("abcdefghi")
-    naming = Naming(robot=whole[2:], whole=whole)
-    noise = np.random.default_rng(0).normal(size=(len(VALUES), 2))
-    blocks = [np.column_stack([noise, x]) for x in np.split(VALUES[:, 1:], 3, axis=1)]
-    names = ",".join(["t", *(f"{c}{j}" for c in ("q", "dq", "tau") for j in range(1, 10))])
-    table = np.column_stack([VALUES[:, :1], *blocks])
-    (log,) = read_logs([put(tmp_path / "log.csv", text_of(table, names))], 7, naming=naming)
-    np.testing.assert_allclose(log.q, VALUES[:, 1:8], rtol=1e-8)
-    assert any(
-        "joints 3, 4, 5, 6, 7, 8, 9 of the whole robot's 9" in c.text for c in log.corrections
-    )
-
-
 def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
     """One arm of two: its own names, and all names in the file's order, in `Arm.whole`."""
     link = (
@@ -219,7 +202,7 @@ def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
 NAMES = ["t", "time [s]", "q1 [deg]", "q_2", "pos1", "effort 1", "tau[2]", "target_q1", "x pos", ""]
 
 
-@fuzz(200)
+@fuzz(80)
 @given(st.lists(st.sampled_from(NAMES) | st.text(max_size=12), max_size=9), st.integers(1, 3))
 def test_fuzz_names(names: list[str], n: int) -> None:
     """Any names give ours or one line; ours have each channel of a joint once, or as they were."""
@@ -232,7 +215,7 @@ def test_fuzz_names(names: list[str], n: int) -> None:
     assert len(set(taken)) == len(taken) or len({x.strip() for x in names}) < len(names)
 
 
-@fuzz(150)
+@fuzz(60)
 @given(
     st.lists(st.sampled_from(NAMES), min_size=5, max_size=8),
     st.sampled_from([";", "\t", " ", ","]),

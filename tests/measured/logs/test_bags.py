@@ -18,7 +18,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import drives
 from stiction_envs.measured.logs.formats import base
-from stiction_envs.measured.logs.joint_names import Naming, find_joints
+from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
@@ -97,7 +97,6 @@ def test_joint_states_are_read_to_the_bit(tmp_path: Path, kind: str, plain: Join
     [
         tuple(f"lbr_joint_{j}" for j in range(7)),
         tuple(f"robot2_joint_a{j}_rot" for j in range(1, 8)),
-        ARM.joint_names,
     ],
     ids=lambda x: x[0],
 )
@@ -291,8 +290,10 @@ def test_messages_without_names_are_in_the_arms_order(
         read_logs([path], 6)
 
 
-@pytest.mark.parametrize("stamp", [True, False], ids=["JointState", "Float64MultiArray"])
-@pytest.mark.parametrize("topic", ["/arm/joint_command", "/forward_position_controller/commands"])
+@pytest.mark.parametrize(
+    ("topic", "stamp"),
+    [("/arm/joint_command", True), ("/forward_position_controller/commands", False)],
+)
 def test_commands_hold_until_the_next(tmp_path: Path, topic: str, stamp: bool) -> None:
     """Under a topic of their own; velocities and efforts are no positions."""
     other = states(
@@ -351,7 +352,7 @@ def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
     refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
 
 
-@fuzz(25)
+@fuzz(12)
 @given(st.data())
 def test_fuzz_bytes(tmp_path: Path, data: st.DataObject) -> None:
     """Some bytes of a bag with states and commands are changed."""
@@ -381,8 +382,8 @@ def changed(folder: Path, column: int, value: float, rows: slice = slice(None)) 
     return write_bag(folder / "log", "mcap", joint_states(values))
 
 
-def shortened(folder: Path, kind: str) -> Path:
-    path = write_bag(folder / "log", kind, joint_states(VALUES))
+def shortened(folder: Path) -> Path:
+    path = write_bag(folder / "log", "mcap", joint_states(VALUES))
     data = path.read_bytes()
     path.write_bytes(data[: int(0.6 * len(data))])
     return path
@@ -413,11 +414,6 @@ def short_efforts(folder: Path) -> Path:
     return write_bag(folder / "log", "mcap", messages)
 
 
-def empty_metadata(folder: Path) -> Path:
-    (folder / "metadata.yaml").write_text("{}")
-    return folder
-
-
 def pointer(folder: Path) -> Path:
     path = write_bag(folder / "log", "folder", joint_states(VALUES))
     (file,) = path.glob("*.mcap")
@@ -427,14 +423,8 @@ def pointer(folder: Path) -> Path:
 
 BAD = {
     "a pointer": (pointer, "log.mcap: a pointer of Git LFS .* run `git lfs pull`"),
-    "garbage": (
-        lambda f: put(f / "log.mcap", np.random.default_rng(0).bytes(5000)),
-        "damaged or no ROS bag",
-    ),
     "no database": (lambda f: put(f / "log.db3", b"SQLite format 3\0" + b"\0" * 500), "damaged"),
-    "cut bag": (lambda f: shortened(f, "bag"), "damaged or no ROS bag.*rosbag reindex"),
-    "cut mcap": (lambda f: shortened(f, "mcap"), "damaged or no ROS bag.*mcap recover"),
-    "folder that is none": (empty_metadata, "damaged or no ROS bag"),
+    "cut mcap": (shortened, "damaged or no ROS bag.*mcap recover"),
     "other messages": (
         text_bag,
         r"no states of joints, its topics are /chat \(std_msgs/msg/String\): expected one of "
@@ -486,10 +476,3 @@ def test_names_mean_nothing_to_a_csv(tmp_path: Path) -> None:
     path.write_text("t,q1\n0,0\n")
     with pytest.raises(StictionError, match=r"^topic: the joints of .*log\.csv have numbers"):
         read(path, topic="/joint_states")
-
-
-def test_series_with_a_gap_are_none() -> None:
-    names = ("j1", "j2", "j4")
-    with pytest.raises(StictionError, match="its joints are j1, j2, j4"):
-        find_joints("x", names, 3, Naming())
-    assert find_joints("x", ("j2", "j0", "j1"), 3, Naming()) == ("j0", "j1", "j2")

@@ -143,7 +143,7 @@ def test_what_is_no_such_log(tmp_path: Path) -> None:
         read_servo_logs([states], 7)
 
 
-@fuzz(40)
+@fuzz(20)
 @given(st.data())
 def test_fuzz_a_damaged_bag(tmp_path: Path, data: st.DataObject) -> None:
     """Bytes of a good bag are changed."""

@@ -113,7 +113,7 @@ NAMES = ["__time", "/j/a1/position", "/j/a2/position", "/j/a1/effort", "/j/a2/ef
 NAMES += ["/j/desired/positions[0]", "/j/desired/positions[1]", "/j/a1/position/position"]
 
 
-@fuzz(100)
+@fuzz(50)
 @given(
     st.permutations(NAMES),
     st.integers(4, 8),

@@ -209,13 +209,6 @@ def test_extra_channels_are_taken_along(tmp_path: Path) -> None:
     assert log.corrections == ()
 
 
-def test_an_incomplete_extra_channel_is_not_used(tmp_path: Path) -> None:
-    data = np.column_stack([good_values(), np.ones(200)])
-    log = read(put(tmp_path / "log.csv", text_of(data, HEADER + ",temperature3")))
-    assert log.extra == {}
-    assert log.warnings == ("columns not used: 'temperature3'",)
-
-
 def test_runs_with_a_clock_of_their_own(tmp_path: Path) -> None:
     """Two recordings in one file: time goes on rising, the second begins a segment."""
     v = good_values()
@@ -272,7 +265,7 @@ def check_read(path: Path, n: int = 2) -> None:
     reads_or_complains(lambda: read_logs([path], n)[0])
 
 
-@fuzz(150)
+@fuzz(80)
 @given(
     st.sampled_from(["log.csv", "log.csv.gz", "log.npz", "log.parquet"]),
     st.sampled_from([b"", b"\x1f\x8b\x08\0", b"PK\x03\x04", b"PAR1", b"t,q1,q2,tau1,tau2\n"]),
@@ -282,7 +275,7 @@ def test_fuzz_bytes(tmp_path: Path, name: str, start: bytes, data: bytes) -> Non
     check_read(put(tmp_path / name, start + data))
 
 
-@fuzz(150)
+@fuzz(80)
 @given(
     st.permutations(["t", "q1", "q2", "tau1", "tau2", "dq1", "dq2", "run"]),
     st.integers(5, 8),
@@ -296,7 +289,7 @@ def test_fuzz_cells(
     check_read(put(tmp_path / "log.csv", text))
 
 
-@fuzz(120)
+@fuzz(60)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(2, 400),

@@ -114,14 +114,12 @@ def test_signed_torques_are_torques(tmp_path: Path) -> None:
 DAMAGES = {
     "no rows": ("state_motor.csv", "type,timestamp,positions\n", "no rows"),
     "no time": ("control.csv", 'type,timestamp,positions\nC,x,"[1]"\n', "line 2: no time"),
-    "no positions": ("control.csv", "type,timestamp\nC,1\n", "missing column 'positions'"),
     "other joints": ("control.csv", 'type,timestamp,positions\nC,0,"[1]"\n', "commands of 1 joint"),
     "ragged": (
         "control.csv",
         'type,timestamp,positions\nC,0,"[1]"\nC,1,"[1, 2]"\n',
         "line 3: positions of other joints",
     ),
-    "bytes": ("state_motor.csv", "type,timestamp,positions\n\0\0", "no rows|no text|no time"),
     "a name too few": ("joint_list.txt", "a\nb\n", "2 names: expected those of 6"),
     "a pointer": (
         "control.csv",
@@ -139,7 +137,7 @@ def test_a_damaged_folder_is_one_clear_line(tmp_path: Path, damage: str) -> None
     refuses(lambda: read(path), says)
 
 
-@fuzz(60)
+@fuzz(30)
 @given(st.data())
 def test_fuzz_a_folder(tmp_path: Path, data: st.DataObject) -> None:
     path = tmp_path / "motion"

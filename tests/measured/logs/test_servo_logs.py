@@ -15,7 +15,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
-from stiction_envs.measured.logs.sources import log_sources
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import GOOD, header_of
 from tests.measured.logs.bad_logs import text_of as csv_text
@@ -103,16 +102,6 @@ def test_jitter_and_dates(tmp_path: Path) -> None:
     assert log.date == v[0, 0]
     assert [c.kind for c in log.corrections] == ["epoch", "stamp"]
     assert log.t == pytest.approx(np.delete(v[:, 0], 100) - v[0, 0], abs=1e-6)
-
-
-def test_hash_of_a_log_in_memory_tells_commands_apart(tmp_path: Path) -> None:
-    v = servo_values()
-    a = read(put(tmp_path / "log.csv", text_of(v)))
-    v[5, 1] += 1e-3
-    b = read(put(tmp_path / "log.csv", text_of(v)))
-    one, other = (log_sources([log]).in_memory["log1"] for log in (a, b))
-    assert len(one) == 64
-    assert one != other
 
 
 # ---- which drive ----
@@ -220,7 +209,7 @@ def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
 # ---- fuzz ----
 
 
-@fuzz(80)
+@fuzz(40)
 @given(
     st.integers(0, 2**32 - 1),
     st.integers(2, 400),

@@ -7,13 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs.errors import StictionError
-from tests.cli.test_identify import check_sources
+from stiction_envs.control.laws import LAWS
 from tests.robots.arms import chain
-from tuning.commands import tune as tune_command
+from tuning import names
 from tuning.protocol import tune as tuner
-from tuning.search import bounds, options
-from tuning.study import samplers
 
 ROOT = Path(__file__).parents[3]
 SEARCH = ["--protocol", "search"]
@@ -25,54 +22,6 @@ def finished(folder) -> tuner.Tuning:
     """Return a result of the protocol without running it."""
     summary = {"robot": "two", "final": [], "mean_reduction_percent": None}
     return tuner.Tuning(summary=summary, final=(), folder=folder.path, provenance={})
-
-
-def test_tune_writes_the_sources_of_the_friction_it_was_given(work, two, base, mine, monkeypatch):
-    class Calibrated(Exception):
-        pass
-
-    def stop(*arguments, **options):
-        raise Calibrated
-
-    monkeypatch.setattr(tuner, "ThesisTuner", stop)
-    with pytest.raises(Calibrated):
-        tuner.tune(two, table=base, friction=mine, out=work / "t", scatter=False)
-    check_sources(work / "t" / "friction.toml")
-
-
-def test_interrupted_tune_can_go_on(cli, work, two, monkeypatch):
-    """The same run continues in its folder, with any number of threads."""
-
-    def some_work(tuner, *_):
-        (tuner.out / "half.csv").write_text("half")
-        raise KeyboardInterrupt
-
-    calls = []
-
-    def the_rest(tuner, *_):
-        calls.append(tuner)
-        return finished(tuner.run.folder)
-
-    monkeypatch.setattr(tuner, "run_protocol", some_work)
-    ran = cli("tune", two, *TUNE, "--out", "t")
-    assert ran.code == 1
-    assert "run the same command again" in ran.err
-    assert len(ran.lines) == 1
-    monkeypatch.setattr(tuner, "run_protocol", the_rest)
-    assert cli("tune", two, *TUNE, "--out", "t", "--threads", 1).code == 0
-    assert (work / "t" / "half.csv").read_text() == "half"
-    (one,) = calls
-    assert one.frequencies == (15.0,)
-    assert one.experiment.scatter is False
-    assert one.experiment.threads == 1
-    other = cli("tune", two, *TUNE, "--seed", 1, "--out", "t")
-    assert other.code == 2
-    assert "or force" in other.err
-
-
-def test_a_scale_beyond_its_bounds_is_refused(refused, two):
-    line = refused("tune", two, *TUNE[:-1], 7, "--out", "t")
-    assert "scale 7.0: expected above 0 up to 5" in line
 
 
 def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
@@ -87,20 +36,6 @@ def test_a_password_of_a_storage_is_not_recorded(cli, work, two, monkeypatch):
         assert "s3cret" not in found
 
 
-def test_tune_that_cannot_go_on_fails_while_working(cli, work, two, monkeypatch):
-    """Bad input that is found after work has begun gives exit code 1; finished files stay."""
-
-    def refuse(tuner, *_):
-        (tuner.out / "base.csv").write_text("done")
-        raise StictionError("study 'two' is\nof another run")
-
-    monkeypatch.setattr(tuner, "run_protocol", refuse)
-    ran = cli("tune", two, *TUNE, "--out", "t")
-    assert ran.code == 1
-    assert ran.lines == ["error: study 'two' is of another run"]
-    assert (work / "t" / "base.csv").read_text() == "done"
-
-
 def test_tune_warns_of_aliases_once(cli, monkeypatch):
     monkeypatch.setattr(tuner, "run_protocol", lambda one, *_: finished(one.run.folder))
     ran = cli("tune", "iiwa7", "--frequencies", 150, "--out", "t")
@@ -110,13 +45,8 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
     assert "aliases to 50 Hz" in line
 
 
-def test_names_written_out_for_help_are_the_packages_own():
-    assert tune_command.SAMPLERS == samplers.SAMPLERS
-    assert tune_command.OBJECTIVES == options.OBJECTIVES
-    assert tune_command.COMPENSATIONS == options.COMPENSATIONS
-    assert set(tune_command.TREATMENTS) == set(options.TREATMENTS)
-    assert tune_command.PRICES == options.PRICES
-    assert set(tune_command.FREE) == set(bounds.OPTIONS)
+def test_names_of_compensations_are_those_of_the_laws():
+    assert tuple(LAWS) == names.KINDS
 
 
 def test_options_that_contributing_names_exist(cli):
@@ -138,12 +68,12 @@ def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
     result = json.loads(ran.out)
     assert result["command"] == "tune"
     assert [r["joint"] for r in result["final"]] == [1, 2]
-    names = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
-    before = {name: (work / "found" / name).read_bytes() for name in names}
+    files = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
+    before = {name: (work / "found" / name).read_bytes() for name in files}
     with (work / "found" / "trials.csv").open() as file:
         assert len(list(csv.DictReader(file))) == 6
     assert cli(*argv).code == 0  # it goes on where it was: at its end
-    assert before == {name: (work / "found" / name).read_bytes() for name in names}
+    assert before == {name: (work / "found" / name).read_bytes() for name in files}
     ran = cli("sje", "two.xml", "--dither", "found/final.yaml", "--iterations", 1, "--out", "ros")
     assert ran.code == 0
     ran = cli("sje", "two.xml", "--dither", "found/final.csv", "--iterations", 1, "--out", "csv")
@@ -162,7 +92,7 @@ def test_several_treatments_are_handed_over(cli, work, monkeypatch):
     ran = cli(*argv, "--out", "found", "--threads", 1)
     assert ran.code == 0, ran.err
     kinds = [p.parent.name for p in sorted((work / "found").glob("*/final.csv"))]
-    assert kinds == sorted(options.TREATMENTS["observer"])
+    assert kinds == sorted(names.TREATMENTS["observer"])
     path = ["--trajectory", "triangle", "--stiffness", 200, 20, 0, "--iterations", 1]
     for kind in kinds:
         rows = []

@@ -28,14 +28,14 @@ SPRINT = Task(
 
 def small_settings(**changes: Any) -> PolicySettings:
     """Return networks of 16 units, four arms, an evaluation of two episodes every 64 steps."""
-    few: dict[str, Any] = {"ppo.rollout": 8}
+    few: dict[str, Any] = {"run.evaluation_every": 64, "run.evaluation_episodes": 2}
+    few |= {"run.final_episodes": 2, "ppo.arguments.n_steps": 8}
     for name in ("ppo", "sac", "td3"):
-        few |= {f"{name}.envs": 4, f"{name}.batch_size": 16, f"{name}.network": (16,)}
-        if name != "ppo":
-            few |= {f"{name}.learning_starts": 16, f"{name}.gradient_steps": 1}
-            few |= {f"{name}.buffer_size": 80}  # full before the second checkpoint
-    few |= {"run.evaluation_every": 64, "run.evaluation_episodes": 2}
-    few |= {"run.final_episodes": 2}
+        few |= {f"{name}.envs": 4, f"{name}.arguments.batch_size": 16}
+        few[f"{name}.arguments.policy_kwargs.net_arch"] = [16]
+    for name in ("sac", "td3"):
+        few |= {f"{name}.arguments.learning_starts": 16, f"{name}.arguments.gradient_steps": 1}
+        few[f"{name}.arguments.buffer_size"] = 80  # full before the second checkpoint
     return override(policy_settings(), {**few, **changes})
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import subprocess
 import sys
@@ -36,13 +35,6 @@ def test_a_row_of_a_batch_is_the_policy_alone_bit_for_bit():
     batch, _ = policy.predict(x)
     assert np.array_equal(batch, np.array([policy.predict(row)[0] for row in x]))
     assert np.array_equal(batch[5:9], policy.predict(x[5:9])[0])
-
-
-def test_the_lowest_action_is_exactly_no_dither():
-    policy = made_up(output="clip")
-    policy.biases[1][:] = -1e3
-    action, _ = policy.predict(np.zeros(3))
-    assert np.array_equal(action, policy.low)
 
 
 def test_what_was_saved_is_loaded(tmp_path):
@@ -89,12 +81,10 @@ MINE = {
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"robot": "iiwa7"}, "GTE environment of panda: expected one for the GTE environment of i"),
-        ({"environment": "SJE-v0"}, "expected one for the SJE environment of panda"),
-        ({"environment": "GTE-v1"}, "policy for GTE-v0: expected one for GTE-v1"),
-        ({"observation_names": ("a", "b")}, "with c"),
-        ({"observation_names": ("a", "b", "c", "d")}, "without d"),
-        ({"observation_names": ("a", "c", "b")}, "in another order"),
+        ({"robot": "iiwa7"}, "GTE-v0 of panda: expected one for GTE-v0 of iiwa7"),
+        ({"environment": "GTE-v1"}, "GTE-v0 of panda: expected one for GTE-v1 of panda"),
+        ({"observation_names": ("a", "b", "d")}, "other observations (c, d): expected the 3 of GT"),
+        ({"observation_names": ("a", "c", "b")}, "other observations (their order)"),
         ({"interval": 0.2}, "control interval of 0.1 s: expected 0.2 s"),
     ],
 )
@@ -109,69 +99,34 @@ def test_a_policy_for_something_else(change, words):
 
 
 def repacked(tmp_path: Path, change) -> Path:
-    """Return a good policy's file after ``change`` of its entries."""
+    """Return a good policy's file after ``change`` of its content."""
     made_up().save(tmp_path / "good.zip")
     with zipfile.ZipFile(tmp_path / "good.zip") as file:
-        entries = {name: file.read(name) for name in file.namelist()}
-    change(entries)
+        content = json.loads(file.read("policy.json"))
+    changed = change(content)
     path = tmp_path / "policy.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for name, data in entries.items():
-            file.writestr(name, data)
+        whole = changed if isinstance(changed, bytes) else json.dumps(content).encode()
+        file.writestr("policy.json", whole)
     return path
 
 
-def array(value, **options) -> bytes:
-    out = io.BytesIO()
-    np.save(out, value, **options)
-    return out.getvalue()
-
-
-def card(entries: dict[str, bytes], **changes) -> None:
-    found = {**json.loads(entries["policy.json"]), **changes}
-    entries["policy.json"] = json.dumps(found).encode()
-
-
-class Harmful:
-    """What a stranger would like to run."""
-
-    def __reduce__(self):
-        return (pytest.fail, ("code of the file was run",))
-
-
-def claims(shape: str) -> bytes:
-    """Return an array whose header claims a shape, with nothing behind it."""
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
-    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode()
-
-
 STRANGE = {
-    "pickled": (
-        lambda e: e.update({"mean.npy": array(np.array([Harmful()], object), allow_pickle=True)}),
-        "mean.npy: pickled objects are not opened",
-    ),
-    "sb3": (lambda e: e.update({"policy.pth": b"x"}), "Stable-Baselines3's zip holds pickled code"),
-    "outside": (lambda e: e.update({"../mean.npy": array(np.zeros(3))}), "'../mean.npy' in it"),
-    "huge": (lambda e: e.update({"mean.npy": claims("(1000000000000,)")}), "0 bytes do not fit"),
-    "integers": (lambda e: e.update({"mean.npy": array(np.arange(3))}), "int64"),
-    "nan": (lambda e: e.update({"mean.npy": array(np.array([0, np.nan, 1]))}), "not finite"),
-    "short": (lambda e: e.update({"mean.npy": array(np.zeros(2))}), "mean has shape (2,)"),
-    "layer": (lambda e: e.update({"weight_1.npy": array(np.zeros((2, 5)))}), "layer 1 has shapes"),
-    "missing": (lambda e: e.pop("bias_1.npy"), "bias_1 is missing or too many"),
-    "bounds": (lambda e: e.update({"high.npy": array(np.array([0.0, 5.0]))}), "low < high"),
-    "variance": (lambda e: e.update({"variance.npy": array(-np.ones(3))}), "variance below 0"),
-    "no_card": (lambda e: e.pop("policy.json"), "no policy.json in it"),
-    "no_json": (lambda e: e.update({"policy.json": b"{"}), "not JSON"),
-    "deep": (lambda e: e.update({"policy.json": b"[" * 10**5}), "not JSON"),
-    "list": (lambda e: e.update({"policy.json": b"[]"}), "expected an object"),
-    "format": (lambda e: card(e, format="stiction-envs policy 2"), "policy 2': expected"),
-    "activation": (lambda e: card(e, activation="exec"), "expected one of tanh, relu"),
-    "output": (lambda e: card(e, output=3), "output is 3: expected `str`"),
-    "names": (lambda e: card(e, observation_names=[1, 2, 3]), "names is [1, 2, 3]: expected `str`"),
-    "clip": (lambda e: card(e, clip=-1.0), "clip is -1.0: expected `float` > 0.0"),
-    "interval": (lambda e: card(e, interval=True), "interval is True"),
-    "environment": (lambda e: card(e, environment="GTE"), "expected one as GTE-v0"),
-    "layers": (lambda e: card(e, layers=10**9), "layers is 1000000000"),
+    "nan": (lambda c: c.update(mean=[0.0, float("nan"), 1.0]), "malformed"),
+    "short": (lambda c: c.update(mean=[0.0, 0.0]), "expected mean and variance of shape (3,)"),
+    "layer": (lambda c: c["weights"].__setitem__(1, [[0.0] * 5] * 2), "layer 1 has shape (2, 5)"),
+    "ragged": (lambda c: c["weights"].__setitem__(0, [[0.0], [0.0, 1.0]]), "inhomogeneous"),
+    "missing": (lambda c: c.pop("biases"), "missing required field `biases`"),
+    "bounds": (lambda c: c.update(high=[0.0, 5.0]), "expected 2 with low < high"),
+    "variance": (lambda c: c.update(variance=[-1.0, 1.0, 1.0]), "Expected `float` >= 0"),
+    "no_json": (lambda c: b"{", "Input data was truncated"),
+    "deep": (lambda c: b'{"card":{"training":' + b'{"a":' * 10**5, "recursion"),
+    "list": (lambda c: b"[]", "Expected `object`, got `array`"),
+    "format": (lambda c: c.update(format="stiction-envs policy 3"), "policy 3'"),
+    "activation": (lambda c: c["card"].update(activation="exec"), "Invalid enum value 'exec'"),
+    "names": (lambda c: c["card"].update(observation_names=[1]), "Expected `str`, got `int`"),
+    "clip": (lambda c: c["card"].update(clip=-1.0), "Expected `float` > 0.0"),
+    "environment": (lambda c: c["card"].update(environment="GTE"), "matching regex"),
 }
 
 
@@ -181,22 +136,27 @@ def test_a_strange_file_is_one_clear_line(tmp_path, name):
     with pytest.raises(StictionError) as error:
         Policy.load(repacked(tmp_path, change))
     assert words in str(error.value)
-    assert "policy.zip" in str(error.value)
+    assert "policy.zip: not a policy of `stiction train`" in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_a_zip_bomb_is_not_unpacked(tmp_path, monkeypatch):
-    path = repacked(tmp_path, lambda e: e.update({"mean.npy": bytes(2**28)}))
+    path = repacked(tmp_path, lambda _: bytes(2**28))
     assert path.stat().st_size < 2**20
     monkeypatch.setattr(zipfile.ZipFile, "open", lambda *_: pytest.fail("unpacked"))
-    with pytest.raises(StictionError, match=r"bytes unpacked: expected at most 67108864"):
+    with pytest.raises(StictionError, match=r"bytes unpacked: expected up to 67108864"):
         Policy.load(path)
 
 
-def test_many_entries_are_refused(tmp_path):
-    path = repacked(tmp_path, lambda e: e.update({f"x{k}.npy": b"" for k in range(100)}))
-    with pytest.raises(StictionError, match="entries: expected at most 64"):
-        Policy.load(path)
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [("policy.pth", "pickled code and is not opened"), ("mean.npy", "no policy.json in it")],
+)
+def test_a_zip_of_something_else(tmp_path, entry, words):
+    with zipfile.ZipFile(tmp_path / "policy.zip", "w") as file:
+        file.writestr(entry, b"x")
+    with pytest.raises(StictionError, match=words):
+        Policy.load(tmp_path / "policy.zip")
 
 
 @pytest.mark.parametrize("content", [None, b"PK\x03\x04broken"])
@@ -206,12 +166,3 @@ def test_no_zip_at_all(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(StictionError, match=r"policy\.zip"):
         Policy.load(path)
-
-
-def test_damaged_bytes_are_noticed(tmp_path):
-    made_up().save(tmp_path / "policy.zip")
-    data = bytearray((tmp_path / "policy.zip").read_bytes())
-    data[len(data) // 2] ^= 0xFF
-    (tmp_path / "policy.zip").write_bytes(bytes(data))
-    with pytest.raises(StictionError):
-        Policy.load(tmp_path / "policy.zip")

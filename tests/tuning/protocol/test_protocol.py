@@ -9,7 +9,7 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import read_amplitudes, read_sje, thesis_base, thesis_table
 from tests.servo_arm import servo_arm
 from tests.tuning.conftest import small
-from tuning.protocol.rules import final_amplitude, frequencies_of
+from tuning.protocol.rules import final_amplitude
 from tuning.protocol.tune import tune
 from tuning.settings import tuning_settings
 
@@ -184,11 +184,6 @@ def test_aliased_frequencies_are_measured_but_not_chosen(small_arm, fast, tmp_pa
     assert len(found.to_json()["warnings"]) == 1
     assert {r.frequency_hz for r in read_sje(tmp_path / "out" / "scale.csv")} == {600.0, 15.0}
     assert "not chosen from: 600 Hz" in (tmp_path / "out" / "report.md").read_text()
-
-
-def test_frequencies_are_the_thesis_ones():
-    assert frequencies_of("panda", tuning_settings().thesis) == (80.0, 50.0, 30.0, 15.0)
-    assert frequencies_of("iiwa7", tuning_settings().thesis) == (200.0, 100.0, 50.0, 20.0)
 
 
 def test_dither_of_commands_is_tuned_under_position_servos(tmp_path):

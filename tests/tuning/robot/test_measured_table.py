@@ -50,13 +50,6 @@ def test_rows_are_read(told):
     assert len(rows) == 4, "an empty torque is no measurement"
 
 
-def test_a_full_sje_table_is_read(told):
-    header = f"{HEADER},std_nm,iterations,reduction"
-    assert told("panda,2,no_load,-,30,0.5,-0.6,0.01,4,0.25", header=header)[0].setting == (
-        *(2, 30.0, 0.5),
-    )
-
-
 @pytest.mark.parametrize(
     ("row", "message"),
     [

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.tuning.robot.made_up import (
-    NOTHING,
     S,
     joint,
     may_stop,
@@ -17,7 +16,6 @@ from tests.tuning.robot.made_up import (
 from tuning.robot.next_setting import (
     best_measured,
     chance_of_better,
-    expected_improvement,
 )
 from tuning.robot.posterior import Posterior, discrepancy_kernel
 
@@ -32,15 +30,6 @@ def made(mean: np.ndarray, covariance: np.ndarray) -> Posterior:
     cells = np.zeros((len(mean), 4))
     every = np.ones(len(mean), dtype=bool)
     return Posterior(mean=mean, covariance=covariance, cell_mean=cells, eligible=every)
-
-
-def test_every_setting_is_asked_for_once():
-    c, truth = joint(PREDICTED), repeated(PREDICTED)
-    tried: list[int] = []
-    while asked := next_settings(c, read(truth, tried)):
-        tried += asked
-    assert sorted(tried) == [0, 1, 2, 3, 4]
-    assert may_stop(posterior_of(c, read(truth, tried)), read(truth, tried))
 
 
 def test_a_batch_begins_with_the_single_ask_and_repeats_nothing():
@@ -61,28 +50,6 @@ def test_a_failed_setting_is_neither_asked_again_nor_chosen():
     # measured again, and this time it moved
     again = readings.with_rows([(4, 1, 0.5), (4, 2, 0.5), (4, 3, 0.5)])
     assert best_measured(posterior_of(c, again), again) == 4
-
-
-def test_what_is_not_eligible_is_only_learnt_from():
-    eligible = np.array([True, True, True, True, False])
-    c = dataclasses.replace(joint(PREDICTED), eligible=eligible)
-    readings = read(repeated(PREDICTED - 0.2), [0, 4])
-    posterior = posterior_of(c, readings)
-    assert best_measured(posterior, readings) == 0
-    assert 4 not in next_settings(c, NOTHING, 5)
-    assert posterior.mean[1] < PREDICTED[1] - 0.1
-
-
-def test_expected_improvement_by_hand():
-    """Of N(0.02, 0.03²): μ Φ(μ/σ) + σ φ(μ/σ); of a certain one, its advantage."""
-    covariance = np.diag([0.0, 0.03**2, 0.0])
-    mean = np.array([0.9, 0.88, 0.85])
-    posterior = made(mean, covariance)
-    gain = expected_improvement(posterior, 0)
-    normal = np.random.default_rng(0).normal(0.02, 0.03, 400_000)
-    assert gain[1] == pytest.approx(np.maximum(normal, 0).mean(), rel=0.01)
-    assert gain[2] == pytest.approx(0.05)
-    assert gain[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_chance_of_better_by_hand():

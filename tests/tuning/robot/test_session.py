@@ -63,7 +63,7 @@ def write(path, rows):
 
 
 def contents(out):
-    names = ("ask.csv", "measure.csv", "final.csv", "final.yaml", "report.md", "belief.png")
+    names = ("ask.csv", "measure.csv", "final.csv", "final.yaml", "report.md")
     return {name: (out / name).read_bytes() for name in names if (out / name).exists()}
 
 
@@ -151,43 +151,6 @@ def test_a_stuck_joint_is_not_asked_for_that_again(session):
     ask(arm, **options)
     after = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
     assert not set(before) & set(after)
-
-
-def test_a_missing_cell_is_asked_for_again(session):
-    arm, options, _ = session
-    rows = list(csv.DictReader(fill(options["out"]).open()))
-    kept = [
-        r
-        for r in rows
-        if float(r["amplitude_nm"]) == 0 or (r["load"], r["direction"]) != ("load", "-")
-    ]
-    tell(arm, write(options["out"].parent / "some.csv", kept), **options)
-    state = ask(arm, 8, **options)
-    form = list(csv.DictReader((options["out"] / "measure.csv").open()))
-    first = {r["amplitude_nm"] for r in rows if float(r["amplitude_nm"])}
-    again = [r for r in form if r["amplitude_nm"] in first]
-    assert {(r["load"], r["direction"]) for r in again} == {("load", "-")}
-    assert state.missing == ()
-
-
-def test_a_bad_table_changes_nothing(session):
-    arm, options, _ = session
-    before = contents(options["out"])
-    for row in ("other,1,load,+,20,0.5,0.7", "small,1,load,+,20,0.5,700"):
-        bad = options["out"].parent / "bad.csv"
-        bad.write_text(f"{COLUMNS}\n{row}\n")
-        with pytest.raises(StictionError):
-            tell(arm, bad, **options)
-    assert contents(options["out"]) == before
-    assert trials(arm, options) == []
-
-
-def test_another_robots_study_is_refused(session, tmp_path):
-    _, options, _ = session
-    url = f"sqlite:///{options['out'] / 'study.db'}"
-    with pytest.raises(StictionError, match=r"study .*: is of robot small: expected panda"):
-        ask("panda", out=tmp_path / "panda", storage=url, study="small-robot")
-    assert not (tmp_path / "panda").exists()
 
 
 def test_force_does_not_wipe_what_was_told(session):

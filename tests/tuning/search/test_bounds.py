@@ -38,14 +38,6 @@ def test_no_setting_passes_torque_or_rate(panda, joint, place, share):
     assert rate <= limits.torque_rate[joint - 1] * (1 + 1e-12)
 
 
-def test_parameters_of_a_setting_are_read_back(panda):
-    bounds = bounds_of(panda)
-    row = AmplitudeRow(3, 30.0, 1.1)
-    again = bounds.setting(3, bounds.share(row))
-    assert again.frequency_hz == 30.0
-    assert again.amplitude_nm == pytest.approx(1.1, rel=1e-12)
-
-
 def test_frequencies_of_a_slow_controller_stay_below_half_its_rate():
     bounds = bounds_of(SingleJointExperiment("iiwa7"))
     assert bounds.frequency_hz[:, 1].max() < 100.0

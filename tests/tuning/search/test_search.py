@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 import math
 
-import optuna
 import pytest
 
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
-from stiction_envs.measured import AmplitudeRow, read_amplitudes, read_sje, write_amplitudes
-from tuning.search.options import TREATMENTS, Options
+from stiction_envs.measured import read_amplitudes, read_sje
+from tuning.names import TREATMENTS
+from tuning.search.options import Options
 from tuning.search.search import search
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
@@ -121,25 +121,6 @@ def test_two_objectives_make_a_front(small, tmp_path, price):
 def test_options_that_cannot_be_are_one_clear_line(options, what):
     with pytest.raises(StictionError, match=what):
         Options(**options)
-
-
-@pytest.mark.slow
-def test_other_tables_in_the_same_studies_are_measured_anew(small, tmp_path):
-    """A storage may serve several folders: results of one table never belong to another."""
-    storage = f"sqlite:///{tmp_path / 'study.db'}"
-    table = tmp_path / "mine.csv"
-    reductions = []
-    for amplitude, out in ((0.4, "one"), (0.8, "two"), (0.4, "again")):
-        write_amplitudes(table, [AmplitudeRow(j, amplitude, 20.0) for j in (1, 2)])
-        small(out, storage=storage, evaluations=3, beside=[table])
-        found = rows(tmp_path / out / "comparison.csv")
-        reductions.append(
-            [r["value"] for r in found if r["table"] == "mine" and r["measure"] == "reduction"]
-        )
-    assert len(reductions[0]) == 2
-    assert reductions[0] == reductions[2] != reductions[1]
-    names = [s.study_name for s in optuna.get_all_study_summaries(storage)]
-    assert len([n for n in names if "verify" in n]) == 2, "the same tables were measured twice"
 
 
 @pytest.mark.slow

@@ -14,11 +14,12 @@ from sqlalchemy import event
 from sqlalchemy.engine import Engine
 
 from stiction_envs.experiments.sje.protocol import load_protocol
+from tuning.names import SAMPLERS
 from tuning.protocol.tune import tune
 from tuning.settings import SharedSettings
 from tuning.study import workers
 from tuning.study.record import Outcome, Record, Search, run
-from tuning.study.samplers import SAMPLERS, cells, sampler
+from tuning.study.samplers import cells, sampler
 
 
 @event.listens_for(Engine, "connect")

@@ -8,7 +8,7 @@ import optuna
 import pytest
 from optuna.trial import TrialState
 
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import ExperimentError
 from tests.tuning.study.searches import (
     ABOUT,
     IMPATIENT,
@@ -145,18 +145,6 @@ def test_many_may_begin_at_once_on_an_empty_database(new_database, tmp_path):
     assert 12 <= len(found) <= 15
     assert len({tuple(t.params.values()) for t in found}) == len(found)
     assert len({x[0] for x in lines(log, "end")}) == 4
-
-
-@pytest.mark.slow
-def test_a_shared_study_of_another_robot_is_refused(server, database):
-    workers.run([search(database, "random", evaluations=2, settings=IMPATIENT)], evaluate)
-    with pytest.raises(StictionError, match="is of robot small: expected iiwa7"):
-        search(database, "random", about={**ABOUT, "robot": "iiwa7"}, settings=IMPATIENT)
-    with pytest.raises(StictionError, match="password authentication failed") as caught:
-        search(server.url("wr0ng"), "random", settings=IMPATIENT)
-    assert "wr0ng" not in str(caught.value)
-    with pytest.raises(StictionError, match='database "nix" does not exist'):
-        search(server.url(name="nix"), "random", settings=IMPATIENT)
 
 
 @pytest.mark.slow

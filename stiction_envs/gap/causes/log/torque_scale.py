@@ -46,10 +46,24 @@ class TorqueScale(Cause):
         """Return the error of another unit [-]."""
         return Prior(np.array([1.0]), usual=USUAL)
 
+    def joints(self, data: Data) -> list[int]:
+        """Return the joints with a torque, and the arm where all torques have the same unit."""
+        first = 0 if len(set(data.unit)) > 1 else -1
+        return [j for j in range(first, data.n) if j < 0 or data.measured[j]]
+
+    def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
+        """Return the unit of the joint's torque, by which it was divided."""
+        unit = float(data.unit[joint % len(data.unit)])
+        return [()] if unit == 1 else [(unit,)]
+
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the nominal torque and the load."""
         torque = data.nominal if data.carried is None else data.nominal + data.carried
         return torque[..., None] if joint < 0 else torque[:, joint, None]
+
+    def values(self, coefficients: Array, shape: Shape) -> dict[str, float | list[float]]:
+        """Return the gain of the torques as they were logged."""
+        return {"scale": (shape or (1.0,))[0] * (1 + float(coefficients[0]))}
 
     def possible(
         self, data: Data, joint: int, coefficients: Array, shape: Shape, level: float
@@ -59,5 +73,5 @@ class TorqueScale(Cause):
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
         """Say by what to divide: it is the log that is wrong, not the arm."""
-        scale = 1 + part.coefficients[0]
+        scale = (part.shape or (1.0,))[0] * (1 + part.coefficients[0])
         draft.leave_out(part, f"divide the logged torque by {scale:.4g}")

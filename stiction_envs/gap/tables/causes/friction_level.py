@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.calibrate import with_levels
-from stiction_envs.experiments.sje.poses import Poses
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.base import Array, Cause

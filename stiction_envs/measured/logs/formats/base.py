@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,7 +23,7 @@ from stiction_envs.measured.logs.columns import (
     joints_of,
     sort_columns,
 )
-from stiction_envs.measured.logs.corrections import Correction
+from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 
 MOST_BYTES = 2**31
@@ -39,7 +39,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What to read of a log file."""
+    """Request to read a log file."""
 
     n_joints: int
     """Joints of the robot."""
@@ -51,41 +51,11 @@ class Wanted:
     """Which channels: those of `CHANNELS` for torque or position."""
 
 
-@dataclass(kw_only=True)
-class RawLog:
-    """A log as it is in the file."""
-
-    source: str
-    """Path as given."""
-    t: NDArray[np.float64]
-    """Logged time, (T,), s; row numbers where the log has none."""
-    data: dict[str, NDArray[np.float64]]
-    """The required channels (`columns.CHANNELS`) and optional ones, (T, n) each."""
-    run: NDArray[np.int64]
-    """Number of the recording of each row, (T,), from 0."""
-    place: Callable[[int], str]
-    """Where a row is, such as ``a.csv, line 17``."""
-    ignored: tuple[str, ...] = ()
-    """Columns that are not used."""
-    side: str | None = None
-    """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
-    origin: float = 0.0
-    """What the clock showed at ``t`` = 0, s, where its reader took that off."""
-    notes: list[Correction] = field(default_factory=list)
-    """Notes for a person on how it was read."""
-    warnings: list[str] = field(default_factory=list)
-    """Warnings for a person."""
-
-    def note(self, text: str, rows: int = 0) -> None:
-        """Add a note on how it was read, which may concern some rows."""
-        self.notes.append(Correction(kind="source", rows=rows, text=text))
-
-
 class LogFormat(ABC):
     """One kind of file."""
 
     ends: ClassVar[tuple[str, ...]]
-    """Of the names of such files, with the dot."""
+    """Ends of the names of such files, with the dot."""
     has_units: ClassVar[bool] = False
     """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
 

@@ -77,7 +77,7 @@ class _Table:
 
     names: list[str]
     units: list[str]
-    """Of a row of units below the names; none where there is no such row."""
+    """Units of a row below the names; none where there is no such row."""
     dialect: Dialect
     rows: Iterator[tuple[int, bytes]]
     """Number and bytes in UTF-8 of each line below."""

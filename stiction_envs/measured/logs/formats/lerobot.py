@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, opening
 from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
@@ -58,7 +58,7 @@ Array = NDArray[np.float64]
 
 
 class LeRobotDataset(LogFormat):
-    """What lerobot records into a folder."""
+    """Folder that lerobot records into."""
 
     ends: ClassVar = ()
     has_units: ClassVar = True
@@ -118,24 +118,23 @@ class LeRobotDataset(LogFormat):
 
 
 class _Features:
-    """What ``meta/info.json`` says of a dataset."""
+    """Facts about a dataset in its ``meta/info.json``."""
 
     def __init__(self, where: str) -> None:
         path = Path(where) / INFO
         refuse_pointer(path)
-        try:
+        with opening(path, "lerobot's info.json"):
             if path.stat().st_size > MOST_INFO_BYTES:
                 raise StictionError(f"{path}: over {MOST_INFO_BYTES >> 20} MiB: expected lerobot's")
-            info = json.loads(path.read_text("utf-8"))
+            data = path.read_bytes()
+        try:
+            info = json.loads(data.decode())
             fps, features = float(info["fps"]), info["features"]
             self.robot = str(info.get("robot_type") or "")
             state = _names(path, STATE, features)
             action = _names(path, ACTION, features) if ACTION in features else []
         except StictionError:
             raise
-        except OSError as error:
-            reason = (error.strerror or "cannot be read").lower()
-            raise StictionError(f"{path}: {reason}: expected lerobot's info.json") from None
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
             raise StictionError(
                 f"{path}: damaged or no info.json of lerobot: expected fps, features, and "

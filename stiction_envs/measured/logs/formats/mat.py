@@ -42,7 +42,7 @@ Matrix = np.ndarray[Any, Any]
 
 
 class MatFile(ColumnFile):
-    """What MATLAB's ``save`` writes."""
+    """File that MATLAB's ``save`` writes."""
 
     ends: ClassVar = (".mat",)
 

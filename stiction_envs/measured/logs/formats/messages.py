@@ -49,7 +49,7 @@ class Sample:
     """State of some joints at one time."""
 
     names: tuple[str, ...] | None
-    """Of the joints; None where the message has them in the arm's order."""
+    """Names of the joints; None where the message has the joints in the arm's order."""
     stamp: int
     """Time [ns]; 0 where it has none."""
     q: Array
@@ -67,7 +67,7 @@ class Kind:
     """A type of message."""
 
     types: tuple[str, ...]
-    """Its names."""
+    """Names of the type."""
     tau: str
     """The field that is read as torque."""
     link_side: bool
@@ -167,7 +167,7 @@ COMMAND_KINDS = {
     _STATE: BY_TYPE[_STATE],
     _ARRAY: Kind(types=(_ARRAY,), tau="", link_side=False, read=_command),
 }
-"""Those of commands under a topic of their own."""
+"""Types of commands under a topic of their own."""
 
 
 def is_command(topic: str, kind: str) -> bool:

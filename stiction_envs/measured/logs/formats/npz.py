@@ -13,7 +13,7 @@ from stiction_envs.measured.logs.formats.base import MOST_BYTES, Arrays, ColumnF
 
 
 class NumpyArchive(ColumnFile):
-    """What `numpy.savez` writes."""
+    """File that `numpy.savez` writes."""
 
     ends: ClassVar = (".npz",)
 
@@ -49,7 +49,7 @@ class NumpyArchive(ColumnFile):
 
 
 class NumpyArray(ColumnFile):
-    """What `numpy.save` writes: columns with names of fields, or a matrix (T, k) without names."""
+    """File of `numpy.save`: columns with names of fields, or a matrix (T, k) without names."""
 
     ends: ClassVar = (".npy",)
 
@@ -76,7 +76,7 @@ class NumpyArray(ColumnFile):
 
 
 def _check_npy(where: str, file: IO[bytes], size: int) -> None:
-    """What an array says of itself must fit into its ``size`` before any memory is taken for it."""
+    """Check that an array's header fits into its ``size`` before any memory is taken for it."""
     version = np.lib.format.read_magic(file)
     if version == (1, 0):
         shape, _, dtype = np.lib.format.read_array_header_1_0(file)

@@ -39,7 +39,7 @@ _Curves = dict[str, dict[str, dict[str, str]]]
 
 @dataclass(frozen=True, kw_only=True)
 class PlotJuggler(Header):
-    """Its columns, which name topics and joints."""
+    """Columns of PlotJuggler, which name topics and joints."""
 
     has_names: bool = True
     sparse: bool = True

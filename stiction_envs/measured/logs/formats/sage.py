@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 
 class SageFolder(LogFormat):
-    """What SAGE's collectors write for one motion."""
+    """Folder that SAGE's collectors write for one motion."""
 
     ends: ClassVar = ()
     has_units: ClassVar = True

@@ -13,28 +13,28 @@ from typing import Any, Generic, TypeVar
 T = TypeVar("T")
 
 
-class Crew:
-    """Some threads, of which the one that calls `run` is the first."""
+class Threads:
+    """Threads that share work; the thread that calls `run` is the first."""
 
     def __init__(self, threads: int) -> None:
-        """Make it; other threads than the caller's begin with the first `run`."""
+        """Prepare the threads; all but the caller's start with the first `run`."""
         self._others = threads - 1
         self._pool = ThreadPoolExecutor(max(self._others, 1))
         self._open: list[_Job[Any]] = []
         self._changed = threading.Condition()
 
-    def __reduce__(self) -> tuple[type[Crew], tuple[int]]:
-        return Crew, (self._others + 1,)
+    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
+        return Threads, (self._others + 1,)
 
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
-        """Return what tasks return, done by all threads; their errors are raised in their order.
+        """Do tasks on all threads; return their results, or raise the first task's error.
 
         All tasks are done then, whatever fails. An interrupt waits for them.
         """
         job = _Job(tasks)
         with _interrupts_wait():
             self._offer(job)
-            # this thread is one of them: to wake another takes as long as much of Python's work
+            # the caller's thread works too: waking another one takes long
             others = [self._pool.submit(self._help, job) for _ in range(self._others)]
             self._help(job)
             wait(others)
@@ -42,7 +42,7 @@ class Crew:
         return job.results
 
     def share(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
-        """Return what tasks within a task return; threads without other work help."""
+        """Do tasks within a task, helped by threads without other work; return their results."""
         job = _Job(tasks)
         self._offer(job)
         while job.work():
@@ -67,7 +67,7 @@ class Crew:
 
 
 class _Job(Generic[T]):
-    """Tasks, of which any thread takes the next."""
+    """Tasks; any thread takes the next."""
 
     def __init__(self, tasks: Sequence[Callable[[], T]]) -> None:
         self._futures: list[Future[T]] = [Future() for _ in tasks]
@@ -98,7 +98,7 @@ class _Job(Generic[T]):
 
 @contextmanager
 def _interrupts_wait() -> Iterator[None]:
-    """Let an interrupt wait until the end: no task is left in the middle."""
+    """Delay an interrupt until the end, so that no task stops in the middle."""
     in_main = threading.current_thread() is threading.main_thread()
     if not in_main or signal.getsignal(signal.SIGINT) is None:
         yield  # Python interrupts the main thread only, and only if it handles the signal

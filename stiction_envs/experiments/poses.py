@@ -14,18 +14,33 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.settings import PoseSettings, experiment_settings
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 _TOGETHER = 1024  # poses computed at once; assumed
+SWING = 0.15
+"""The experiment moves the joint this far each way [rad]; thesis 3.2."""
+MARGIN = 0.3
+"""Distance of the joint under test from its limits [rad]; assumed: swing, start tolerance,
+overshoot."""
+OTHERS_MARGIN = 0.1
+"""Distance of the other joints from their limits [rad]; assumed."""
+FLOOR = 0.05
+"""Least height of the outer links of an upright arm over its base plane [m]; assumed."""
+REST_PULL = 0.02
+"""Weight of the distance (root mean square, over the range) from the rest pose [N·m]; assumed."""
+SAMPLES, KEPT, ROUNDS = 2048, 64, 14
+"""Random poses at the beginning, best poses that each round keeps, and rounds [-]; assumed."""
+FIRST_STEP, SHRINK = 0.2, 0.7
+"""Standard deviation of the first round's steps over the range, and its factor from round to round
+[-]; assumed."""
+_METHOD = SWING, MARGIN, OTHERS_MARGIN, FLOOR, REST_PULL, SAMPLES, KEPT, ROUNDS, FIRST_STEP, SHRINK
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,25 +53,24 @@ class Poses:
     """(n, 2) signed load of the joint there [N·m]."""
     load: Array
     """(n, 2) absolute load there [N·m]."""
-    bearing: NDArray[np.bool_]
+    bearing: Bools
     """(n,) joints whose load is their bearing's tilting moment."""
 
 
 class PoseLoads:
     """Loads and validity of many poses at once, on the rigid arm with contacts."""
 
-    def __init__(self, sticking: StickingModel, settings: PoseSettings) -> None:
-        self.settings = settings
+    def __init__(self, sticking: StickingModel) -> None:
         self.arm = sticking.arm
         model = copy.copy(sticking.model)
-        # contacts on: they tell self-collision
+        # contacts on: they show self-collision
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.batch = Batch(model, _TOGETHER)
         self.sticking = sticking
         self.sensor = LoadSensor(sticking, self.batch)
         self.floor = self.arm.on_floor and self.arm.tilt == (0.0, 0.0)
 
-    def __call__(self, q: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def __call__(self, q: Array) -> tuple[Array, Bools]:
         """Return signed loads (M, n) [N·m] and validity (M,) of poses q (M, n) [rad]."""
         signed, valid = np.empty_like(q), np.empty(len(q), dtype=bool)
         for start in range(0, len(q), self.batch.nsim):
@@ -70,14 +84,14 @@ class PoseLoads:
             signed[start : start + len(part)] = self.sensor.read(ids)[0]
             ok = contacts[ids].reshape(len(part)) == 0
             if self.floor:
-                ok &= height[ids][:, 4:, 2].min(axis=1) > self.settings.floor
+                ok &= height[ids][:, 4:, 2].min(axis=1) > FLOOR
             valid[start : start + len(part)] = ok
         return signed, valid
 
 
-def fingerprint(arm: Arm, settings: PoseSettings) -> str:
+def fingerprint(arm: Arm) -> str:
     """Return a hash of everything that an arm's poses depend on."""
-    return store.digest(arm.fingerprint, settings)
+    return store.digest(arm.fingerprint, _METHOD)
 
 
 def find_poses(arm: Arm) -> Poses:
@@ -86,13 +100,12 @@ def find_poses(arm: Arm) -> Poses:
     Raises:
         StictionError: no pose free of self-collision within the joint limits.
     """
-    s = experiment_settings().poses
-    key = fingerprint(arm, s)
+    key = fingerprint(arm)
     found = store.recall("poses", key)
     if not found:
         # friction plays no part here; the rigid model is only asked for gravity and contacts
         sticking = build(arm, load_friction("generic", arm.n).rigid())
-        evaluate = PoseLoads(sticking, s)
+        evaluate = PoseLoads(sticking)
         q, signed = np.empty((arm.n, 2, arm.n)), np.empty((arm.n, 2))
         for joint in range(arm.n):
             for k in range(2):
@@ -111,9 +124,9 @@ def find_poses(arm: Arm) -> Poses:
 
 def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
     """Random search, then shrinking random steps around the best poses."""
-    arm, s = evaluate.arm, evaluate.settings
+    arm = evaluate.arm
     rng = np.random.default_rng([joint, int(largest)])
-    margin = np.where(np.arange(arm.n) == joint, s.margin, s.others_margin)
+    margin = np.where(np.arange(arm.n) == joint, MARGIN, OTHERS_MARGIN)
     low, high = arm.limits.position[:, 0] + margin, arm.limits.position[:, 1] - margin
     span = high - low
     if (span <= 0).any():
@@ -127,7 +140,7 @@ def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
         """Minus the load, or the largest load within the swing, plus a pull to the rest pose."""
         values = np.zeros(len(q))
         ok = np.ones(len(q), dtype=bool)
-        for shift in (-s.swing, 0.0, s.swing):
+        for shift in (-SWING, 0.0, SWING):
             moved = q.copy()
             moved[:, joint] += shift
             signed, valid = evaluate(moved)
@@ -138,20 +151,20 @@ def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
             elif not largest:
                 values = np.maximum(values, load)
         away = np.sqrt((((q - arm.rest) / span) ** 2).mean(axis=1))
-        return np.where(ok, values + s.rest_pull * away, np.inf)
+        return np.where(ok, values + REST_PULL * away, np.inf)
 
     q = np.concatenate(
-        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (s.samples, arm.n))]
+        [np.clip(arm.rest, low, high)[None], rng.uniform(low, high, (SAMPLES, arm.n))]
     )
     costs = cost(q)
-    scale = s.first_step
-    for _ in range(s.rounds):
-        best = np.argsort(costs, kind="stable")[: s.kept]
+    scale = FIRST_STEP
+    for _ in range(ROUNDS):
+        best = np.argsort(costs, kind="stable")[:KEPT]
         q, costs = q[best], costs[best]
-        step = rng.normal(size=(4 * s.kept, arm.n)) * scale * span
+        step = rng.normal(size=(4 * KEPT, arm.n)) * scale * span
         new = np.clip(np.tile(q, (4, 1)) + step, low, high)
         q, costs = np.concatenate([q, new]), np.concatenate([costs, cost(new)])
-        scale *= s.shrink
+        scale *= SHRINK
     winner = int(np.argmin(costs))
     if not np.isfinite(costs[winner]):
         raise StictionError(f"{arm.name}: no collision-free pose found for joint {joint + 1}")

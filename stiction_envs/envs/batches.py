@@ -1,10 +1,10 @@
-"""A batch in tiles: as many arms at a time as a core's cache holds; threads own tiles.
+"""N simulations in batches: as many arms at a time as a core's cache holds.
 
 An arm has some ten kilobytes of engine state. Every control step reads them, and a control interval
-has a hundred steps. A thread takes a tile through the whole interval: its state stays in the core's
-cache, and no thread waits for another in between. Engine and compiled code release Python's lock.
-A thread without a tile helps another with its arms. Results do not depend on the tiles, nor on the
-threads.
+has a hundred steps. A thread takes one batch through the whole interval: its state stays in the
+core's cache, and no thread waits for another in between. Engine and compiled code release Python's
+lock. A thread without a batch helps another with its arms. Results depend neither on the batches
+nor on the threads.
 """
 
 from __future__ import annotations
@@ -17,42 +17,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.envs.crew import Crew
+from stiction_envs.envs.threads import Threads
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 from stiction_envs.plant.loop_batch import FEWEST
 
 
-class Tiles:
-    """N simulations in several tiles; each thread takes one of them at a time.
+class Batches:
+    """N simulations in several batches; a thread steps one batch at a time.
 
-    Where a tile fails, the others complete what was asked of them. Then the error of the first that
-    failed is raised; so is an interrupt. Arguments ``ids`` (M,) are numbers of simulations, sorted.
+    Where a batch fails, the others complete their step. Then the error of the first that failed is
+    raised; so is an interrupt. Arguments ``ids`` (M,) are numbers of simulations, sorted.
     """
 
     def __init__(self, make_core: type[Episodes], num_envs: int, **arguments: Any) -> None:
         """Make the simulations.
 
         Args:
-            make_core: makes a tile of the number of simulations and ``arguments``.
+            make_core: makes a batch of a number of simulations and ``arguments``.
             num_envs: number of simulations N.
-            arguments: of the tiles.
+            arguments: of the experiment's `Episodes`.
         """
         threads = arguments.get("threads") or os.cpu_count() or 1
-        count = max(1, -(-num_envs // make_core.arms_per_tile))
+        count = max(1, -(-num_envs // make_core.arms_per_batch))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
         if count == 1:
             arguments["engine_threads"] = threads
         self.cores: list[Episodes] = [make_core(n, **arguments) for n in sizes]
         self._end = np.cumsum(sizes)
-        parted = make_core.on_one_thread
-        most = -(-num_envs // FEWEST) if parted else 1
-        self._crew = Crew(min(threads, max(count, most)))
-        if parted and threads > 1:
-            for core in self.cores[-threads:]:  # other threads have no tile after these
-                core.rig.share_out(self._crew.share, threads)
+        shared = make_core.on_one_thread
+        most = -(-num_envs // FEWEST) if shared else 1
+        self._threads = Threads(min(threads, max(count, most)))
+        if shared and threads > 1:
+            for core in self.cores[-threads:]:  # other threads have no batch after these
+                core.rig.share_out(self._threads.share, threads)
 
-    def _parts(self, ids: Index) -> Iterator[tuple[Episodes, Index, slice]]:
-        """Yield each tile with some of ``ids``, their numbers in it, their places in ``ids``."""
+    def _split(self, ids: Index) -> Iterator[tuple[Episodes, Index, slice]]:
+        """Yield each batch that has some of ``ids``, their numbers in it, and their slice."""
         start = 0
         for core, end, stop in zip(
             self.cores, self._end, np.searchsorted(ids, self._end), strict=True
@@ -68,30 +68,30 @@ class Tiles:
         options: Sequence[Options | None],
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
-        parts = list(self._parts(ids))
-        for core, _, part in parts:
-            core.check_reset(options[part])  # all, before any is changed
-        # one after the other: what the first tile finds for all, the others look up
-        drawn = [core.draw(rngs[part], options[part]) for core, _, part in parts]
-        pairs = zip(parts, drawn, strict=True)
-        self._crew.run([partial(core.begin, mine, new) for (core, mine, _), new in pairs])
+        batches = list(self._split(ids))
+        for core, _, rows in batches:
+            core.check_reset(options[rows])  # all, before any is changed
+        # one after the other: the others look up what the first batch finds
+        drawn = [core.draw(rngs[rows], options[rows]) for core, _, rows in batches]
+        pairs = zip(batches, drawn, strict=True)
+        self._threads.run([partial(core.begin, mine, new) for (core, mine, _), new in pairs])
 
     def step(self, ids: Index, action: NDArray[np.floating]) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n); see `Episodes.step`."""
-        parts = list(self._parts(ids))
-        for core, mine, part in parts:
-            core.check_step(mine, action[part])  # all, before any moves
+        batches = list(self._split(ids))
+        for core, mine, rows in batches:
+            core.check_step(mine, action[rows])  # all, before any moves
         return _joined(
-            self._crew.run([partial(c.step, mine, action[part]) for c, mine, part in parts])
+            self._threads.run([partial(c.step, mine, action[rows]) for c, mine, rows in batches])
         )
 
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
-        return np.concatenate([core.observe(mine) for core, mine, _ in self._parts(ids)])
+        return np.concatenate([core.observe(mine) for core, mine, _ in self._split(ids)])
 
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
-        parts = [core.describe(mine) for core, mine, _ in self._parts(ids)]
+        parts = [core.describe(mine) for core, mine, _ in self._split(ids)]
         return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
 
 

@@ -1,0 +1,34 @@
+"""Names that users type; commands have them without loading what they stand for."""
+
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+"""Samplers of a search."""
+OBJECTIVES = ("sje", "gte", "both")
+"""What a search lowers: torque left to move joints, error left at the goals of a path, or both."""
+FREE = ("waveform", "offset")
+"""Parameters that may be searched besides amplitude and frequency."""
+PRICES = ("shaking", "power", "torque_rate")
+"""Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
+(GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
+KINDS = (
+    *("feedforward", "push", "smooth_sign", "partial"),
+    *("lugre_observer", "momentum_observer"),
+)
+"""Friction compensations, as in `control.laws`."""
+COMPENSATIONS = ("none", *KINDS)
+"""Friction compensations that a search of the GTE can add to dither."""
+TREATMENTS: dict[str, tuple[str, ...]] = {
+    **{name: (name,) for name in ("dither", *KINDS)},
+    "observer": ("lugre_observer", "momentum_observer"),
+    "all": ("dither", *KINDS),
+}
+"""What is searched one after the other, by the name of the option: dither, or a compensation."""
+ALGORITHMS = ("sac", "ppo", "td3")
+"""Algorithms of a training."""
+CHECKPOINT_EVERY = 20_000
+"""Steps between two checkpoints of a training."""
+POLICIES = ("none", "gated", "random", "rule")
+"""Policies that need no file."""
+EPISODES = 32
+"""Episodes on which a policy is evaluated."""
+PATHS = ("triangle", "pentagon", "random")
+"""Paths of the GTE: the thesis's, and drawn ones."""
