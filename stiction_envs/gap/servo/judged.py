@@ -150,15 +150,13 @@ class JointProblem:
             if name == "stiffness":
                 centre[k] = self.own
         ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
-        low, high = LOW.copy(), HIGH.copy()
-        # a limit that was not reached replaces something else, and spoils faster motions
+        low = LOW.copy()
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
-        high[[INDEX[x] for x in LIMITS]] = [1.1 * max(self.reached[x], 0.1) for x in LIMITS]
         if "armature" not in causes:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
             base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
-        ).within(low[at], np.maximum(low, high)[at])
+        ).within(low[at], HIGH[at])
 
     def trials(self, cause: str, now: Array) -> list[dict[str, float]]:
         """Return values from which the parameters of a cause are fitted, given the others (P,)."""
@@ -357,7 +355,7 @@ class JointProblem:
                 for k in range(len(self.trials(group[0], before))):
                     start = before.copy()
                     for name in {*LIMITS} & {*more}:
-                        start[INDEX[name]] = 1.1 * self.reached[name]
+                        start[INDEX[name]] = 1.5 * self.reached[name]
                     for cause in group:
                         trials = self.trials(cause, start)
                         for name, x in trials[min(k, len(trials) - 1)].items():
