@@ -54,9 +54,9 @@ class Benchmark:
     """A script that measures something and writes a page about it."""
 
     script: str
-    """Its ``__file__``."""
+    """``__file__`` of the study's module."""
     doc: str | None
-    """Its ``__doc__``; the first line is the description of its command."""
+    """``__doc__`` of the module; the first line is the description of its command."""
     made_by: Sequence[str] = ()
     """Files, folders and patterns whose code decides its rows: see `code_digest`."""
 

@@ -14,15 +14,12 @@ with, in ``settings.toml`` beside it,
 
 Every entry has ``value`` and ``unit``, and a ``source`` or ``assumed = true``. msgspec checks types
 and ranges. A room nests its dataclasses in one, loads it once and passes it down as an argument;
-users change some numbers by name (`override`), and results carry the hash of all of them
-(`fingerprint`).
+users change some numbers by name (`override`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
-import json
 import math
 import os
 import re
@@ -82,7 +79,7 @@ def override(settings: T, changes: T | Changes | None) -> T:
 
     Args:
         settings: what to start from.
-        changes: ``{"selection.chance": 0.02}``, ``{"selection": {"chance": 0.02}}``, or a TOML file
+        changes: ``{"search.draws": 4}``, ``{"search": {"draws": 4}}``, or a TOML file
             of tables with plain values or ``{ value = … }``; settings of the same kind are taken as
             they are.
 
@@ -104,12 +101,6 @@ def override(settings: T, changes: T | Changes | None) -> T:
     values = dataclasses.asdict(settings)
     _merge(values, given, where)
     return _converted(type(settings), values, where)
-
-
-def fingerprint(settings: Dataclass | Mapping[str, object]) -> str:
-    """Return 16 hexadecimal digits that change with any name or value; the same everywhere."""
-    text = json.dumps(dict(sorted(flat(settings))), ensure_ascii=False)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def flat(

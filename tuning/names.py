@@ -4,8 +4,6 @@ SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 """Samplers of a search."""
 OBJECTIVES = ("sje", "gte", "both")
 """What a search lowers: torque left to move joints, error left at the goals of a path, or both."""
-FREE = ("waveform", "offset")
-"""Parameters that may be searched besides amplitude and frequency."""
 PRICES = ("shaking", "power", "torque_rate")
 """Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
 (GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
@@ -14,8 +12,6 @@ KINDS = (
     *("lugre_observer", "momentum_observer"),
 )
 """Friction compensations, as in `control.laws`."""
-COMPENSATIONS = ("none", *KINDS)
-"""Friction compensations that a search of the GTE can add to dither."""
 TREATMENTS: dict[str, tuple[str, ...]] = {
     **{name: (name,) for name in ("dither", *KINDS)},
     "observer": ("lugre_observer", "momentum_observer"),

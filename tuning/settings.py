@@ -50,8 +50,6 @@ class BoundsSettings:
     """
     largest_scale: Positive
     """Largest amplitude over the joint's largest base torque [-]."""
-    offset_scale: Positive
-    """Largest offset over the joint's largest base torque [-]."""
     compensation_factor: tuple[NotNegative, NotNegative]
     """Gains of a compensation over the friction that the controller assumes [-]."""
     compensation_reach: Positive

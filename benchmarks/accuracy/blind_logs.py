@@ -86,7 +86,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Of its row."""
+        """Key of the case's row."""
         off = f", links {self.scatter:g} off" if self.scatter else ""
         return f"{self.seed} {' '.join(self.causes)}{off}"
 
@@ -203,8 +203,8 @@ def second(case: Case, found: Diagnosis) -> Row:
     friction = None if isinstance(case.nominal, str) else case.nominal
 
     def against(logs: list[JointLog], robot: Arm) -> Data:
-        signals = prepare(logs, cutoff_hz=found.data.cutoff, settings=found.settings)
-        return assemble(robot, signals, friction=friction, settings=found.settings)
+        signals = prepare(logs, cutoff_hz=found.data.cutoff)
+        return assemble(robot, signals, friction=friction)
 
     def rms(data: Data, model: Data) -> list[float]:
         off = np.square(data.tau - model.nominal)[data.block >= 0].mean(axis=0)

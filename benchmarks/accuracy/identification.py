@@ -17,7 +17,7 @@ from benchmarks.thesis.rosdyn import rosdyn
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import identify
-from stiction_envs.identification.settings import identification_settings
+from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, load_arm
@@ -41,7 +41,11 @@ def with_friction(arm: Arm, state: tuple[Array, Array, Array]) -> Array:
     n = arm.n
     own = np.zeros((len(q), n, 3, n))
     j = np.arange(n)
-    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = excited.direction(dq), dq, 1.0
+    own[:, j, 0, j], own[:, j, 1, j], own[:, j, 2, j] = (
+        np.sign(excited.presliding(q, 1e-9)),
+        dq,
+        1.0,
+    )
     links = torque_regressor(arm.pinocchio(), q, dq, ddq)
     return np.concatenate([links, own.reshape(len(q), n, -1)], axis=2)
 
@@ -184,7 +188,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="few iterations and arms")
     options = parser.parse_args()
     start = time.perf_counter()
-    settings = identification_settings().excitation
+    settings = excitation_settings()
     if options.quick:
         settings = settings.replace(iterations=15, starts=1, randoms=5)
     motions = {}

@@ -115,7 +115,7 @@ class TorqueRow:
     cell: DitheredRow
     """The same as a cell."""
     simulated: Measurement
-    """Its mean torque is NaN if an iteration was stuck."""
+    """The same simulated; the mean torque is NaN if an iteration was stuck."""
     base: Measurement
     """Without dither."""
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypedDict, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, cast
 
 from stiction_envs.errors import StictionError
 
@@ -126,18 +126,6 @@ def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], fl
 
     return convert
 
-
-class Numbers(TypedDict):
-    """Options of `add_argument` for several numbers."""
-
-    nargs: int
-    type: Callable[[str], float]
-    metavar: tuple[str, ...]
-
-
-PAYLOAD: Numbers = {"nargs": 4, "type": number(), "metavar": ("MASS", "X", "Y", "Z")}
-"""Options of a payload and of an inclination, but for their help."""
-TILT: Numbers = {"nargs": 2, "type": number(), "metavar": ("ROLL", "PITCH")}
 
 # ---- options -------------------------------------------------------------------------------------
 
@@ -292,21 +280,30 @@ def add_servo_option(parser: Parser) -> None:
     )
 
 
-def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
-    """Add the arm to simulate and what is known of its mounting."""
-    parser.add_argument("robot", metavar="ROBOT", help=robot_help())
-    add_chain_option(parser)
+def add_mounting_options(parser: Parser) -> None:
+    """Add what the flange carries and how the base is mounted."""
     parser.add_argument(
         "--payload",
-        **PAYLOAD,
+        nargs=4,
+        type=number(),
+        metavar=("MASS", "X", "Y", "Z"),
         help="mass on the flange [kg] and its centre of mass in the flange frame [m]",
     )
     parser.add_argument(
         "--tilt",
-        **TILT,
-        default=[0.0, 0.0],
+        nargs=2,
+        type=number(),
+        metavar=("ROLL", "PITCH"),
         help="inclination of the base: about the world's x, then its y [rad]",
     )
+
+
+def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
+    """Add the arm to simulate and what is known of its mounting."""
+    parser.add_argument("robot", metavar="ROBOT", help=robot_help())
+    add_chain_option(parser)
+    add_mounting_options(parser)
+    parser.set_defaults(tilt=[0.0, 0.0])
     if friction:
         parser.add_argument(
             "--friction",
@@ -365,7 +362,7 @@ NOT_RECORDED = {
     *("command", "run", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
     # no result depends on them
-    *("out", "force", "json", "threads", "slots", "video", "rrd"),
+    *("out", "force", "json", "threads", "video", "rrd"),
 }
 
 

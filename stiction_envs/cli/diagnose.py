@@ -70,16 +70,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "friction, springs and gravcomp of the robot's own file (default where it has any), with "
         "our friction (default for tables), or what an earlier diagnosis wrote",
     )
-    parser.add_argument(
-        "--payload",
-        **common.PAYLOAD,
-        help="known mass on the flange [kg] and its centre of mass in the flange frame [m]",
-    )
-    parser.add_argument(
-        "--tilt",
-        **common.TILT,
-        help="known inclination of the base: about the world's x, then its y [rad]",
-    )
+    common.add_mounting_options(parser)
     parser.add_argument(
         "--rehearse",
         action="store_true",

@@ -13,26 +13,17 @@ from stiction_envs.errors import StictionError, unknown
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
-    from stiction_envs.robots import Arm
 
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
-PHASES = ("random", "zero", "spread")
 COMPENSATIONS = (
     *("feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer"),
 )
-NEEDS = {
-    "dither TABLE.csv": ("gate_velocity", "waveform", "phases"),
-    "compensation KIND": ("compensation_factor", "compensation_table"),
-}
-"""Options that need another one: the latter, with its values, comes first."""
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
-    from stiction_envs.dither.waveforms import WAVEFORMS
-
     parser = common.add_command(
         subparsers,
         "gte",
@@ -64,23 +55,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--dither",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: run with it "
-        "too, all its joints dithered at once",
-    )
-    parser.add_argument(
-        "--gate-velocity",
-        type=common.number(0, above=True),
-        metavar="V",
-        help="dither fades with joint speed, by exp(-(v/V)^2) [rad/s] (default: it does not)",
-    )
-    parser.add_argument(
-        "--waveform", choices=tuple(WAVEFORMS), help="of every joint (default: the table's)"
-    )
-    parser.add_argument(
-        "--phases",
-        choices=PHASES,
-        help="of the joints' dithers: drawn in every iteration, all 0, or spread over a period "
-        "(default: random)",
+        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm,gate_rad_s]: "
+        "run with it too, all its joints dithered at once",
     )
     parser.add_argument(
         "--compensation",
@@ -89,12 +65,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "feedforward of the reference's motion; a push in the sign of the joint error that fades "
         "with the measured speed; smooth_sign or partial of the measured speed; lugre_observer, "
         "momentum_observer; or gains that were tuned, final.csv or final.yaml",
-    )
-    parser.add_argument(
-        "--compensation-factor",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="times the friction that is compensated (default: 1)",
     )
     parser.add_argument(
         "--compensation-table",
@@ -118,16 +88,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="the point that is controlled and measured, from the flange in the hand's frame [m]; "
         "the Panda's hand has 0 0 0.1034 (default: the flange)",
     )
-    parser.add_argument(
-        "--compensate-payload",
-        **common.PAYLOAD,
-        help="payload in the controller's model (default: the true one)",
-    )
-    parser.add_argument(
-        "--compensate-tilt",
-        **common.TILT,
-        help="inclination in the controller's model [rad] (default: the true one)",
-    )
     common.add_experiment_options(parser)
     add_video_option(parser, "show the first iteration of every case")
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
@@ -144,14 +104,11 @@ def run(args: argparse.Namespace) -> common.Answer:
         with_and_without,
     )
 
-    controller_model = _read_controller_model(args)
     own = read_trajectory(args.trajectory)
-    for needed, names in NEEDS.items():
-        for name in names:
-            if getattr(args, needed.split()[0]) is None and getattr(args, name) is not None:
-                raise StictionError(f"--{name.replace('_', '-')}: needs --{needed}")
+    if args.compensation is None and args.compensation_table is not None:
+        raise StictionError("--compensation-table: needs --compensation KIND")
     _check_compensation(args)
-    dither = () if args.dither is None else read_dither(args.dither, arm, waveform=args.waveform)
+    dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {**common.model_files(args), "dither": args.dither}
     tuned = args.compensation is not None and args.compensation not in COMPENSATIONS
     inputs["compensation"] = Path(args.compensation) if tuned else None
@@ -163,7 +120,6 @@ def run(args: argparse.Namespace) -> common.Answer:
         start=args.start,
         tool=args.tool,
         paths={} if own is None else {own.name: own},
-        controller_model=controller_model,
         sensing=args.sensing,
         scatter=not args.no_scatter,
         seed=args.seed,
@@ -171,16 +127,13 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
     compensation = None
     if args.compensation is not None:
-        factor = 1.0 if args.compensation_factor is None else args.compensation_factor
-        compensation = bench.compensation(args.compensation, factor, table=args.compensation_table)
+        compensation = bench.compensation(args.compensation, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
     video = video_file(args, folder)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),
         dither,
-        gate_velocity=args.gate_velocity,
-        phases=args.phases,
         compensation=compensation,
     )
     total = bench.expected_seconds(cases, args.iterations)
@@ -216,18 +169,3 @@ def _check_compensation(args: argparse.Namespace) -> None:
         raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
     if args.compensation_table is not None:
         raise StictionError("--compensation-table: not with --compensation FILE, which has gains")
-
-
-def _read_controller_model(args: argparse.Namespace) -> Arm | None:
-    """Return the controller's own model of the arm; None for the true one."""
-    if args.compensate_payload is None and args.compensate_tilt is None:
-        return None
-    from stiction_envs.robots import load_arm
-
-    payload, tilt = args.compensate_payload, args.compensate_tilt
-    return load_arm(
-        args.robot,
-        payload=args.payload if payload is None else payload,
-        tilt=args.tilt if tilt is None else tilt,
-        chain=args.chain,
-    )

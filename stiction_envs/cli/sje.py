@@ -52,25 +52,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="NM_S",
         help="growth of the commanded torque [N·m/s]",
     )
-    parser.add_argument(
-        "--controller-rate",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="rate at which the controller computes, held in between (default: the robot's)",
-    )
-    parser.add_argument(
-        "--lowpass",
-        type=common.number(0),
-        metavar="HZ",
-        help="cut-off of the low-pass on commanded torque, 0 is off (default: the robot's)",
-    )
-    parser.add_argument(
-        "--slots",
-        type=common.whole(1),
-        default=384,
-        metavar="N",
-        help="most simulations at once (default: %(default)s)",
-    )
     add_video_option(
         parser,
         "show the first iteration of the first configuration that is dithered, or of the first,",
@@ -90,16 +71,12 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
     video = video_file(args, folder)
 
-    from stiction_envs.control.torque_path import TorqueInterface
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 
     experiment = SingleJointExperiment(
         arm,
         friction=args.friction,
         drive=args.drive,
-        interface=TorqueInterface.of(
-            arm, controller_rate_hz=args.controller_rate, lowpass_hz=args.lowpass
-        ),
         sensing=args.sensing,
         scatter=not args.no_scatter,
         seed=args.seed,
@@ -117,7 +94,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             jobs,
             iterations=args.iterations,
             progress=lambda seconds: progress.add("sje", seconds, total),
-            simulations=args.slots,
         )
     stuck = result.describe_stuck()
     if not result.rows:

@@ -9,16 +9,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.compiled import Arguments, compiled
-from stiction_envs.control.kernels import pose_error
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.compiled import compiled
+from stiction_envs.control.impedance import Impedance, pose_error
 from stiction_envs.control.laws import LAWS, law_torque
 from stiction_envs.control.laws.base import (
     ERROR,
+    GAIN_FIELD,
     GRAVITY,
     PUSHED,
     SEEN,
@@ -26,11 +28,9 @@ from stiction_envs.control.laws.base import (
     TORQUE,
     WANTED_SPEED,
 )
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 KINDS = tuple(LAWS)
 _MOST = 1 + max(len(law.fields) for law in LAWS.values())
 _READS_ERROR = np.array([law.reads_error for law in LAWS.values()])
@@ -76,28 +76,35 @@ class Compensation:
         if self.kind not in KINDS:
             raise unknown("compensation", self.kind, KINDS)
         law = LAWS[self.kind]
-        gain = _numbers("gain", self.gain, None)
+        expected = "finite numbers, one number per joint [N·m]"
+        gain = checked_array(self.gain, "compensation gain", expected=expected)
         if gain.ndim != 1 or not len(gain):
-            raise StictionError("compensation gain: expected one number per joint [N·m]")
-        own = {field.name: field for field in law.fields}
-        _check("gain", gain, "N·m")
-        object.__setattr__(self, "gain", tuple(map(float, gain)))
-        for name in NUMBERS[1:]:
-            given = getattr(self, name)
-            if name not in own:
+            raise StictionError(f"compensation gain: expected {expected}")
+        own = {field.name: field for field in (GAIN_FIELD, *law.fields)}
+        for name in NUMBERS:
+            given, field = getattr(self, name), own.get(name)
+            if field is None:
                 if np.size(given):
+                    expected = ", ".join(f.name for f in law.fields)
                     raise StictionError(
-                        f"compensation {name}: {self.kind} has none: expected {', '.join(own)}"
+                        f"compensation {name}: {self.kind} has none: expected {expected}"
                     )
                 object.__setattr__(self, name, ())
                 continue
-            field = own[name]
             if not np.size(given):
                 if not field.optional:
                     raise StictionError(f"compensation {name}: {self.kind} needs it [{field.unit}]")
                 given = law.default(name)
-            values = _numbers(name, given, len(gain))
-            _check(name, values, field.unit, positive=field.positive, largest=field.largest)
+            expected = f"one number, or {len(gain)} [{field.unit}]"
+            values = checked_array(
+                given, f"compensation {name}", gain.shape, expected=expected, fill=True
+            )
+            bad = (values <= 0 if field.positive else values < 0) | (values > field.largest)
+            for j in np.flatnonzero(bad):
+                raise StictionError(
+                    f"compensation {name} of joint {j + 1} is {values[j]:g}: "
+                    f"expected {field.expected}"
+                )
             object.__setattr__(self, name, tuple(map(float, values)))
 
     @property
@@ -160,48 +167,63 @@ NUMBERS = tuple(f.name for f in dataclasses.fields(Compensation) if f.name != "k
 """Names of the numbers of all laws, the gain first."""
 
 
+class Compensations(NamedTuple):
+    """Compensation of N arms of n joints."""
+
+    damping: float
+    """λ of J^# [m and rad]."""
+    period: float
+    """Period of the controller's cycles [s]."""
+    kind: Index
+    """(N,) number of the law, −1 for none."""
+    feeds: Bools
+    """(N,) whether the law reads `wanted_speed`."""
+    reads_model: Bools
+    """(N,) whether the law reads `gravity` and `coriolis`."""
+    numbers: Array
+    """(N, n, K) of `Compensation.packed`."""
+    state: Array
+    """(N, n, 1) of the laws, changed."""
+    last_speed: Array
+    """(N, n) speeds measured a cycle ago, changed [rad/s]."""
+    wanted_speed: Array
+    """(N, n) q̇_d, written by `look_ahead` [rad/s]."""
+    gravity: Array
+    """(N, n) of the controller's model, written by others [N·m]."""
+    coriolis: Array
+    """(N, n) Coriolis and centrifugal torque of that model, written by others [N·m]."""
+    torque: Array
+    """(N, n) of the last cycle, written by `compensate` [N·m]."""
+
+
 class Compensator:
     """Compensation of N arms; each arm has its own compensation, or none."""
 
-    def __init__(
-        self,
-        nsim: int,
-        n: int,
-        *,
-        damping: float,
-        command: Array | None = None,
-        mass: Array | None = None,
-        period: float = 1e-3,
-    ) -> None:
+    def __init__(self, nsim: int, n: int, *, damping: float, period: float = 1e-3) -> None:
         """Start without compensation.
 
         Args:
             nsim: number of arms N.
             n: joints of each.
             damping: λ of J^# [m and rad].
-            command: (N, n) torque of the controller's last cycle, kept up to date by others [N·m].
-            mass: (N, n, n) joint-space inertia of the controller's model, likewise [kg·m²].
             period: of the controller's cycles [s].
         """
-        self.n, self._damping, self._period = n, damping, period
-        self.active = False
-        """Whether any arm is compensated."""
-        self.feeds = False
-        """Whether `look_ahead` is needed."""
-        self.reads_model = False
-        """Whether `gravity` and `coriolis` are needed."""
-        self._kind = np.full(nsim, -1)
-        self._given: list[Compensation | None] = [None] * nsim
-        self._packed = np.zeros((nsim, n, _MOST))
-        self._state, self._last_speed = np.zeros((nsim, n, 1)), np.zeros((nsim, n))
-        self._command = np.zeros((nsim, n)) if command is None else command
-        self._mass = np.zeros((nsim, n, n)) if mass is None else mass
-        self.wanted_speed = np.zeros((nsim, n))
-        """(N, n) q̇_d, kept up to date by `look_ahead` [rad/s]."""
-        self.gravity, self.coriolis = np.zeros((2, nsim, n))
-        """(N, n) of the controller's model, kept up to date by others where `reads_model` [N·m]."""
-        self.torque = np.zeros((nsim, n))
-        """(N, n) of the last controller cycle, overwritten by the next [N·m]."""
+        self.n = n
+        self.arrays = Compensations(
+            damping=damping,
+            period=period,
+            kind=np.full(nsim, -1),
+            feeds=np.zeros(nsim, dtype=bool),
+            reads_model=np.zeros(nsim, dtype=bool),
+            numbers=np.zeros((nsim, n, _MOST)),
+            state=np.zeros((nsim, n, 1)),
+            last_speed=np.zeros((nsim, n)),
+            wanted_speed=np.zeros((nsim, n)),
+            gravity=np.zeros((nsim, n)),
+            coriolis=np.zeros((nsim, n)),
+            torque=np.zeros((nsim, n)),
+        )
+        """What compiled functions read and write; always the same objects."""
 
     def set_rows(self, ids: Index, compensations: Sequence[Compensation | None]) -> None:
         """Set the compensation of arms ``ids``; None switches it off. Observers start anew.
@@ -209,138 +231,85 @@ class Compensator:
         Raises:
             StictionError: a compensation of another number of joints.
         """
+        a = self.arrays
         for i, c in zip(ids, compensations, strict=True):
             if c is not None and c.n != self.n:
                 raise StictionError(f"compensation of {c.n} joints: expected {self.n}")
-            self._given[i] = c
-            self._kind[i] = KINDS.index(c.kind) if c is not None and any(c.gain) else -1
-            self._packed[i] = c.packed() if c is not None else 0.0
-        used = {c for c in self._given if c is not None and any(c.gain)}
-        self.active = bool(used)
-        self.feeds = any(LAWS[c.kind].feeds for c in used)
-        self.reads_model = any(LAWS[c.kind].reads_model(vars(c)) for c in used)
+            used = c is not None and any(c.gain)
+            a.kind[i] = KINDS.index(c.kind) if c is not None and used else -1
+            a.feeds[i] = c is not None and used and LAWS[c.kind].feeds
+            a.reads_model[i] = c is not None and used and LAWS[c.kind].reads_model(vars(c))
+            a.numbers[i] = c.packed() if c is not None else 0.0
         self.reset(ids)
 
     def reset(self, ids: Index) -> None:
         """Let arms ``ids`` start at rest: observers have seen nothing."""
-        self._state[ids], self._last_speed[ids], self.torque[ids] = 0.0, 0.0, 0.0
+        for array in (self.arrays.state, self.arrays.last_speed, self.arrays.torque):
+            array[ids] = 0.0
 
-    def look_ahead(self, jacobian: Array, twist: Array) -> None:
-        """Update q̇_d from the Jacobian (N, 6, n) and the reference's twist (N, 6) [m/s, rad/s]."""
-        damped = jacobian @ jacobian.transpose(0, 2, 1) + self._damping**2 * np.eye(6)
-        pulled = np.linalg.solve(damped, twist[:, :, None])
-        self.wanted_speed[:] = (jacobian.transpose(0, 2, 1) @ pulled)[:, :, 0]
 
-    @property
-    def arguments(self) -> Arguments:
-        """The last of `compensate`, its result at the end."""
-        return (
-            *(self._kind, self._packed, self._state, self._last_speed, self.wanted_speed),
-            *(self.gravity, self.coriolis, self._mass, self._command, self._period, self.torque),
-        )
+@compiled
+def look_ahead(i: int, jacobian: Array, twist: Array, a: Compensations) -> None:
+    """Write q̇_d of arm ``i`` from its Jacobian (6, n) and the reference's twist (6,)
+    [m/s, rad/s]."""
+    damped = jacobian @ jacobian.T + a.damping**2 * np.eye(6)
+    a.wanted_speed[i] = jacobian.T @ np.linalg.solve(damped, twist)
 
 
 @compiled
 def compensate(
+    i: int,
     position: Array,
     quaternion: Array,
     jacobian: Array,
     dq: Array,
-    reference: Array,
-    error_matrix: Array,
-    impedance: Array,
-    kind: Index,
-    numbers: Array,
-    state: Array,
-    last_speed: Array,
-    wanted_speed: Array,
-    gravity: Array,
-    coriolis: Array,
     mass: Array,
-    command: Array,
-    period: float,
-    torque: Array,
+    impedance: Impedance,
+    a: Compensations,
 ) -> None:
-    """Write the compensation of N arms.
+    """Write the compensation of arm ``i``.
 
     Args:
+        i: the arm.
         position: (N, 3) measured [m].
         quaternion: (N, 4) measured.
         jacobian: (N, 6, n).
         dq: (N, n) measured [rad/s].
-        reference: (N, 3) [m].
-        error_matrix: (N, 4, 4) of `rotation.error_matrix`.
-        impedance: (N, 6, 12) of a `CartesianImpedance`: its first six columns are −K.
-        kind: (N,) number of the law, −1 for none.
-        numbers: (N, n, K) of `Compensation.packed`.
-        state: (N, n, 1) of the laws, changed.
-        last_speed: (N, n) measured a cycle ago, changed [rad/s].
-        wanted_speed: (N, n) q̇_d [rad/s].
-        gravity: (N, n) of the controller's model [N·m].
-        coriolis: (N, n) Coriolis and centrifugal torque of that model [N·m].
-        mass: (N, n, n) of that model, rotors included [kg·m²].
-        command: (N, n) torque of the last cycle, without gravity [N·m].
-        period: of a cycle [s].
-        torque: (N, n), written [N·m].
+        mass: (N, n, n) of the controller's model, rotors included [kg·m²].
+        impedance: the controllers, which have the torque of the last cycle.
+        a: the compensation.
     """
-    n = dq.shape[1]
-    error, wrench, seen = np.empty(6), np.empty(6), np.zeros(SEEN)
-    for i in range(len(position)):
-        for j in range(n):
-            torque[i, j] = 0.0
-        law = kind[i]
-        if law < 0:
+    n, law, torque = dq.shape[1], a.kind[i], a.torque
+    for j in range(n):
+        torque[i, j] = 0.0
+    if law < 0:
+        return
+    error, wrench, seen = np.empty(6), np.zeros(6), np.zeros(SEEN)
+    gain, command = impedance.gain, impedance.command
+    if _READS_ERROR[law]:
+        reference = impedance.position[i], impedance.error_matrix[i]
+        pose_error(position[i], quaternion[i], reference[0], reference[1], error)
+        for k in range(6):
+            for m in range(6):
+                wrench[k] += gain[i, k, m] * error[m]
+    for j in range(n):
+        if a.numbers[i, j, 0] <= 0.0:
             continue
+        seen[WANTED_SPEED], seen[SPEED] = a.wanted_speed[i, j], dq[i, j]
         if _READS_ERROR[law]:
-            pose_error(position[i], quaternion[i], reference[i], error_matrix[i], error)
+            pull, stiffness = 0.0, 0.0
             for k in range(6):
-                wrench[k] = 0.0
+                pull += jacobian[i, k, j] * wrench[k]
                 for m in range(6):
-                    wrench[k] += impedance[i, k, m] * error[m]
-        for j in range(n):
-            if numbers[i, j, 0] <= 0.0:
-                continue
-            seen[WANTED_SPEED], seen[SPEED] = wanted_speed[i, j], dq[i, j]
-            if _READS_ERROR[law]:
-                pull, stiffness = 0.0, 0.0
-                for k in range(6):
-                    pull += jacobian[i, k, j] * wrench[k]
-                    for m in range(6):
-                        stiffness -= jacobian[i, k, j] * impedance[i, k, m] * jacobian[i, m, j]
-                # a joint that the impedance does not hold has no error
-                seen[ERROR] = pull / stiffness if stiffness > 0.0 else 0.0
-            seen[GRAVITY], seen[TORQUE] = gravity[i, j], command[i, j] - coriolis[i, j]
-            if _READS_MOMENTUM[law]:
-                gained = 0.0
-                for m in range(n):
-                    gained += mass[i, j, m] * (dq[i, m] - last_speed[i, m])
-                seen[PUSHED] = gained
-            torque[i, j] = law_torque(law, numbers[i, j], seen, state[i, j], period)
-        for j in range(n):
-            last_speed[i, j] = dq[i, j]
-
-
-def _numbers(name: str, value: object, n: int | None) -> Array:
-    """Return finite numbers (n,) from one number or (n,)."""
-    try:
-        array = np.array(value, dtype=float)
-        array = array if n is None else np.array(np.broadcast_to(array, (n,)))
-    except (TypeError, ValueError):
-        expected = "numbers" if n is None else f"one number, or {n}"
-        raise StictionError(f"compensation {name} is {value!r}: expected {expected}") from None
-    if not np.isfinite(array).all():
-        raise StictionError(f"compensation {name} is {value!r}: expected finite numbers")
-    return array
-
-
-def _check(
-    name: str, values: Array, unit: str, *, positive: bool = False, largest: float = np.inf
-) -> None:
-    bad = (values <= 0 if positive else values < 0) | (values > largest)
-    if bad.any():
-        j = int(np.argmax(bad))
-        expected = f"> 0 {unit}" if positive else f">= 0 {unit}"
-        expected += f" and <= {largest:g}" if largest < np.inf else ""
-        raise StictionError(
-            f"compensation {name} of joint {j + 1} is {values[j]:g}: expected {expected}"
-        )
+                    stiffness -= jacobian[i, k, j] * gain[i, k, m] * jacobian[i, m, j]
+            # a joint that the impedance does not hold has no error
+            seen[ERROR] = pull / stiffness if stiffness > 0.0 else 0.0
+        seen[GRAVITY], seen[TORQUE] = a.gravity[i, j], command[i, j] - a.coriolis[i, j]
+        if _READS_MOMENTUM[law]:
+            gained = 0.0
+            for m in range(n):
+                gained += mass[i, j, m] * (dq[i, m] - a.last_speed[i, m])
+            seen[PUSHED] = gained
+        torque[i, j] = law_torque(law, a.numbers[i, j], seen, a.state[i, j], a.period)
+    for j in range(n):
+        a.last_speed[i, j] = dq[i, j]

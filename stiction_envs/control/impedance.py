@@ -13,56 +13,91 @@ what Cartesian motion stored in it, a known property of the projection approach 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.compiled import Arguments
-from stiction_envs.control.kernels import advance_reference, impedance_cycle
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
-from stiction_envs.control.rotation import error_matrix, write_error_matrix
-from stiction_envs.control.settings import ImpedanceSettings, numbers
-from stiction_envs.errors import StictionError
+from stiction_envs.control.rotation import error_matrix, slerp_one, write_one_error_matrix
+from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Limits
 
-__all__ = ["CartesianImpedance", "Flags", "ImpedanceSettings"]
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Ids = Index | Sequence[int] | None
-"""Simulations a call is about; None means all."""
+_TINY = np.finfo(np.float64).tiny
 
 
-@dataclass(frozen=True)
-class Flags:
-    """Warnings of each simulation, (N,) bool."""
+class Impedance(NamedTuple):
+    """Settings and state of N controllers of n joints."""
 
-    singular: NDArray[np.bool_]
-    """At the last `update_model` the arm was (nearly) singular, so that Λ is damped."""
-    saturated: NDArray[np.bool_]
-    """In the last cycle the torque rate or a torque limit cut the command of some joint."""
-    near_limit: NDArray[np.bool_]
-    """In the last cycle some joint was beyond, or within the margin of, its position limit."""
+    dither_after: bool
+    """Whether dither is added behind the saturation."""
+    rate: float
+    """Largest change of the torque per cycle [N·m]."""
+    limit: Array
+    """(n,) largest torque [N·m]."""
+    low: Array
+    high: Array
+    """(n,) angles beyond which a joint is near its limit [rad]."""
+    singular_below: float
+    singular_length: float
+    """As of `operational.renew`."""
+    filter_step: float
+    """Share of the way to its target by which a reference moves per cycle [-]; 1 is all of it."""
+    position_target: Array
+    """(N, 3) [m]."""
+    quaternion_target: Array
+    """(N, 4)."""
+    position: Array
+    """(N, 3) of the reference [m]."""
+    quaternion: Array
+    """(N, 4) of the reference."""
+    error_matrix: Array
+    """(N, 4, 4) `rotation.error_matrix` of the reference."""
+    gain: Array
+    """(N, 6, 12) wrench per state: [−K, −D]."""
+    null_active: Bools
+    """(N,) whether there is a nullspace torque, of the next four."""
+    null_q: Array
+    """(N, n) q_d [rad]."""
+    null_stiffness: Array
+    """(N, n) k_n [N·m/rad]."""
+    null_damping: Array
+    """(N, n) d_n [N·m·s/rad]."""
+    null_torque: Array
+    """(N, n) τ_0 of the last cycle, written [N·m]."""
+    projector: Array
+    """(N, n, n) P [-]."""
+    inertia: Array
+    """(N, 6, 6) Λ [kg, kg·m, kg·m²]."""
+    singular: Bools
+    """(N,) whether the pose was (nearly) singular at the last `renew_space`."""
+    state: Array
+    """(N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle."""
+    q: Array
+    """(N, n) angles in the last cycle [rad]."""
+    wanted: Array
+    """(N, n) torque of the last cycle before the saturation [N·m]."""
+    sent: Array
+    """(N, n) torque of the last cycle behind the saturation [N·m]."""
+    command: Array
+    """(N, n) torque of the last cycle with all dither [N·m]."""
 
 
 class CartesianImpedance:
-    """N arms of n joints under Cartesian impedance control; `torque` is called once per cycle.
+    """N arms of n joints under Cartesian impedance control; `impedance_cycle` is called per cycle.
 
-    `update_model` is the slow part: the caller repeats it every 10 to 20 cycles, and its results
-    are held in between. In singular poses Λ and P are bounded (`operational`) and the flag
-    `singular` is set. Finite arguments give finite torques; NaN passes through.
-
-    Arguments called ``ids`` are the simulations (M,) to which the other arguments belong; None is
-    all of them.
+    Λ and P, the slow part, are held for some 10 to 20 cycles. In singular poses they are bounded
+    (`operational`). Finite arguments give finite torques; NaN passes through.
     """
 
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
-        """Make the controllers; each needs `reset` and `update_model` before `torque`.
+        """Make the controllers; each needs `reset` before its first cycle.
 
         Args:
-            settings: of all arms; stiffness can be changed arm by arm with `set_stiffness`.
+            settings: of all arms; `set_stiffness` changes their stiffness.
             nsim: number of arms N ≥ 1.
             limits: of one arm of n joints; its position and torque limits are used.
 
@@ -73,276 +108,211 @@ class CartesianImpedance:
             raise StictionError(f"number of simulations {nsim}: expected 1 or more")
         n = len(limits.torque)
         self.settings, self.nsim, self.n = settings, nsim, n
-        self._limit = np.array(limits.torque)
-        self._low = limits.position[:, 0] + settings.limit_margin
-        self._high = limits.position[:, 1] - settings.limit_margin
-        self._stiffness, self._null_stiffness = np.zeros((nsim, 6, 6)), np.zeros((nsim, n))
-        self._filter_step = settings.filter_step
-        self._position, self._position_target = np.zeros((2, nsim, 3))
-        self._quaternion = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
-        self._quaternion_target = self._quaternion.copy()
-        self._error_matrix = error_matrix(self._quaternion)
-        self._gain = np.zeros((nsim, 6, 12))  # wrench = gain · (e, J q̇): [−K, −D]
-        self._null_damping = np.zeros((nsim, n))
-        self._null_active = False
-        self._ratio = np.array(np.broadcast_to(settings.damping_ratio, 6), dtype=float)
-        self._known, self._singular = np.zeros((2, nsim), dtype=bool)
-        self.inertia = np.zeros((nsim, 6, 6))
-        """(N, 6, 6) Λ of the last `update_model`, overwritten by the next [kg, kg·m, kg·m²]."""
-        self.projector = np.zeros((nsim, n, n))
-        """(N, n, n) P of the last `update_model`, overwritten by the next [-]."""
-        self._state = np.zeros((nsim, 12))
-        self._q, self._null_q, self._sent = np.zeros((3, nsim, n))
-        self.wanted, self.command = np.zeros((2, nsim, n))
-        """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
-        self._everyone = np.arange(nsim)
         s = settings
-        # with another axis, numbers per axis cannot be taken for numbers per simulation
-        self.set_stiffness(
-            None,
-            translational=np.asarray(s.translational_stiffness)[None],
-            rotational=np.asarray(s.rotational_stiffness)[None],
-            nullspace=np.atleast_2d(s.nullspace_stiffness),
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+        self.arrays = a = Impedance(
+            dither_after=s.dither_after_saturation,
+            rate=s.torque_rate,
+            limit=np.array(limits.torque),
+            low=limits.position[:, 0] + s.limit_margin,
+            high=limits.position[:, 1] - s.limit_margin,
+            singular_below=s.singular_below,
+            singular_length=s.singular_length,
+            filter_step=s.filter_step,
+            position_target=np.zeros((nsim, 3)),
+            quaternion_target=still.copy(),
+            position=np.zeros((nsim, 3)),
+            quaternion=still,
+            error_matrix=error_matrix(still),
+            gain=np.zeros((nsim, 6, 12)),
+            null_active=np.zeros(nsim, dtype=bool),
+            null_q=np.zeros((nsim, n)),
+            null_stiffness=np.zeros((nsim, n)),
+            null_damping=np.zeros((nsim, n)),
+            null_torque=np.zeros((nsim, n)),
+            projector=np.zeros((nsim, n, n)),
+            inertia=np.zeros((nsim, 6, 6)),
+            singular=np.zeros(nsim, dtype=bool),
+            state=np.zeros((nsim, 12)),
+            q=np.zeros((nsim, n)),
+            wanted=np.zeros((nsim, n)),
+            sent=np.zeros((nsim, n)),
+            command=np.zeros((nsim, n)),
         )
+        """What compiled functions read and write; always the same objects."""
+        self.wanted, self.command = a.wanted, a.command
+        """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
+        self._ratio = np.array(np.broadcast_to(s.damping_ratio, 6), dtype=float)
+        nullspace = checked_array(s.nullspace_stiffness, "nullspace stiffness", (n,), fill=True)
+        everyone = np.arange(nsim)
+        self.set_stiffness(everyone, s.translational_stiffness, s.rotational_stiffness, nullspace)
 
-    # ---- reference and stiffness ---------------------------------------------------------------
-
-    def reset(self, ids: Ids, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
-        """Start arms anew: reference and nullspace at their poses, no torque.
+    def reset(self, ids: Index, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
+        """Start arms anew: reference and nullspace at their poses, no torque, the same stiffness.
 
         Args:
-            ids: (M,) simulations, None for all.
+            ids: (M,) simulations.
             position: (M, 3) of the end effector in the base frame [m].
             quaternion: (M, 4) of the end effector, w, x, y, z.
             q: (M, n) joint angles [rad].
-
-        The last stiffness that was set is kept.
         """
-        rows = self._rows(ids)
-        self._put_pose(rows, position, quaternion, now=True)
-        self._null_q[rows] = q
-        self.wanted[rows] = self._sent[rows] = self.command[rows] = 0.0
-        self._q[rows] = q
-
-    def set_reference(self, position: ArrayLike, quaternion: ArrayLike) -> None:
-        """Move all references to (N, 3) [m] and (N, 4) w, x, y, z, in the base frame."""
-        self._put_pose(slice(None), position, quaternion, now=False)
+        a = self.arrays
+        a.position_target[ids] = a.position[ids] = position
+        a.quaternion_target[ids] = a.quaternion[ids] = quaternion
+        a.error_matrix[ids] = error_matrix(a.quaternion[ids])
+        a.null_q[ids] = a.q[ids] = q
+        a.wanted[ids] = a.sent[ids] = a.command[ids] = 0.0
 
     def set_stiffness(
-        self,
-        ids: Ids,
-        *,
-        translational: ArrayLike | None = None,
-        rotational: ArrayLike | None = None,
-        nullspace: ArrayLike | None = None,
+        self, ids: Index, translational: ArrayLike, rotational: ArrayLike, nullspace: ArrayLike
     ) -> None:
-        """Change the stiffness of arms while they run; None leaves a part unchanged.
+        """Change the stiffness of arms ``ids`` (M,), and the damping with it.
 
         Args:
-            ids: (M,) simulations, None for all.
-            translational: one number, (M,) or (M, 3) [N/m].
-            rotational: one number, (M,) or (M, 3) [N·m/rad].
-            nullspace: one number, (M,) or (M, n) [N·m/rad].
-
-        Raises:
-            StictionError: negative, not finite or of a wrong shape; nothing has changed then.
+            ids: (M,) simulations.
+            translational: ≥ 0, broadcasts to (M, 3) [N/m].
+            rotational: ≥ 0, broadcasts to (M, 3) [N·m/rad].
+            nullspace: ≥ 0, broadcasts to (M, n) [N·m/rad].
         """
-        rows = self._rows(ids)
-        new, axes = self._stiffness[rows].copy(), np.arange(6)
-        for name, value, k in (
-            ("translational", translational, axes[:3]),
-            ("rotational", rotational, axes[3:]),
-        ):
-            if value is not None:
-                new[:, k, k] = _fill(f"{name} stiffness", value, (len(new), 3))
-        if nullspace is not None:
-            shape = (len(new), self.n)
-            self._null_stiffness[rows] = _fill("nullspace stiffness", nullspace, shape)
-        self._stiffness[rows], self._gain[rows, :, :6] = new, -new
-        self._null_active = bool(self._null_stiffness.any())
+        a, diagonal = self.arrays, np.empty((len(ids), 6))
+        diagonal[:, :3], diagonal[:, 3:] = translational, rotational
+        a.gain[ids, :, :6] = -diagonal[:, :, None] * np.eye(6)
+        a.gain[ids, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
+        a.null_stiffness[ids] = nullspace
         ratio = self.settings.nullspace_damping_ratio
-        self._null_damping[rows] = 2.0 * ratio * np.sqrt(self._null_stiffness[rows])
-        diagonal = np.diagonal(new, axis1=1, axis2=2)
-        self._gain[rows, :, 6:] = -(2.0 * self._ratio * np.sqrt(diagonal))[:, :, None] * np.eye(6)
-
-    def _rows(self, ids: Ids) -> Index:
-        return self._everyone if ids is None else self._everyone[np.asarray(ids)]
-
-    def _put_pose(
-        self, rows: Index | slice, position: ArrayLike, quaternion: ArrayLike, now: bool
-    ) -> None:
-        self._position_target[rows], self._quaternion_target[rows] = position, quaternion
-        if now or self._filter_step == 1.0:
-            self._position[rows], self._quaternion[rows] = position, quaternion
-            write_error_matrix(self._quaternion, self._error_matrix)
-
-    # ---- slow part -----------------------------------------------------------------------------
-
-    def update_model(self, ids: Ids, jacobian: Array, mass: Array) -> None:
-        """Compute Λ and P from the dynamics of the present pose.
-
-        Args:
-            ids: (M,) simulations, None for all.
-            jacobian: (M, 6, n) of the end effector: translation, then rotation, in the base frame.
-            mass: (M, n, n) joint-space inertia M(q), rotors included [kg·m²].
-
-        Raises:
-            StictionError: an entry that is not finite.
-        """
-        rows = self._rows(ids)
-        jac = np.ascontiguousarray(jacobian)
-        mass = np.ascontiguousarray(mass)
-        m, n = len(rows), self.n
-        if jac.shape != (m, 6, n) or mass.shape != (m, n, n):
-            raise StictionError(
-                f"update_model: Jacobian {jac.shape} and mass {mass.shape}: expected "
-                f"({m}, 6, {n}) and ({m}, {n}, {n})"
-            )
-        bad = renew(rows, jac, mass, True, *self.model_arguments[1:])
-        if bad >= 0:
-            finite = np.isfinite(mass[bad]).all() and np.isfinite(jac[bad]).all()
-            what = "mass is singular: expected positive definite"
-            other = "Jacobian or mass: expected finite numbers"
-            raise StictionError(f"row {bad}: {what if finite else other}")
-        self._known[rows] = True
-
-    # ---- fast part -----------------------------------------------------------------------------
-
-    def torque(
-        self,
-        position: Array,
-        quaternion: Array,
-        jacobian: Array,
-        q: Array,
-        dq: Array,
-        dither: Array | None = None,
-    ) -> Array:
-        """One control cycle of all arms: advance the filters, return the command.
-
-        Args:
-            position: (N, 3) measured, base frame [m].
-            quaternion: (N, 4) measured, w, x, y, z.
-            jacobian: (N, 6, n) translation, then rotation, base frame.
-            q: (N, n) joint angles [rad].
-            dq: (N, n) joint speeds [rad/s].
-            dither: (N, n) [N·m].
-
-        Returns:
-            (N, n) commanded torque without gravity, a fresh array [N·m]. It is within the torque
-            limits; without dither behind the saturation it is also within the torque rate.
-
-        Raises:
-            StictionError: a simulation without a model.
-        """
-        arguments = self.arguments
-        self.advance_filter()
-        # compiled code does not check sizes
-        added = np.broadcast_to(0.0 if dither is None else dither, self._q.shape).copy()
-        impedance_cycle(position, quaternion, jacobian, q, dq, added, *arguments)
-        return self.command.copy()
-
-    @property
-    def arguments(self) -> Arguments:
-        """The arguments of `kernels.impedance_cycle` after the dither.
-
-        `torque` is `advance_filter`, then that function with them. They stay the same objects
-        until stiffness or nullspace stiffness are changed.
-
-        Raises:
-            StictionError: a simulation without a model.
-        """
-        if not self._known.all():
-            missing = int(np.argmin(self._known))
-            raise StictionError(f"torque of simulation {missing}: update_model has to be called")
-        return (
-            self.settings.dither_after_saturation,
-            self.settings.torque_rate,
-            self._limit,
-            self._position,
-            self._error_matrix,
-            self._gain,
-            self._null_active,
-            self._null_q,
-            self._null_stiffness,
-            self._null_damping,
-            self.projector,
-            self._state,
-            self._q,
-            self.wanted,
-            self._sent,
-            self.command,
-        )
-
-    @property
-    def model_arguments(self) -> Arguments:
-        """The arguments of `operational.renew` after the inertias.
-
-        Λ and P are renewed while arms follow where a nullspace torque needs them.
-        """
-        low = self.settings.singular_below, self.settings.singular_length
-        return self._null_active, *low, self._singular, self.inertia, self.projector
-
-    @property
-    def filters(self) -> bool:
-        """Whether the reference moves in every cycle."""
-        return self._filter_step < 1.0
-
-    @property
-    def reference_arguments(self) -> Arguments:
-        """The arguments of `kernels.advance_reference`; always the same objects."""
-        return (
-            self._filter_step,
-            self._position_target,
-            self._quaternion_target,
-            self._position,
-            self._quaternion,
-            self._error_matrix,
-        )
-
-    def advance_filter(self) -> None:
-        """Move the reference one cycle towards its target; `torque` does it too."""
-        if self.filters:
-            advance_reference(*self.reference_arguments)
-
-    # ---- state ---------------------------------------------------------------------------------
-
-    @property
-    def flags(self) -> Flags:
-        """Flags of the last cycle and the last `update_model`, fresh arrays."""
-        cut = (self.wanted != self._sent) | (np.abs(self.command) >= self._limit)
-        near = (self._q < self._low) | (self._q > self._high)
-        return Flags(self._singular.copy(), np.any(cut, axis=1), np.any(near, axis=1))
-
-    @property
-    def error(self) -> Array:
-        """(N, 6) error e of the last cycle: translation [m], then rotation [rad]."""
-        return self._state[:, :6].copy()
-
-    @property
-    def reference(self) -> tuple[Array, Array]:
-        """Filtered reference pose: (N, 3) [m] and (N, 4)."""
-        return self._position.copy(), self._quaternion.copy()
-
-    @property
-    def stiffness(self) -> Array:
-        """(N, 6, 6) K [N/m, N/rad, N·m/rad]."""
-        return self._stiffness.copy()
-
-    @property
-    def damping(self) -> Array:
-        """(N, 6, 6) D in use [N·s/m, N·s/rad, N·m·s/rad]."""
-        return -self._gain[:, :, 6:]
+        a.null_damping[ids] = 2.0 * ratio * np.sqrt(a.null_stiffness[ids])
+        a.null_active[ids] = a.null_stiffness[ids].any(axis=1)
 
 
-def _fill(name: str, value: ArrayLike, shape: tuple[int, int]) -> Array:
-    """``value`` as array of ``shape`` (M, k); (M,) is one number per simulation."""
-    array = numbers(name, value)
-    if array.ndim == 1:
-        array = array[:, None]
-    try:
-        return np.array(np.broadcast_to(array, shape))
-    except ValueError:
-        raise StictionError(
-            f"impedance {name} has shape {np.shape(value)}: expected one number, "
-            f"({shape[0]},) or {shape}"
-        ) from None
+@compiled
+def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
+    """Renew Λ and P of arm ``i`` where a nullspace torque needs them, and whether it is singular.
+
+    Arguments and result are those of `operational.renew`.
+    """
+    low = a.singular_below, a.singular_length
+    singular = a.singular[i : i + 1]
+    return renew(jacobian, mass, a.null_active[i], *low, singular, a.inertia[i], a.projector[i])
+
+
+@inlined
+def advance_reference(i: int, a: Impedance) -> None:
+    """Move the reference of arm ``i`` one cycle towards its target."""
+    if a.filter_step < 1.0:
+        for k in range(3):
+            a.position[i, k] += a.filter_step * (a.position_target[i, k] - a.position[i, k])
+        slerp_one(a.quaternion[i], a.quaternion_target[i], a.filter_step, a.quaternion[i])
+    else:
+        for k in range(3):
+            a.position[i, k] = a.position_target[i, k]
+        for k in range(4):
+            a.quaternion[i, k] = a.quaternion_target[i, k]
+    write_one_error_matrix(a.quaternion[i], a.error_matrix[i])
+
+
+@inlined
+def impedance_cycle(
+    i: int,
+    position: Array,
+    quaternion: Array,
+    jacobian: Array,
+    q: Array,
+    dq: Array,
+    added: Array,
+    a: Impedance,
+) -> None:
+    """Write the command of arm ``i``.
+
+    Args:
+        i: the arm.
+        position: (N, 3) measured [m].
+        quaternion: (N, 4) measured.
+        jacobian: (N, 6, n).
+        q: (N, n) [rad].
+        dq: (N, n) [rad/s].
+        added: (N, n) dither and compensation, added to the torque [N·m].
+        a: the controllers.
+    """
+    n = dq.shape[1]
+    state, wanted = a.state, a.wanted
+    pose_error(position[i], quaternion[i], a.position[i], a.error_matrix[i], state[i])
+    for k in range(6):
+        speed = 0.0
+        for j in range(n):
+            speed += jacobian[i, k, j] * dq[i, j]
+        state[i, 6 + k] = speed
+    for j in range(n):
+        a.q[i, j] = q[i, j]
+        wanted[i, j] = 0.0
+    for k in range(6):  # joints side by side in memory
+        wrench = 0.0
+        for m in range(12):
+            wrench += a.gain[i, k, m] * state[i, m]
+        for j in range(n):
+            wanted[i, j] += jacobian[i, k, j] * wrench
+    if a.null_active[i]:  # P (k_n (q_d − q) − d_n q̇)
+        for j in range(n):
+            spring = a.null_stiffness[i, j] * (a.null_q[i, j] - q[i, j])
+            a.null_torque[i, j] = spring - a.null_damping[i, j] * dq[i, j]
+        for j in range(n):
+            total = 0.0
+            for m in range(n):
+                total += a.projector[i, j, m] * a.null_torque[i, m]
+            wanted[i, j] += total
+    for j in range(n):
+        if not a.dither_after:
+            wanted[i, j] += added[i, j]
+        limit, last = a.limit[j], a.sent[i, j]
+        sent = between(wanted[i, j], max(last - a.rate, -limit), min(last + a.rate, limit))
+        a.sent[i, j] = a.command[i, j] = sent
+        if a.dither_after:
+            a.command[i, j] = between(sent + added[i, j], -limit, limit)
+
+
+@compiled
+def read_flags(i: int, a: Impedance, out: Bools) -> None:
+    """Raise flags (3,) of arm ``i``; none is lowered.
+
+    They are: at the last `renew_space` the arm was (nearly) singular, so that Λ is damped; in the
+    last cycle the torque rate or a torque limit cut the command of some joint; some joint was
+    beyond, or within the margin of, its position limit.
+    """
+    if a.singular[i]:
+        out[0] = True
+    for j in range(a.q.shape[1]):
+        if a.wanted[i, j] != a.sent[i, j] or abs(a.command[i, j]) >= a.limit[j]:
+            out[1] = True
+        if a.q[i, j] < a.low[j] or a.q[i, j] > a.high[j]:
+            out[2] = True
+
+
+@inlined
+def pose_error(
+    position: Array, quaternion: Array, reference: Array, error_matrix: Array, error: Array
+) -> None:
+    """Write the error of one arm into the first six of ``error`` [m, rad].
+
+    Arguments are one arm's rows of those of `impedance_cycle` and `Impedance`.
+    """
+    for k in range(3):
+        error[k] = position[k] - reference[k]
+    w = x = y = z = 0.0  # an array would be allocated for every arm
+    for m in range(4):
+        w += error_matrix[0, m] * quaternion[m]
+        x += error_matrix[1, m] * quaternion[m]
+        y += error_matrix[2, m] * quaternion[m]
+        z += error_matrix[3, m] * quaternion[m]
+    # as rotation.rotation_vector
+    length = np.sqrt(x**2 + y**2 + z**2)
+    factor = np.copysign(2.0 * np.arctan2(length, abs(w)) / max(length, _TINY), w)
+    error[3], error[4], error[5] = factor * x, factor * y, factor * z
+
+
+@inlined
+def between(x: float, low: float, high: float) -> float:
+    """Return x within low and high; NaN stays NaN."""
+    if x < low:
+        return low
+    if x > high:
+        return high
+    return x

@@ -9,15 +9,13 @@ of the friction).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.plant import CONTROL_DT, Plant
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 DEAD_STEPS = 5
 """Control steps for which a dead zone is held [-]: a servo's own cycle is longer; assumed."""
 

@@ -8,11 +8,10 @@ could be either, the docstring says which. Formulas: Diebel, *Representing attit
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
-
-Array = NDArray[np.float64]
 
 # a ⊗ b = B(b) a with the entries of b in this order and with these signs
 _RIGHT = np.array([[0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0]])
@@ -39,13 +38,6 @@ def error_matrix(reference: Array) -> Array:
     For a loop in which the reference changes less often than q; see :func:`rotation_error`.
     """
     return np.take(reference, _RIGHT, axis=-1) * _ERROR_SIGN
-
-
-@compiled
-def write_error_matrix(reference: Array, out: Array) -> None:
-    """Write `error_matrix` (N, 4, 4) of references (N, 4)."""
-    for i in range(len(reference)):
-        write_one_error_matrix(reference[i], out[i])
 
 
 @compiled

@@ -13,37 +13,40 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
-from typing import Any, Self, get_type_hints
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stiction_envs.compiled import Arguments
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.sensing_kernels import (
     Measured,
     Sent,
     begin_arm,
     send_block,
-    sense,
     sense_block,
     uniform,
 )
-from stiction_envs.control.sensing_kernels import send as send_kernel
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import read_toml
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Numbers = float | tuple[float, ...]
 """One number for all joints, or one per joint."""
 SPEEDS = ("logged", "difference")
 LONGEST = 0.1
 """Longest delay, jitter or lag that is simulated [s]; assumed."""
+PER_JOINT = (
+    *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
+    *("torque_resolution", "torque_noise", "torque_offset"),
+)
+"""Fields of `Sensing` that may have one number per joint."""
+_MOST = {"missed_cycles": 1.0, "spread": 1.0} | dict.fromkeys(
+    ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
+)
 FINEST = 1e-12
 """Finest resolution other than 0 [rad, N·m]; assumed: rounding errors are not far below."""
 
@@ -85,27 +88,32 @@ class Sensing:
     def __post_init__(self) -> None:
         if self.speed not in SPEEDS:
             raise unknown("speed of sensing", self.speed, SPEEDS)
-        most = {"missed_cycles": 1.0, "spread": 1.0, "speed_cutoff": np.inf}
-        most |= dict.fromkeys(
-            ("measurement_delay", "measurement_jitter", "command_delay", "speed_lag"), LONGEST
-        )
         for field in fields(self):
             if field.name == "speed":
                 continue
-            value = _numbers(field.name, getattr(self, field.name), field.name in _per_joint())
-            high = most.get(field.name, np.inf)
-            good = (value >= 0) & np.isfinite(value) & (value <= high)
+            value = self._checked(field.name)
+            good = (value >= 0) & np.isfinite(value) & (value <= _MOST.get(field.name, np.inf))
             if field.name in ("missed_cycles", "spread"):
                 good &= value < 1
             if field.name.endswith("resolution"):
                 good &= (value == 0) | (value >= FINEST)
             if not good.all():
+                high = _MOST.get(field.name, np.inf)
                 expected = "0" + (f" to {high:g}" if np.isfinite(high) else " or above")
                 raise StictionError(
                     f"sensing {field.name} is {value[~good].flat[0]:g}: expected {expected}"
                 )
             plain = value.tolist()
             object.__setattr__(self, field.name, tuple(plain) if value.ndim else plain)
+
+    def _checked(self, name: str) -> Array:
+        """Return a field as one number, or where it may be per joint also (n,)."""
+        value, per_joint = getattr(self, name), name in PER_JOINT
+        expected = "numbers, one or one per joint" if per_joint else "a number"
+        array = checked_array(value, f"sensing {name}", expected=expected, finite=False)
+        if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
+            raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
+        return array
 
     @classmethod
     def ideal(cls) -> Self:
@@ -130,14 +138,8 @@ class Sensing:
 
     def check(self, n: int) -> None:
         """Raise a StictionError unless every field is one number, or one for each of n joints."""
-        for name in _per_joint():
+        for name in PER_JOINT:
             self.of_joint(name, n)
-
-
-@cache
-def _per_joint() -> tuple[str, ...]:
-    """Return the names of the fields that may have one number per joint."""
-    return tuple(k for k, kind in get_type_hints(Sensing).items() if kind == Numbers)
 
 
 SensingLike = str | Path | Sensing
@@ -200,18 +202,6 @@ def _of_table(table: Mapping[str, object], where: str, n: int) -> Sensing:
     return out
 
 
-def _numbers(name: str, value: object, per_joint: bool) -> Array:
-    """Return one number, or where ``per_joint`` also (n,)."""
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        array = np.array(np.nan)
-    if isinstance(value, bool | str) or array.ndim > per_joint or np.isnan(array).any():
-        expected = "numbers, one or one per joint" if per_joint else "a number"
-        raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
-    return array
-
-
 # ---- N arms --------------------------------------------------------------------------------------
 
 
@@ -267,30 +257,28 @@ class Senses(_Seeded):
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
         noise = s.of_joint("speed_noise", n) if s.speed == "logged" else np.zeros(n)
         self._offset = s.of_joint("torque_offset", n)
-        self.arguments: Arguments = tuple(
-            Measured(
-                speed_by_difference=s.speed == "difference",
-                cycle=cycle,
-                speed_gain=low_pass_gain(s.speed_cutoff, cycle),
-                delay=_steps(s.measurement_delay),
-                jitter=_steps(s.measurement_jitter),
-                # delays slow motion by exactly the lag
-                lag_gain=CONTROL_DT / (CONTROL_DT + lag),
-                angle_noise=s.of_joint("angle_noise", n),
-                angle_resolution=s.of_joint("angle_resolution", n),
-                speed_noise=noise,
-                torque_noise=s.of_joint("torque_noise", n),
-                torque_resolution=s.of_joint("torque_resolution", n),
-                torque_offset=np.zeros((nsim, n)),
-                scale=self._scale,
-                seed=self._seed,
-                past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
-                q=self.q,
-                dq=self.dq,
-                torque=self.torque,
-            )
+        self.arrays = Measured(
+            speed_by_difference=s.speed == "difference",
+            cycle=cycle,
+            speed_gain=low_pass_gain(s.speed_cutoff, cycle),
+            delay=_steps(s.measurement_delay),
+            jitter=_steps(s.measurement_jitter),
+            # delays slow motion by exactly the lag
+            lag_gain=CONTROL_DT / (CONTROL_DT + lag),
+            angle_noise=s.of_joint("angle_noise", n),
+            angle_resolution=s.of_joint("angle_resolution", n),
+            speed_noise=noise,
+            torque_noise=s.of_joint("torque_noise", n),
+            torque_resolution=s.of_joint("torque_resolution", n),
+            torque_offset=np.zeros((nsim, n)),
+            scale=self._scale,
+            seed=self._seed,
+            past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
+            q=self.q,
+            dq=self.dq,
+            torque=self.torque,
         )
-        """The last of `sensing_kernels.sense`; the same objects for good."""
+        """What compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, q: Array, seeds: ArrayLike, torque: Array | None = None) -> None:
         """Let arms ``ids`` have rested for long; averaged, so that only resolution is left.
@@ -303,35 +291,22 @@ class Senses(_Seeded):
         """
         self._seeded(ids, seeds)
         felt = np.zeros_like(q) if torque is None else torque
-        arguments = Measured(*self.arguments)
         for row, i in enumerate(ids):
-            begin_arm(i, q[row], felt[row], self._offset, arguments)
-
-    def read(self, due: bool, step: Index, q: Array, dq: Array, torque: Array) -> None:
-        """Note the true state of all arms at a control step; where ``due``, read the sensors.
-
-        Args:
-            due: whether the controller reads.
-            step: (N,) control steps since each arm began; 0 first.
-            q: (N, n) [rad].
-            dq: (N, n) [rad/s].
-            torque: (N, n) [N·m].
-        """
-        sense(due, step, q, dq, torque, self.arguments)
+            begin_arm(i, q[row], felt[row], self._offset, self.arrays)
 
     def read_block(self, ids: Index, step: Index, q: Array) -> Array:
-        """`read` of arms ``ids`` (M,) in control steps (M, K) of which only the angles are known.
+        """Read the sensors of arms in control steps of which only the angles are known.
 
         Args:
-            ids: arms.
-            step: (M, K) numbers of the control steps, one after the other.
+            ids: (M,) arms.
+            step: (M, K) numbers of the control steps, one after the other; 0 is an arm's first.
             q: (M, K, n) true angles [rad].
 
         Returns:
             (M, K, n) angles that the controller has at these steps [rad].
         """
         seen = np.empty_like(q)
-        sense_block(ids, step, self._hold, CONTROL_DT, q, self.arguments, seen)
+        sense_block(ids, step, self._hold, CONTROL_DT, q, self.arrays, seen)
         return seen
 
 
@@ -343,35 +318,28 @@ class CommandLine(_Seeded):
         super().__init__(sensing, nsim)
         self._hold = hold_steps
         self._held, self.arrived = np.zeros((2, nsim, columns))
-        """(N, C) what acts since the last `send` [N·m]."""
+        """(N, C) what acts since the last command arrived [N·m]."""
         room = self._room(sensing.command_delay)
-        self.arguments: Arguments = tuple(
-            Sent(
-                missed=sensing.missed_cycles,
-                delay=_steps(sensing.command_delay),
-                scale=self._scale,
-                seed=self._seed,
-                held=self._held,
-                past=np.zeros((nsim, room, columns)),
-                arrived=self.arrived,
-            )
+        self.arrays = Sent(
+            missed=sensing.missed_cycles,
+            delay=_steps(sensing.command_delay),
+            scale=self._scale,
+            seed=self._seed,
+            held=self._held,
+            past=np.zeros((nsim, room, columns)),
+            arrived=self.arrived,
         )
-        """The last of `sensing_kernels.send`; the same objects for good."""
+        """What compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
         """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""
         self._seeded(ids, seeds)
         self._held[ids] = self.arrived[ids] = torque
-        Sent(*self.arguments).past[ids] = self._held[ids][:, None]
-
-    def send(self, due: bool, step: Index, command: Array) -> Array:
-        """Send commands (N, C) [N·m] at control steps (N,); return `arrived`."""
-        send_kernel(due, step, command, self.arguments)
-        return self.arrived
+        self.arrays.past[ids] = self._held[ids][:, None]
 
     def send_block(self, ids: Index, step: Index, command: Array) -> None:
         """Replace commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
-        send_block(ids, step, self._hold, command, self.arguments)
+        send_block(ids, step, self._hold, command, self.arrays)
 
 
 def low_pass_gain(cutoff: float, dt: float) -> float:

@@ -12,10 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.arrays import Array, Index
+from stiction_envs.compiled import compiled
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _FIRST = np.uint64(0xBF58476D1CE4E5B9)
 _SECOND = np.uint64(0x94D049BB133111EB)
@@ -36,13 +35,13 @@ class Measured(NamedTuple):
     cycle: float
     """Time between two readings [s]."""
     speed_gain: float
-    """Of the low-pass behind the difference of angles [-]; 1 is none."""
+    """Gain of the low-pass behind the difference of angles [-]; 1 is none."""
     delay: float
     """[control steps]."""
     jitter: float
     """[control steps]."""
     lag_gain: Array
-    """Of the filter of the logged speed per control step [-]; 1 is none."""
+    """Gain per control step of the filter of the logged speed [-]; 1 is none."""
     angle_noise: Array
     angle_resolution: Array
     speed_noise: Array
@@ -185,16 +184,8 @@ def sense_arm(
 
 
 @compiled
-def sense(due: bool, step: Index, q: Array, dq: Array, torque: Array, m: Arguments) -> None:
-    """`sense_arm` of all arms: steps (N,), states (N, n); ``m`` is `Measured` as plain tuple."""
-    measured = Measured(*m)
-    for i in range(len(step)):
-        sense_arm(due, i, step[i], q[i], dq[i], torque[i], measured)
-
-
-@compiled
 def sense_block(
-    ids: Index, step: Index, hold: int, dt: float, q: Array, m: Arguments, seen: Array
+    ids: Index, step: Index, hold: int, dt: float, q: Array, m: Measured, seen: Array
 ) -> None:
     """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
 
@@ -206,26 +197,25 @@ def sense_block(
         hold: control steps between two readings.
         dt: a control step [s].
         q: (M, K, n) angles at these steps [rad].
-        m: `Measured` as plain tuple.
+        m: the senses.
         seen: (M, K, n), written: the angles that the controller has at these steps [rad].
     """
-    measured = Measured(*m)
-    size, n = measured.past.shape[1], q.shape[2]
+    size, n = m.past.shape[1], q.shape[2]
     speed, torque = np.empty(n), np.zeros(n)
     for row in range(len(ids)):
         i = ids[row]
         for k in range(q.shape[1]):
             now = step[row, k]
             for j in range(n):
-                last = measured.past[i, (now - 1) % size, 0, j]
+                last = m.past[i, (now - 1) % size, 0, j]
                 speed[j] = (q[row, k, j] - last) / dt
-            sense_arm(now % hold == 0, i, now, q[row, k], speed, torque, measured)
+            sense_arm(now % hold == 0, i, now, q[row, k], speed, torque, m)
             for j in range(n):
-                seen[row, k, j] = measured.q[i, j]
+                seen[row, k, j] = m.q[i, j]
 
 
 @compiled
-def _send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
+def send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
     """Send a command (C,) of arm ``i``; write what arrives in this control step."""
     size = s.past.shape[1]
     lost = due and s.missed > 0.0 and uniform(s.seed[i], step, MISSED) <= s.missed
@@ -243,20 +233,11 @@ def _send_arm(due: bool, i: int, step: int, command: Array, s: Sent) -> None:
 
 
 @compiled
-def send(due: bool, step: Index, command: Array, s: Arguments) -> None:
-    """Send commands (N, C) [N·m] at control steps (N,), new where ``due``."""
-    sent = Sent(*s)
-    for i in range(len(step)):
-        _send_arm(due, i, step[i], command[i], sent)
-
-
-@compiled
-def send_block(ids: Index, step: Index, hold: int, command: Array, s: Arguments) -> None:
+def send_block(ids: Index, step: Index, hold: int, command: Array, s: Sent) -> None:
     """Send commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K); they become what arrives."""
-    sent = Sent(*s)
     for row in range(len(ids)):
         i = ids[row]
         for k in range(command.shape[1]):
-            _send_arm(step[row, k] % hold == 0, i, step[row, k], command[row, k], sent)
+            send_arm(step[row, k] % hold == 0, i, step[row, k], command[row, k], s)
             for c in range(command.shape[2]):
-                command[row, k, c] = sent.arrived[i, c]
+                command[row, k, c] = s.arrived[i, c]

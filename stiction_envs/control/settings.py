@@ -6,14 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots.tables import Table, read_toml
-
-Array = NDArray[np.float64]
-_POSITIVE = ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length")
-
 
 GTE_DEFAULTS: dict[str, Table] = {
     table: {name: entry["value"] for name, entry in entries.items()}
@@ -21,6 +17,20 @@ GTE_DEFAULTS: dict[str, Table] = {
 }
 """Values of ``gte.toml``, which has their sources, by table and name."""
 _DEFAULT = GTE_DEFAULTS["impedance"]
+_BOUNDS: dict[str, tuple[tuple[int, ...] | None, float, float]] = {
+    "translational_stiffness": ((3,), -np.inf, np.inf),
+    "rotational_stiffness": ((3,), -np.inf, np.inf),
+    "nullspace_stiffness": (None, -np.inf, np.inf),
+    "damping_ratio": ((6,), -np.inf, 1.0),
+    "nullspace_damping_ratio": ((), -np.inf, 1.0),
+    "limit_margin": ((), -np.inf, np.inf),
+    **dict.fromkeys(
+        ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length", "torque_rate"),
+        ((), 0.0, np.inf),
+    ),
+    "pose_filter": ((), 0.0, 1.0),
+}
+"""Shape of each number (None: any), what it is above, and the most that it may be."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,28 +66,19 @@ class ImpedanceSettings:
     """Distance from a joint limit that counts as near [rad]."""
 
     def __post_init__(self) -> None:
-        positive = {"above": 0.0}
-        checks: dict[str, tuple[tuple[int, ...] | None, dict[str, float]]] = {
-            "translational_stiffness": ((3,), {}),
-            "rotational_stiffness": ((3,), {}),
-            "nullspace_stiffness": (None, {}),
-            "damping_ratio": ((6,), {"high": 1.0}),
-            "nullspace_damping_ratio": ((), {"high": 1.0}),
-            "limit_margin": ((), {}),
-            **dict.fromkeys(_POSITIVE, ((), positive)),
-            "pose_filter": ((), {"above": 0.0, "high": 1.0}),
-        }
-        if self.torque_rate != np.inf:
-            checks["torque_rate"] = ((), positive)
-        for name, (shape, bounds) in checks.items():
-            what = name.replace("_", " ")
-            array = numbers(what, getattr(self, name), **bounds)
-            if shape is not None and array.shape not in ((), shape):
-                expected = f"one number or {shape}" if shape else "one number"
-                raise StictionError(
-                    f"impedance {what} has shape {array.shape}: expected {expected}"
-                )
-            array = np.array(np.broadcast_to(array, shape or array.shape))
+        for name, (shape, above, most) in _BOUNDS.items():
+            what, value = f"impedance {name.replace('_', ' ')}", getattr(self, name)
+            array = checked_array(value, what, finite=False)
+            bad = ~((array >= 0.0) & (array > above) & (array <= most))
+            if name != "torque_rate":
+                bad |= ~np.isfinite(array)
+            if bad.any():
+                low = ">= 0" if above < 0 else f"> {above:g}"
+                high = "" if most == np.inf else f" and <= {most:g}"
+                found = np.ravel(array[bad])[0]
+                raise StictionError(f"{what} is {found}: expected finite numbers {low}{high}")
+            if shape is not None:
+                array = checked_array(array, what, shape, fill=bool(shape), finite=False)
             array.flags.writeable = False
             object.__setattr__(self, name, float(array) if shape == () else array)
 
@@ -89,22 +90,3 @@ class ImpedanceSettings:
         """
         p = self.pose_filter
         return 1.0 if p == 1.0 else 1.0 / (1.0 - self.rate_hz / np.log1p(-p))
-
-
-def numbers(name: str, value: object, *, above: float = -np.inf, high: float = np.inf) -> Array:
-    """Own array of finite numbers in [0, ``high``] and greater than ``above``.
-
-    Raises:
-        StictionError: it is not; the message says what ``name`` is and what was expected.
-    """
-    try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise StictionError(f"impedance {name} is {value!r}: expected finite numbers") from None
-    good = np.isfinite(array) & (array >= 0.0) & (array > above) & (array <= high)
-    if not good.all():
-        bounds = [f"> {above:g}" if above > -np.inf else ">= 0"]
-        bounds += [f"<= {high:g}"] if high < np.inf else []
-        expected = " and ".join(["finite", *bounds])
-        raise StictionError(f"impedance {name} is {np.ravel(array[~good])[0]}: expected {expected}")
-    return array

@@ -9,15 +9,16 @@ as in the thesis (3.2). Everything works on blocks of K control steps of 1 ms fo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.control.kernels import pass_torques
+from stiction_envs.arrays import Array, Index
+from stiction_envs.compiled import compiled, inlined
+from stiction_envs.control.impedance import between
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (sources.md 1.8)
 
 
@@ -74,40 +75,56 @@ class TorqueInterface:
         dt = 1.0 / CONTROL_RATE_HZ
         return dt / (dt + 1.0 / (2 * np.pi * self.lowpass_hz))
 
-    def tick(self, step: NDArray[np.int64]) -> NDArray[np.int64]:
+    def tick(self, step: Index) -> Index:
         """Return the control step at which the command held at ``step`` was computed."""
         hold = self.hold_steps
         return (step // hold) * hold
 
 
+class Path(NamedTuple):
+    """State of the path of N simulations of n joints."""
+
+    step: Array
+    """(N, n) largest change per control step [N·m]."""
+    gain: float
+    """Gain of the low-pass; 1 is off [-]."""
+    limit: Array
+    """(N, n) [N·m]."""
+    limited: Array
+    """(N, n) torque behind the rate limit, changed [N·m]."""
+    filtered: Array
+    """(N, n) torque behind the low-pass, changed [N·m]."""
+
+
 class TorquePath:
-    """State of the path for N simulations of n joints."""
+    """The path for N simulations of n joints."""
 
     def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
         self.interface = interface
-        self._limited = np.zeros((nsim, n))
-        self._filtered = np.zeros((nsim, n))
-        self._rate = np.full((nsim, n), np.inf)
-        self._step = self._rate / CONTROL_RATE_HZ
-        self._limit = np.full((nsim, n), np.inf)
+        self.arrays = Path(
+            step=np.full((nsim, n), np.inf),
+            gain=interface.lowpass_gain,
+            limit=np.full((nsim, n), np.inf),
+            limited=np.zeros((nsim, n)),
+            filtered=np.zeros((nsim, n)),
+        )
+        """What `pass_torque` works on; always the same objects."""
         if n == len(interface.torque_limit):
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 
-    def set_limits(self, ids: NDArray[np.int64], torque_rate: Array, torque_limit: Array) -> None:
+    def set_limits(self, ids: Index, torque_rate: Array, torque_limit: Array) -> None:
         """Set the limits of simulations ``ids``: (n,) or (M, n), N·m/s and N·m.
 
         For arms whose columns are not always the same joints.
         """
-        self._rate[ids] = torque_rate
-        self._step = self._rate / CONTROL_RATE_HZ
-        self._limit[ids] = torque_limit
+        self.arrays.step[ids] = torque_rate / CONTROL_RATE_HZ
+        self.arrays.limit[ids] = torque_limit
 
-    def reset(self, ids: NDArray[np.int64], torque: Array | float = 0.0) -> None:
+    def reset(self, ids: Index, torque: Array | float = 0.0) -> None:
         """Start simulations ``ids`` as if ``torque`` (M, n) [N·m] had been held for long."""
-        self._limited[ids] = torque
-        self._filtered[ids] = torque
+        self.arrays.limited[ids] = self.arrays.filtered[ids] = torque
 
-    def run(self, command: Array, ids: NDArray[np.int64]) -> Array:
+    def run(self, command: Array, ids: Index) -> Array:
         """Pass a block of commands.
 
         Args:
@@ -118,14 +135,34 @@ class TorquePath:
             (M, K, n) torque that reaches the joints [N·m].
         """
         out = np.empty_like(command)
-        limited, filtered = self._limited[ids], self._filtered[ids]
-        gain = self.interface.lowpass_gain
-        pass_torques(command, self._step[ids], gain, self._limit[ids], limited, filtered, out)
-        self._limited[ids], self._filtered[ids] = limited, filtered
+        _pass_block(ids, command, self.arrays, out)
         return out
 
-    @property
-    def arguments(self) -> tuple[Array, float, Array, Array, Array]:
-        """All of `kernels.pass_torque` between the command and the result, until `set_limits`."""
-        gain = self.interface.lowpass_gain
-        return self._step, gain, self._limit, self._limited, self._filtered
+
+@inlined
+def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
+    """Write the torque of simulation ``i`` behind the path of its command, both (N, n) [N·m]."""
+    for j in range(out.shape[1]):
+        out[i, j] = _pass_one(i, j, command[i, j], path)
+
+
+@inlined
+def _pass_one(i: int, j: int, u: float, path: Path) -> float:
+    """Return the torque of one joint behind the path of a command u [N·m]."""
+    step, limit = path.step[i, j], path.limit[i, j]
+    # exactly the command wherever the rate allows it
+    if not abs(u - path.limited[i, j]) <= 0.999 * step:
+        u = between(u, path.limited[i, j] - step, path.limited[i, j] + step)
+    path.limited[i, j] = u
+    # added up as by scipy.signal.lfilter, bit for bit
+    y = path.filtered[i, j] * (1.0 - path.gain) + u * path.gain if path.gain < 1.0 else u
+    path.filtered[i, j] = y
+    return between(y, -limit, limit)
+
+
+@compiled
+def _pass_block(ids: Index, command: Array, path: Path, out: Array) -> None:
+    for row in range(len(ids)):
+        for k in range(command.shape[1]):
+            for j in range(command.shape[2]):
+                out[row, k, j] = _pass_one(ids[row], j, command[row, k, j], path)

@@ -16,17 +16,15 @@ from typing import Annotated, get_type_hints
 
 import msgspec
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from stiction_envs.compiled import Arguments
-from stiction_envs.control.rotation import from_rpy, multiply, rotation_error
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.control.rotation import from_rpy, multiply
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.control.trapezoid import (
-    Index,
-    Profile,
+    Goals,
+    Movement,
     Reference,
-    Trapezoid,
-    accept,
     plan,
     sample,
 )
@@ -34,7 +32,6 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
 from stiction_envs.method_settings import Positive
 
-Array = NDArray[np.float64]
 POSITION = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")
 QUATERNION = ("qw", "qx", "qy", "qz")
@@ -80,100 +77,27 @@ class MotionLimits:
                 raise StictionError(f"motion {name} is {value!r}: {problem}") from None
 
 
-class Segment:
-    """One straight movement of each of N arms, from rest to rest.
-
-    Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
-    distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
-    orientation turns about one axis along the shorter arc. A stretched movement runs the same
-    profile more slowly, so it keeps the limits too.
-    """
-
-    def __init__(self, nsim: int, limits: MotionLimits) -> None:
-        """Make N movements at rest at the origin; `start` gives them a goal."""
-        self.limits = limits
-        rates = np.array(
-            [
-                [limits.translational_acceleration, limits.rotational_acceleration],
-                [limits.translational_deceleration, limits.rotational_deceleration],
-                [limits.translational_speed, limits.rotational_speed],
-            ],
-            dtype=float,
-        )
-        self._profile: Profile = (*rates, bool(limits.synchronised))
-        place, turn = np.zeros((2, nsim, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (2, nsim, 1))
-        self._duration, self._pace = np.zeros(nsim), np.ones(nsim)
-        self._trapezoid: Trapezoid = (
-            *(place[0], turn[0], place[1], turn[1]),
-            *(*np.zeros((4, nsim, 2)), np.ones((nsim, 2))),
-            *(np.zeros((nsim, 3)), self._pace, self._duration),
-        )
-
-    @property
-    def duration(self) -> Array:
-        """(N,) time from start to rest [s]."""
-        return self._duration.copy()
-
-    def slow_down(self, ids: Index, pace: ArrayLike) -> None:
-        """Stretch later movements of arms ``ids`` by 1/pace in time.
-
-        Args:
-            ids: (M,) simulations.
-            pace: one number or (M,), over 0 to 1 [-].
-        """
-        self._pace[ids] = pace
-
-    def start(
-        self,
-        position: ArrayLike,
-        quaternion: ArrayLike,
-        goal_position: ArrayLike,
-        goal_quaternion: ArrayLike,
-        ids: Index | None = None,
-    ) -> None:
-        """Give arms a new movement.
-
-        Args:
-            position: (M, 3) start [m].
-            quaternion: (M, 4) w, x, y, z.
-            goal_position: (M, 3) [m].
-            goal_quaternion: (M, 4); or its negative, which is the same orientation.
-            ids: (M,) simulations, None for all.
-        """
-        rows = np.arange(len(self._duration)) if ids is None else np.asarray(ids)
-        m = len(rows)
-        plan(
-            rows,
-            _sized(position, m, 3),
-            _sized(quaternion, m, 4),
-            _sized(goal_position, m, 3),
-            _sized(goal_quaternion, m, 4),
-            self._profile,
-            self._trapezoid,
-        )
-
-    def twist(self, t: ArrayLike) -> Array:
-        """Return the velocity at times t, as `sample`: (N, 6) linear [m/s], angular [rad/s]."""
-        _, _, velocity, speed = self.sample(t)
-        turn = rotation_error(self._trapezoid[3], self._trapezoid[1])
-        angle = np.sqrt(np.einsum("ni,ni->n", turn, turn))
-        axis = turn / np.maximum(angle, np.finfo(float).tiny)[:, None]
-        return np.concatenate([velocity, speed[:, None] * axis], axis=1)
-
-    def sample(self, t: ArrayLike) -> Reference:
-        """Return the reference at times t (N,) or one number [s] after the starts.
-
-        Before 0 it rests exactly at the start, from `duration` on exactly at the goal. The sign of
-        a quaternion continues from the start's.
-        """
-        out: Reference = sample(_sized(t, len(self._duration)), self._profile, self._trapezoid)
-        return out
-
-
-def _sized(values: ArrayLike, *shape: int) -> Array:
-    """Return values of a shape; compiled code does not check sizes."""
-    array = np.ascontiguousarray(values, dtype=float)
-    return array if array.shape == shape else np.broadcast_to(array, shape).copy()
+def new_movements(nsim: int, s: MotionLimits) -> Movement:
+    """Return the movements of N arms within limits, at rest at the origin until `plan`."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
+    return Movement(
+        acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
+        deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
+        speed=np.array([s.translational_speed, s.rotational_speed], float),
+        synchronised=bool(s.synchronised),
+        start=np.zeros((nsim, 3)),
+        start_q=still.copy(),
+        goal=np.zeros((nsim, 3)),
+        goal_q=still,
+        distance=np.zeros((nsim, 2)),
+        rise=np.zeros((nsim, 2)),
+        flat=np.zeros((nsim, 2)),
+        fall=np.zeros((nsim, 2)),
+        pace=np.ones((nsim, 2)),
+        direction=np.zeros((nsim, 3)),
+        asked=np.ones(nsim),
+        duration=np.zeros(nsim),
+    )
 
 
 class GoalSequencer:
@@ -186,135 +110,97 @@ class GoalSequencer:
 
     def __init__(self, nsim: int, limits: MotionLimits, capacity: int) -> None:
         """Make N sequencers of at most ``capacity`` goals each; all are finished until `start`."""
-        if nsim < 1 or capacity < 1:
-            raise StictionError(f"goals of {nsim} arms, {capacity} each: expected 1 or more")
-        self.limits, self.segment = limits, Segment(nsim, limits)
-        self._goal, self._goal_q = np.zeros((nsim, capacity, 3)), np.zeros((nsim, capacity, 4))
-        self._goal_q[..., 0] = 1.0
-        self._count, self._index = np.zeros((2, nsim), dtype=np.int64)
-        self._accepted, self._reached = np.full((2, nsim, capacity), np.nan)
-        self._begun = np.zeros(nsim)
-        self._due = np.full(nsim, np.inf)
+        turns = np.zeros((nsim, capacity, 4))
+        turns[..., 0] = 1.0
+        self.movement = new_movements(nsim, limits)
+        self.arrays = Goals(
+            near_position=float(limits.position_tolerance),
+            near_rotation=float(limits.rotation_tolerance),
+            patience=float(limits.patience),
+            goal=np.zeros((nsim, capacity, 3)),
+            goal_q=turns,
+            total=np.zeros(nsim, dtype=np.int64),
+            current=np.zeros(nsim, dtype=np.int64),
+            accepted=np.full((nsim, capacity), np.nan),
+            reached=np.full((nsim, capacity), np.nan),
+            begun=np.zeros(nsim),
+            due=np.full(nsim, np.inf),
+        )
+        """What compiled functions read and write; always the same objects."""
 
     def start(
         self,
-        ids: Index | None,
+        i: int,
         goal_position: Array,
         goal_quaternion: Array,
         position: Array,
         quaternion: Array,
-        t: ArrayLike = 0.0,
-        pace: ArrayLike = 1.0,
+        pace: float = 1.0,
     ) -> None:
-        """Give arms their goals and accept the first of them.
+        """Give arm ``i`` its goals, and accept the first of them at time 0.
 
         Args:
-            ids: (M,) simulations, None for all.
-            goal_position: (M, G, 3), G ≤ capacity, base frame [m].
-            goal_quaternion: (M, G, 4).
-            position: (M, 3) measured [m].
-            quaternion: (M, 4) measured.
-            t: now, one number or (M,) [s].
-            pace: of the movements, one number or (M,), over 0 to 1 [-].
-
-        Raises:
-            StictionError: no goal, or more than the capacity.
+            i: the arm.
+            goal_position: (G, 3), G ≤ capacity, base frame [m].
+            goal_quaternion: (G, 4).
+            position: (3,) measured [m].
+            quaternion: (4,) measured.
+            pace: of the movements, over 0 to 1: they take 1/pace of the time [-].
         """
-        rows = np.arange(len(self._count)) if ids is None else np.asarray(ids)
-        count, capacity = goal_position.shape[1], self._goal.shape[1]
-        if not 1 <= count <= capacity:
-            raise StictionError(f"path of {count} goals: expected 1 to {capacity}")
-        self._goal[rows, :count], self._goal_q[rows, :count] = goal_position, goal_quaternion
-        self._count[rows], self._index[rows] = count, 0
-        self._accepted[rows] = self._reached[rows] = np.nan
-        self.segment.slow_down(rows, pace)
-        first, first_q = self._goal[rows, 0], self._goal_q[rows, 0]
-        self.segment.start(position, quaternion, first, first_q, rows)
-        self._accepted[rows, 0] = self._begun[rows] = t
-        self._due[rows] = np.asarray(t, float) + self.segment._duration[rows]
+        a, count = self.arrays, len(goal_position)
+        a.goal[i, :count], a.goal_q[i, :count] = goal_position, goal_quaternion
+        a.total[i], a.current[i] = count, 0
+        a.accepted[i] = a.reached[i] = np.nan
+        self.movement.asked[i] = pace
+        plan(i, position, quaternion, a.goal[i, 0], a.goal_q[i, 0], self.movement)
+        a.accepted[i, 0] = a.begun[i] = 0.0
+        a.due[i] = self.movement.duration[i]
 
-    def accept(self, position: Array, quaternion: Array, t: ArrayLike) -> NDArray[np.bool_]:
-        """Start the arms that have reached their goal towards the next.
-
-        Args:
-            position: (N, 3) measured, base frame [m].
-            quaternion: (N, 4) measured.
-            t: now, one number or (N,) [s].
-
-        Returns:
-            (N,) arms that accepted a new goal in this call.
-        """
-        nsim = len(self._due)
-        if position.shape != (nsim, 3) or quaternion.shape != (nsim, 4):
-            raise StictionError(
-                f"accept: poses of shape {position.shape} and {quaternion.shape}: expected "
-                f"({nsim}, 3) and ({nsim}, 4)"
-            )
-        accepted = np.zeros(nsim, dtype=bool)
-        tolerances, goals, times, profile, trapezoid = self.arguments
-        now = _sized(t, nsim)
-        accept(position, quaternion, now, tolerances, goals, times, profile, trapezoid, accepted)
-        return accepted
-
-    @property
-    def arguments(self) -> Arguments:
-        """The arguments of `trapezoid.accept` between the time and its result: tolerances, goals,
-        times, profile, trapezoid; always the same objects."""
-        limits = self.limits
-        return (
-            (limits.position_tolerance, limits.rotation_tolerance, limits.patience),
-            (self._goal, self._goal_q, self._count, self._index),
-            (self._accepted, self._reached, self._begun, self._due),
-            self.segment._profile,
-            self.segment._trapezoid,
-        )
-
-    def reference(self, t: ArrayLike) -> Reference:
-        """Return the reference of all arms at time t, one number or (N,) [s]."""
-        return self.segment.sample(np.asarray(t, dtype=float) - self._begun)
-
-    def twist(self, t: ArrayLike) -> Array:
-        """Return the reference's velocity at t, (N, 6) linear [m/s] and angular [rad/s]."""
-        return self.segment.twist(np.asarray(t, dtype=float) - self._begun)
+    def reference(self, t: Array) -> Reference:
+        """Return the reference of all arms at times t (N,) [s]."""
+        out: Reference = sample(t - self.arrays.begun, self.movement)
+        return out
 
     @property
     def index(self) -> Index:
         """(N,) goal an arm is moving to, from 0; the number of its goals when finished."""
-        return self._index.copy()
+        return self.arrays.current.copy()
 
     @property
-    def finished(self) -> NDArray[np.bool_]:
+    def finished(self) -> Bools:
         """(N,) arms that have reached their last goal, or have none."""
-        return self._index == self._count
+        return self.arrays.current == self.arrays.total
 
     @property
     def goal(self) -> tuple[Array, Array]:
         """Pose (N, 3) [m], (N, 4) an arm is moving to, or rests at."""
-        at = np.maximum(np.minimum(self._index, self._count - 1), 0)
+        at = np.maximum(np.minimum(self.arrays.current, self.arrays.total - 1), 0)
         rows = np.arange(len(at))
-        return self._goal[rows, at], self._goal_q[rows, at]
+        return self.arrays.goal[rows, at], self.arrays.goal_q[rows, at]
 
     @property
     def onward(self) -> Array:
         """(N, 3) from the goal an arm is moving to, to the next goal; 0 at the last [m]."""
-        rows, last = np.arange(len(self._count)), np.maximum(self._count - 1, 0)
-        here, there = (self._goal[rows, np.minimum(self._index + k, last)] for k in (0, 1))
+        rows, last = np.arange(len(self.arrays.total)), np.maximum(self.arrays.total - 1, 0)
+        here, there = (
+            self.arrays.goal[rows, np.minimum(self.arrays.current + k, last)] for k in (0, 1)
+        )
         return there - here
 
     @property
     def goals_left(self) -> Index:
         """(N,) goals that are not reached yet, including the one an arm is moving to."""
-        return self._count - self._index
+        return self.arrays.total - self.arrays.current
 
     @property
     def accepted_at(self) -> Array:
         """(N, capacity) times at which goals were accepted [s], NaN where not yet."""
-        return self._accepted.copy()
+        return self.arrays.accepted.copy()
 
     @property
     def reached_at(self) -> Array:
         """(N, capacity) times at which goals were found reached [s], NaN where not yet."""
-        return self._reached.copy()
+        return self.arrays.reached.copy()
 
 
 @dataclass(frozen=True, eq=False)

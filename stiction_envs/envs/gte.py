@@ -137,8 +137,8 @@ class GTEEnv(ArmEnv):
       0.01 each.
     * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.
     [arguments of the episodes]
-    * `render_mode`: `human`, `rgb_array` (scene with the path, its goals and the reference, errors
-      and dither; 450 × 800 × 3) or `depth_array` (the scene only, metres, 450 × 460).
+    * `render_mode`: `human` or `rgb_array` (scene with the path, its goals and the reference,
+      errors and dither; 450 × 800 × 3).
 
     ## Version history
     * v0: first version.

@@ -86,8 +86,7 @@ class SJEEnv(ArmEnv):
       best frequency is inside the bounds on all joints of the Panda and the iiwa 7.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.
     [arguments of the episodes]
-    * `render_mode`: `human`, `rgb_array` (scene, torque and displacement; 450 × 800 × 3) or
-      `depth_array` (the scene only, metres, 450 × 460).
+    * `render_mode`: `human` or `rgb_array` (scene, torque and displacement; 450 × 800 × 3).
 
     ## Version history
     * v0: first version.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 
@@ -146,44 +146,33 @@ class Report(Result):
         return f"<conformance Report: {n} of {len(self.joints)} joints stick>"
 
     def __str__(self) -> str:
-        answer = self.to_json()
-        return describe(answer)
-
-
-def describe(answer: Mapping[str, Any]) -> str:
-    """Return the values of `Report.to_json` as a readable table."""
-    rows, s = answer["rows"], answer["settings"]
-    if answer.get("refused"):
-        return f"{answer['engine']} refused: {answer['refused']}"
-    ramps = [k for k in rows[0] if k.startswith(_BREAKAWAY)]
-    head = ["joint", "F_s N·m", "deflect. mrad", "LuGre mrad", "motion rad", "creep rad/s", "go s"]
-    head += [f"at {k.removeprefix(_BREAKAWAY).removesuffix('_nm_s')} N·m/s" for k in ramps]
-    body = [
-        [
-            row["joint"],
-            f"{row['stiction_nm']:.4f}",
-            f"{1e3 * row['deflection_rad']:.3f}",
-            "-" if np.isnan(row["presliding_rad"]) else f"{1e3 * row['presliding_rad']:.3f}",
-            f"{row['motion_rad']:.1e}",
-            f"{row['creep_rad_s']:.1e}",
-            f"{row['go_time_s']:.2f}" if row["goes"] else "stuck",
-            *("stuck" if np.isnan(row[k]) else f"{row[k]:.4f}" for k in ramps),
-            "yes" if row["holds"] and row["goes"] else "NO",
+        if self.refused:
+            return f"{self.engine} refused: {self.refused}"
+        s = self.settings
+        head = ["joint", "F_s N·m", "deflect. mrad", "LuGre mrad", "motion rad", "creep rad/s"]
+        head += ["go s", *(f"at {rate:g} N·m/s" for rate in self.rates), "sticks"]
+        body = [
+            [
+                j.name,
+                f"{j.stiction:.4f}",
+                f"{1e3 * j.deflection:.3f}",
+                "-" if np.isnan(j.presliding) else f"{1e3 * j.presliding:.3f}",
+                f"{j.still:.1e}",
+                f"{j.creep:.1e}",
+                f"{j.go_time:.2f}" if j.goes else "stuck",
+                *("stuck" if np.isnan(x) else f"{x:.4f}" for x in j.breakaway),
+                "yes" if j.passed else "NO",
+            ]
+            for j in self.joints
         ]
-        for row in rows
-    ]
-    table = [[*head, "sticks"], *body]
-    width = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
-    lines = ["  ".join(c.rjust(w) for c, w in zip(row, width, strict=True)) for row in table]
-    n = sum(row["holds"] and row["goes"] for row in rows)
-    inside = f" in {answer['engine']}" if "engine" in answer else ""
-    return "\n".join(
-        [
-            *lines,
-            f"{n} of {len(rows)} joints stick{inside}: under {s['under']:.0%} of F_s they move "
-            f"less than {s['still']:g} rad in the last {s['watched_time']:g} s of "
-            f"{s['hold_time']:g} s, under {s['over']:.0%} more than {s['gone']:g} rad in "
-            f"{s['go_time']:g} s.",
-            *["Columns with a ramp rate: dry friction torque at breakaway [N·m]."][: len(ramps)],
-        ]
-    )
+        n = sum(j.passed for j in self.joints)
+        inside = f" in {self.engine}" if self.engine else ""
+        text = [aligned(head, body)]
+        text.append(
+            f"{n} of {len(self.joints)} joints stick{inside}: under {s.under:.0%} of F_s they move "
+            f"less than {s.still:g} rad in the last {s.watched_time:g} s of {s.hold_time:g} s, "
+            f"under {s.over:.0%} more than {s.gone:g} rad in {s.go_time:g} s."
+        )
+        if self.rates:
+            text.append("Columns with a ramp rate: dry friction torque at breakaway [N·m].")
+        return "\n".join(text)

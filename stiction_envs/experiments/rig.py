@@ -146,13 +146,10 @@ class Rig:
         waveform: ArrayLike = DEFAULT_WAVEFORM,
         offset: ArrayLike = 0.0,
         gate_velocity: ArrayLike = np.inf,
-        phase: ArrayLike = 0.0,
-        drawn: ArrayLike = True,
     ) -> None:
-        """Set the dither of arms ``ids``; arguments broadcast to (M, columns).
+        """Set the dither of arms ``ids``, its phase that of the iteration.
 
-        Where ``drawn``, the phase drawn for the iteration is added to ``phase``; the others are as
-        in `dither.Dither`.
+        Arguments broadcast to (M, columns), and are as in `dither.Dither`.
         """
         new = Dither(
             amplitude=np.broadcast_to(amplitude, (len(ids), self.columns)),
@@ -160,7 +157,7 @@ class Rig:
             waveform=waveform,
             offset=offset,
             gate_velocity=gate_velocity,
-            phase=np.asarray(phase) + np.where(drawn, self._drawn_phase(ids), 0.0),
+            phase=self._drawn_phase(ids),
             seed=self.dither_seed[ids],
         )
         self.dither = self.dither.set_rows(ids, new)
@@ -189,15 +186,12 @@ def _in_turn(tasks: Sequence[Callable[[], None]]) -> None:
         task()
 
 
-def dither_arrays(
-    rows: Sequence[AmplitudeRow], n: int, gate_velocity: float = np.inf
-) -> dict[str, NDArray[np.generic]]:
+def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.generic]]:
     """Return (n,) arguments of `Rig.set_dither` for rows of some joints; the others have none.
 
     Args:
         rows: at most one of a joint.
         n: joints of the arm.
-        gate_velocity: where a row has none [rad/s].
 
     Raises:
         StictionError: a joint the arm lacks.
@@ -206,15 +200,14 @@ def dither_arrays(
         "amplitude": np.zeros(n),
         "frequency": np.ones(n),
         "offset": np.zeros(n),
-        "gate_velocity": np.full(n, gate_velocity),
+        "gate_velocity": np.full(n, np.inf),
         "waveform": np.full(n, DEFAULT_WAVEFORM, dtype=object),
     }
     for row in rows:
         j = joint_number(row.joint, n)
         out["amplitude"][j], out["offset"][j] = row.amplitude_nm, row.offset_nm
         out["waveform"][j] = row.waveform
-        if row.gate_rad_s > 0:
-            out["gate_velocity"][j] = row.gate_velocity
+        out["gate_velocity"][j] = row.gate_velocity
         if row.amplitude_nm > 0:
             out["frequency"][j] = row.frequency_hz
     return out

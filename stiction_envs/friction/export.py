@@ -6,7 +6,6 @@ sources, ``CHANGELOG.md``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from stiction_envs.friction.sticking import (
     sticking_model,
 )
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.markdown import table_text
+from stiction_envs.reporting.markdown import aligned, table_text
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import render
@@ -32,6 +31,7 @@ from stiction_envs.robots.stated import COULOMB, STICTION
 from stiction_envs.robots.tables import read_toml
 from stiction_envs.version import __version__
 
+JOINTS = ("joint", "stiction [N·m]", "Coulomb [N·m]", "gear")
 TEMPLATES = Path(__file__).with_name("templates")
 SOURCES = ("model.toml", "friction.toml")
 """Files that hold the friction of an earlier run; the first that exists is used."""
@@ -90,18 +90,7 @@ class ExportedModel(Result):
             "version": __version__,
             "kind": self.kind,
             "motor": self.motor if self.kind == "dcmotor" else "",
-            "joints": table_text(
-                ["joint", "stiction [N·m]", "Coulomb [N·m]", "gear"],
-                [
-                    [
-                        r["name"],
-                        f"{r['stiction_nm']:.4f}",
-                        f"{r['coulomb_nm']:.4f}",
-                        "elastic" if r["elastic"] else "rigid",
-                    ]
-                    for r in rows
-                ],
-            ),
+            "joints": table_text(JOINTS, self._cells()),
             "elastic": any(r["elastic"] for r in rows),
             "model": f"`{arm.name}` of stiction-envs" if files else f"a user's file, `{arm.name}`",
             "arm_sources": [f"{key}: {value}" for key, value in sources.items()],
@@ -113,7 +102,19 @@ class ExportedModel(Result):
         return f"<ExportedModel of {self.sticking.arm.name}, {self.sticking.n} joints>"
 
     def __str__(self) -> str:
-        return describe(self.to_json()["joints"])
+        return aligned(JOINTS, self._cells())
+
+    def _cells(self) -> list[list[str]]:
+        """Return a row of `JOINTS` per joint."""
+        return [
+            [
+                r["name"],
+                f"{r['stiction_nm']:.4f}",
+                f"{r['coulomb_nm']:.4f}",
+                "elastic" if r["elastic"] else "rigid",
+            ]
+            for r in self.to_json()["joints"]
+        ]
 
 
 def _origin_name(origin: Path | FrictionParameters) -> str:
@@ -175,12 +176,3 @@ def friction_in(folder: Path) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise StictionError(f"{folder}: holds neither {' nor '.join(SOURCES)}")
-
-
-def describe(joints: Sequence[Mapping[str, Any]]) -> str:
-    """Return a text table, one line per joint."""
-    lines = [f"{'joint':<24}{'stiction [N·m]':>16}{'Coulomb [N·m]':>16}"]
-    for j in joints:
-        kind = "  with elastic gear" if j["elastic"] else ""
-        lines.append(f"{j['name']:<24}{j['stiction_nm']:>16.4f}{j['coulomb_nm']:>16.4f}{kind}")
-    return "\n".join(lines)

@@ -104,12 +104,14 @@ class StickingModel:
             StictionError: a bristle that would chatter with these parameters.
         """
         inertia = self.friction_inertia + (parameters.rotor_inertia - self.parameters.rotor_inertia)
-        stiffness = parameters.bristle_stiffness
-        damping = bristle_damping(
-            stiffness, parameters.bristle_damping_ratio, inertia, self.timestep
-        )
-        check_stability(damping, inertia, self.timestep)
-        return damping
+        return _stable_damping(parameters, inertia, self.timestep)
+
+
+def _stable_damping(parameters: FrictionParameters, inertia: Array, timestep: float) -> Array:
+    ratio = parameters.bristle_damping_ratio
+    damping = bristle_damping(parameters.bristle_stiffness, ratio, inertia, timestep)
+    check_stability(damping, inertia, timestep)
+    return damping
 
 
 def _bearing_loaded(arm: Arm) -> Bools:
@@ -144,11 +146,7 @@ def build(
     inertia = parameters.rotor_inertia + np.where(
         elastic, 0.0, link_inertia(arm, arm.rest[None])[0]
     )
-    damping = bristle_damping(
-        parameters.bristle_stiffness, parameters.bristle_damping_ratio, inertia, timestep
-    )
-    check_stability(damping, inertia, timestep)
-
+    damping = _stable_damping(parameters, inertia, timestep)
     root = sticking_tree(arm, parameters, damping, timestep)
     actuators = root.find("actuator")
     assert actuators is not None

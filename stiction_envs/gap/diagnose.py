@@ -13,6 +13,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Unpack
 
+from threadpoolctl import threadpool_limits
+
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
@@ -29,7 +31,6 @@ from stiction_envs.gap.servo_logs import (
     servo_nominal,
     servo_of,
 )
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.from_files import read_tables
 from stiction_envs.gap.validation.check import check_model, refuse_unfit
@@ -39,8 +40,6 @@ from stiction_envs.measured.logs.joint_names import Naming, naming_of
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log, torque_side
-from stiction_envs.measured.settings import MotionThresholds
-from stiction_envs.method_settings import override
 from stiction_envs.robots import ARMS, Arm, load_arm
 
 BEHIND = (
@@ -102,14 +101,13 @@ def diagnose(
         progress=progress,
     )
     asked.refuse_unfit(kind)
-    own = override(gap_settings(), more["settings"])
     arm, judged = _robot(asked, kind)
     if kind == TABLES:
-        return _diagnose_tables(asked, arm, judged, own)
+        return _diagnose_tables(asked, arm, judged)
     naming = naming_of(arm, more)
     if kind == SERVO_LOGS:
-        return _diagnose_servo_logs(asked, arm, judged, naming, own)
-    return _diagnose_joint_logs(asked, arm, judged, naming, own)
+        return _diagnose_servo_logs(asked, arm, judged, naming)
+    return _diagnose_joint_logs(asked, arm, judged, naming)
 
 
 def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
@@ -127,10 +125,8 @@ def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
     return nominal_of(options.robot, nominal, payload=payload, tilt=tilt, chain=chain)
 
 
-def _diagnose_tables(
-    options: Options, arm: Arm, judged: Nominal, settings: GapSettings
-) -> DiagnosisResult:
-    identity = options.identify(arm, "motor", settings)
+def _diagnose_tables(options: Options, arm: Arm, judged: Nominal) -> DiagnosisResult:
+    identity = options.identify(arm, "motor")
     if judged.friction is None:
         raise StictionError(
             f"nominal {identity['nominal_name']}: joints of an arm without friction do not break "
@@ -150,7 +146,7 @@ def _diagnose_tables(
 
 
 def _diagnose_servo_logs(
-    options: Options, arm: Arm, judged: Nominal, naming: Naming, settings: GapSettings
+    options: Options, arm: Arm, judged: Nominal, naming: Naming
 ) -> DiagnosisResult:
     known = servo_of(
         arm,
@@ -160,10 +156,10 @@ def _diagnose_servo_logs(
         same=options.more["same_servo"],
     )
     # report problems of all logs before the long computation
-    logs = read_servo_files(options.given, arm, naming, settings.motion)
-    others = read_servo_files(options.check, arm, naming, settings.motion)
+    logs = read_servo_files(options.given, arm, naming)
+    others = read_servo_files(options.check, arm, naming)
     check_servo_logs(others, logs)
-    identity = options.identify(arm, "motor", settings)
+    identity = options.identify(arm, "motor")
     found = diagnose_servo(
         logs,
         changed_arm(arm, judged.parts),
@@ -176,27 +172,28 @@ def _diagnose_servo_logs(
 
 
 def _diagnose_joint_logs(
-    options: Options, arm: Arm, judged: Nominal, naming: Naming, settings: GapSettings
+    options: Options, arm: Arm, judged: Nominal, naming: Naming
 ) -> DiagnosisResult:
     # report problems of all logs before the long computation
-    logs = _read(options.given, options.poses, arm, naming, settings.motion)
-    others = _read(options.check, (), arm, naming, settings.motion)
+    logs = _read(options.given, options.poses, arm, naming)
+    others = _read(options.check, (), arm, naming)
     side = torque_side(options.more["torque"], [*logs, *others])
-    identity = options.identify(arm, side, settings)
-    refuse_unfit(others, logs, arm, settings)
+    identity = options.identify(arm, side)
+    refuse_unfit(others, logs, arm)
     notes: tuple[str, ...] = ()
     if side == "link" and judged.file and judged.friction is not None:
         judged, notes = dataclasses.replace(judged, friction=None), (BEHIND,)
-    found = diagnose_logs(
-        logs,
-        arm,
-        nominal=judged,
-        torque=side,
-        cutoff_hz=options.more["cutoff_hz"],
-        seed=options.more["seed"],
-        progress=options.progress,
-        settings=settings,
-    )
+    # many small systems: a second thread of linear algebra makes them slower, and other bits
+    with threadpool_limits(limits=1, user_api="blas"):
+        found = diagnose_logs(
+            logs,
+            arm,
+            nominal=judged,
+            torque=side,
+            cutoff_hz=options.more["cutoff_hz"],
+            seed=options.more["seed"],
+            progress=options.progress,
+        )
     found = dataclasses.replace(found, notes=(*found.notes, *notes))
     if others and options.progress is not None:
         options.progress("check", 0.0)
@@ -278,10 +275,9 @@ def _read(
     poses: Sequence[str | Path],
     arm: Arm,
     naming: Naming,
-    motion: MotionThresholds,
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
     n, limits = arm.n, arm.limits
     torques = [x for x in given if isinstance(x, str | Path | JointLog)]
-    logs = read_logs(torques, n, limits=limits, naming=naming, motion=motion) if torques else []
+    logs = read_logs(torques, n, limits=limits, naming=naming) if torques else []
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]

@@ -27,14 +27,13 @@ from stiction_envs.gap.model_file import Nominal, nominal_of
 from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, judge
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import converted
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.method_settings import Changes, override
+from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -91,11 +90,6 @@ class Diagnosis(Judgement):
     """How the signals and the noise floor were computed."""
 
     @property
-    def settings(self) -> GapSettings:
-        """Constants of the method."""
-        return self.data.settings
-
-    @property
     def gain_percent(self) -> float:
         """100 (1 − mean over joints of extended over nominal held-out RMS) [%]."""
         some = self.data.measured
@@ -141,7 +135,6 @@ def diagnose_logs(
     cutoff_hz: float | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] | None = None,
-    settings: GapSettings | Changes | None = None,
 ) -> Diagnosis:
     """Name what a nominal model gets wrong about measured joint logs.
 
@@ -155,15 +148,12 @@ def diagnose_logs(
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         seed: of the bootstrap.
         progress: called with a stage and the part of it that is done.
-        settings: constants of the method that differ from ``settings.toml``: by name
-            (``{"selection.chance": 0.02}``), a TOML file of them, or all.
 
     Raises:
-        StictionError: invalid settings, no log, logs that do not fit the robot, or a cause that is
+        StictionError: no log, logs that do not fit the robot, or a cause that is
             not registered.
     """
     say = progress or (lambda *_: None)
-    own = override(gap_settings(), settings)
     arm, baseline = nominal_of(robot, nominal)
     if not logs:
         raise StictionError("no logs: expected one or more")
@@ -174,8 +164,7 @@ def diagnose_logs(
     read, signals = correct_torques(
         logs,
         arm,
-        partial(prepare, cutoff_hz=cutoff_hz, settings=own),
-        own,
+        partial(prepare, cutoff_hz=cutoff_hz),
         baseline.torque_sign,
         baseline.torque_lag,
         baseline.torque_unit,
@@ -187,7 +176,6 @@ def diagnose_logs(
         arm,
         friction=baseline.friction,
         torque=torque,
-        settings=own,
         link_factor=baseline.links,
         of_file=baseline.file,
         known_unit=baseline.torque_unit,
@@ -268,7 +256,7 @@ def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
     """Return the verdict of the contract; errors (n,) of both models [N·m]."""
     size = np.sqrt(np.mean(np.square(data.tau), axis=0))
     enough = np.maximum(CLOSE * data.noise, SMALL * size)
-    moved = float(np.ptp(data.q, axis=0).max()) > data.settings.motion.travel_span
+    moved = float(np.ptp(data.q, axis=0).max()) > TRAVEL_SPAN
     if not moved:
         return "cannot tell"
     if not named and not (nominal > enough).any():

@@ -10,12 +10,10 @@ from typing import Literal, TypedDict
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.joint_names import Reading
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.sources import Log, LogSources, log_sources
-from stiction_envs.method_settings import Changes, fingerprint
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
@@ -69,9 +67,6 @@ class LogOptions(Reading, total=False):
     """Bandwidth of a log's zero-phase filter [Hz]; None chooses it from the data."""
     seed: int
     """Seed of the bootstrap."""
-    settings: GapSettings | Changes | None
-    """Constants of the method for logs that differ from ``settings.toml``: by name
-    (``{"selection.chance": 0.02}``), a TOML file of them, or all."""
 
 
 DEFAULTS: LogOptions = {
@@ -91,7 +86,6 @@ DEFAULTS: LogOptions = {
     "chain": None,
     "cutoff_hz": None,
     "seed": 0,
-    "settings": None,
 }
 
 
@@ -140,16 +134,15 @@ class Options:
         for table in (x for x in self.check if isinstance(x, str | Path) and file_kind(x) == TABLE):
             raise StictionError(f"check: {table} is a torque table: expected joint logs")
 
-    def identify(self, arm: Arm, side: str, settings: GapSettings) -> Origin:
+    def identify(self, arm: Arm, side: str) -> Origin:
         """Return the fields of `DiagnosisResult` that say what it was made from.
 
         Args:
             arm: the robot, loaded.
             side: of the gear on which torques were measured, "motor" or "link".
-            settings: all constants of the method.
         """
         sources = log_sources([*self.given, *self.poses]) | log_sources(self.check, "check")
-        arguments = self._arguments(arm, side, settings) | sources.in_memory
+        arguments = self._arguments(arm, side) | sources.in_memory
         inputs = sources.files | self._files()
         nominal = self.nominal
         return {
@@ -159,12 +152,12 @@ class Options:
             "threads": self.threads,
         }
 
-    def _arguments(self, arm: Arm, side: str, settings: GapSettings) -> dict[str, object]:
+    def _arguments(self, arm: Arm, side: str) -> dict[str, object]:
         """Return what changes the result."""
         more: dict[str, object] = {**self.more}
         del more["seed"]  # is recorded by itself
         cutoff = more.pop("cutoff_hz")
-        file, changed = self.more["calibration"], self.more["settings"]
+        file = self.more["calibration"]
         return more | {
             "logs": [_name(x) for x in self.given],
             "check": [_name(x) for x in self.check],
@@ -174,7 +167,6 @@ class Options:
             "calibration": None if file is None else str(file),
             "cutoff": cutoff,
             "nominal": self.nominal if isinstance(self.nominal, str | Path) else "parameters",
-            "settings": None if changed is None else fingerprint(settings),
         }
 
     def _files(self) -> dict[str, Path]:

@@ -20,13 +20,14 @@ from stiction_envs.gap.causes.base import THE_ARM
 from stiction_envs.gap.judge.problem import ARM
 from stiction_envs.gap.predictors.judged import plain_friction
 from stiction_envs.gap.predictors.torque import TorquePredictor
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.spectra import effective_rate
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
@@ -77,18 +78,21 @@ class Overview:
             f"gravity along {down}; torques "
             + (f"{1e3 * self.lag_s:.0f} ms late" if self.lag_s else "in step with the angles"),
             "",
-            f"{'joint':<8}{'turns by':>11}{'needs':>13}{'logged':>13}{'factor':>17}",
         ]
+        rows = []
         each = zip(
-            self.span_rad, self.needed_nm, self.logged_nm, self.factor, self.factor_ci95,
-            self.about, strict=True,
-        )  # fmt: skip
-        for k, (span, needed, logged, factor, ci, about) in enumerate(each, start=1):
+            *(self.span_rad, self.needed_nm, self.logged_nm, self.factor, self.factor_ci95),
+            strict=True,
+        )
+        for k, (span, needed, logged, factor, ci) in enumerate(each, start=1):
             wide = (ci[1] - ci[0]) / 2
             sure = wide < max(0.5, abs(factor) / 2)
             number = f"{factor:.3f} ± {wide:.3f}" if sure else "not shown"
-            line = f"{k:<8}{span:>7.3g} rad{needed:>9.3g} N·m{logged:>9.3g} N·m{number:>17}"
-            lines.append(f"{line}  {about}".rstrip())
+            torques = f"{needed:.3g} N·m", f"{logged:.3g} N·m"
+            rows.append([f"{k}", f"{span:.3g} rad", *torques, number])
+        table = aligned(["joint", "turns by", "needs", "logged", "factor"], rows).splitlines()
+        remarks = zip(table, ["", *self.about], strict=True)
+        lines += [f"{line}  {about}".rstrip() for line, about in remarks]
         lines += ["", "part of the prior that is left, by joint (up to 0.5: the log shows it)"]
         for name, parts in self.left.items():
             lines.append(f"{name:<30}" + "".join(f"{x:>7.2f}" for x in parts))
@@ -101,7 +105,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
     Raises:
         StictionError: a log that is too short for a filter.
     """
-    settings, first = gap_settings(), prepare([log])
+    first = prepare([log])
     found = loads(first, 0, arm)
     (read,), signals = correct_torques(
         [log], arm, lambda some: first if some[0] is log else prepare(some)
@@ -125,15 +129,14 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
         gravity=found.gravity.tolist(),
         lag_s=sum(lag_of([read]) or (0.0,)),
         findings=findings,
-        left=_left(assemble(arm, _thinned(signals), torque=torque, settings=settings)),
+        left=_left(assemble(arm, _thinned(signals), torque=torque)),
     )
 
 
 def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
     """Return what is special about each joint."""
-    motion = gap_settings().motion
     speed = np.concatenate([s.dq for s in signals.segments])
-    moves = np.ptp(log.q, axis=0) > motion.travel_span
+    moves = np.ptp(log.q, axis=0) > TRAVEL_SPAN
     alike = np.abs(np.atleast_2d(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed))))) > TOGETHER
     out = []
     for j in range(log.n):

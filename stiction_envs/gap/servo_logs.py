@@ -16,7 +16,6 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
 from stiction_envs.measured.logs.sources import Log
-from stiction_envs.measured.settings import MotionThresholds
 from stiction_envs.robots import Arm
 
 MOVED = 0.1
@@ -90,9 +89,7 @@ def _each(values: Sequence[float] | None, name: str, n: int) -> NDArray[np.float
     return np.broadcast_to(out, (n,)).copy()
 
 
-def read_servo_files(
-    given: Sequence[Log], arm: Arm, naming: Naming, motion: MotionThresholds
-) -> list[ServoLog]:
+def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[ServoLog]:
     """Return the logs in their order.
 
     Raises:
@@ -104,7 +101,7 @@ def read_servo_files(
     mine = [x for x in given if isinstance(x, str | Path | ServoLog)]
     if not mine:
         return []
-    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming, motion=motion)
+    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming)
     for log in logs:
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")

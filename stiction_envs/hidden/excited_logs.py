@@ -32,14 +32,6 @@ def perturbed(arm: Arm, size: float, seed: int) -> Arm:
     return with_inertias(arm, from_pseudo_inertia(half @ half.transpose(0, 2, 1)))
 
 
-def direction(dq: np.ndarray) -> np.ndarray:
-    """Sign of the speed; at rest that of the last motion."""
-    out = np.sign(np.where(np.abs(dq) > 1e-9, dq, 0.0))
-    for k in range(1, len(out)):
-        out[k] = np.where(out[k] == 0, out[k - 1], out[k])
-    return out
-
-
 def presliding(q: np.ndarray, distance: float) -> np.ndarray:
     """Dry friction over its level that builds up over a ``distance`` [rad] after a reversal."""
     out = np.zeros_like(q)

@@ -32,7 +32,7 @@ LINKS = 27
 STEPS_PER_ROW = 2
 """Steps per logged row: 500 Hz; assumed."""
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
-"""Of `MOTIONS`, those that go all over the range: on which a model is to hold."""
+"""Names of the `MOTIONS` that go all over the range: on which a model is to hold."""
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
 """(7,) standard deviation of logged torques [N·m]; assumed."""
 
@@ -42,7 +42,7 @@ class Hidden:
     """One hidden cause: the truth."""
 
     name: str
-    """Of the cause, as the diagnosis should say it."""
+    """Name of the cause, as the diagnosis should say it."""
     joint: int
     """From 1; 0 for the whole arm."""
     values: dict[str, float | list[float]]

@@ -20,7 +20,7 @@ from stiction_envs.hidden.rehearsal.jobs import Hideable
 
 Array = NDArray[np.float64]
 STRIBECK_VELOCITY = 0.05
-"""Of hidden Stribeck friction [rad/s]; assumed."""
+"""Stribeck velocity of hidden friction [rad/s]; assumed."""
 DEEPEST = 0.1
 """Least limit of torque or speed over what is reached without it [-]; assumed."""
 CARRIES = 1.05

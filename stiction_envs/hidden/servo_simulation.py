@@ -24,7 +24,7 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 STEP = 1e-3
-"""Of the simulation [s]; assumed."""
+"""Step of the simulation [s]; assumed."""
 LIGHTEST = 1e-4
 """Least inertia of a joint over its servo's stiffness [s²]: a rotor makes up for lighter links;
 assumed."""

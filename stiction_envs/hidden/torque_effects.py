@@ -185,7 +185,7 @@ class Effect:
     draw: Callable[[World, Draw], float]
     """Returns a value that robots have."""
     motions: tuple[str, ...]
-    """Of `MOTIONS`, those that excite it."""
+    """Names of the `MOTIONS` that excite the cause."""
     _: KW_ONLY
     joints: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7)
     """From 1, those on which it can be seen at all."""

@@ -15,11 +15,11 @@ from stiction_envs.robots import Arm, load_arm
 
 Array = NDArray[np.float64]
 STEP = 1e-3
-"""Of the simulation [s]; assumed."""
+"""Step of the simulation [s]; assumed."""
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
 RADIUS = 0.03
-"""Of a payload, a solid sphere [m]; assumed."""
+"""Radius of a payload, a solid sphere [m]; assumed."""
 
 
 ZERO: Any = 0.0

@@ -34,7 +34,7 @@ from stiction_envs.identification.excitation_motion import (
     sweeps_from,
 )
 from stiction_envs.identification.excitation_search import FINE, Problem, search
-from stiction_envs.identification.settings import ExcitationSettings, identification_settings
+from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
@@ -217,7 +217,7 @@ def excite(
     arm = arm_of(robot)
     rate = float(arm.controller_rate_hz) if rate_hz is None else rate_hz
     _check_rate(rate)
-    s = override(identification_settings().excitation, settings)
+    s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
     problem = Problem(arm, s, rng)
     points, conditions = [], []

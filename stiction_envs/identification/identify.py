@@ -41,14 +41,12 @@ from stiction_envs.identification.mixed_fit import (
     parameters,
     terms_of,
 )
-from stiction_envs.identification.settings import IdentificationSettings, identification_settings
 from stiction_envs.measured.logs.joint_names import Reading, naming_of
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources, torque_side
-from stiction_envs.method_settings import Changes, fingerprint, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import write_json
-from stiction_envs.reporting.markdown import sentence, table
+from stiction_envs.reporting.markdown import aligned, sentence, table
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import write_md_and_html
@@ -194,9 +192,9 @@ class Identification(Result):
         return f"<Identification of {self.nominal.name}: {text}>"
 
     def __str__(self) -> str:
-        rows = {"held-out residual [N·m], joint": range(1, self.nominal.n + 1), **self.rms}
-        rows["noise"] = self.noise
-        lines = [f"{k:<32}" + "".join(f"{x:>9.3g}" for x in v) for k, v in rows.items()]
+        header = ["held-out residual [N·m], joint", *map(str, range(1, self.nominal.n + 1))]
+        rows = {**self.rms, "noise": self.noise}
+        lines = [aligned(header, [[k, *(f"{x:.3g}" for x in v)] for k, v in rows.items()])]
         gain = f"{self.gain_percent:.1f} % below the nominal arm with friction"
         lines.append(f"physically consistent links: {gain}")
         if self.unsure:
@@ -241,7 +239,6 @@ def identify(
     torque: str | None = None,
     cutoff_hz: float | None = None,
     progress: Callable[[str, float], None] | None = None,
-    settings: IdentificationSettings | Changes | None = None,
     **reading: Unpack[Reading],
 ) -> Identification:
     """Identify an arm's links and friction from measured joint logs.
@@ -253,18 +250,14 @@ def identify(
             rotors are not seen. None for what the logs say, else motor.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
-        settings: constants of the method that differ from ``settings.toml``: by name
-            (``{"gap.candidates.huber": 2.0}``), a TOML file of them, or all.
         reading: ``joints``, ``topic``, ``units``, ``calibration``, ``columns``; see
             `measured.logs.joint_names.Naming`.
 
     Raises:
-        StictionError: settings that are none, logs that cannot be read, do not fit the robot, or
+        StictionError: logs that cannot be read, do not fit the robot, or
             are too short.
     """
     say = progress or (lambda *_: None)
-    chosen = override(identification_settings(), settings)
-    gap = chosen.gap
     arm = arm_of(robot)
     torque_side(torque, ())  # an unknown side is an error before any log is read
     given = [logs] if isinstance(logs, str | Path | JointLog) else list(logs)
@@ -274,7 +267,7 @@ def identify(
     naming = naming_of(arm, reading)
     read: list[JointLog] = []
     for log in given:
-        read += read_logs([log], arm.n, limits=arm.limits, naming=naming, motion=gap.motion)
+        read += read_logs([log], arm.n, limits=arm.limits, naming=naming)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
     file = naming.calibration
@@ -291,14 +284,13 @@ def identify(
             "columns": list(naming.columns),
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
-            "settings": fingerprint(chosen),
         },
         seed=0,
         inputs=sources.files | calibration,
     )
-    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES, settings=gap)
-    turned, signals = correct_sign(read, signals, arm, gap)
-    data = assemble(arm, signals, torque=side, settings=gap)
+    signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
+    turned, signals = correct_sign(read, signals, arm)
+    data = assemble(arm, signals, torque=side)
     base, unit_torque = structural_base(arm, kinds_of(side))
     # neighbours within half a period of the filter depend on each other
     independent = np.nanmin([1.0, 2 * data.cutoff * data.dt])

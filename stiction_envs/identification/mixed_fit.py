@@ -27,6 +27,7 @@ from stiction_envs.gap.signals.friction_state import presliding_distances
 from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.identification.base_parameters import columns_of
+from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.robots.regressor import inertial_parameters
 
 Array = NDArray[np.float64]
@@ -118,7 +119,7 @@ def not_shown(predictor: TorquePredictor) -> list[str]:
         if t in predictor.candidates and (doubt > WIDE * problem.sd(t)).any()
     }
     data = predictor.data
-    still = np.flatnonzero(np.ptp(data.q, axis=0) < data.settings.motion.travel_span)
+    still = np.flatnonzero(np.ptp(data.q, axis=0) < TRAVEL_SPAN)
     wide |= {(KINDS[x].name, int(j)) for x in ("Fc", "Fv") for j in still}
     shown = {t[:2] for t in predictor.candidates} - wide
     return [

@@ -1,4 +1,4 @@
-"""Constants of identification and of exciting motions; values are in ``settings.toml``."""
+"""Constants of exciting motions; values are in ``settings.toml``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.method_settings import (
     Count,
     NotNegative,
@@ -61,21 +60,7 @@ class ExcitationSettings:
         return override(self, changes)
 
 
-@dataclass(frozen=True, kw_only=True)
-class IdentificationSettings:
-    """All settings of this package, and of the signals it identifies from."""
-
-    gap: GapSettings
-    """Settings for reading logs and computing signals from them."""
-    excitation: ExcitationSettings
-    """The motion to record."""
-
-
 @cache
-def identification_settings() -> IdentificationSettings:
+def excitation_settings() -> ExcitationSettings:
     """Return the defaults."""
-    path = Path(__file__).with_name("settings.toml")
-    return IdentificationSettings(
-        gap=gap_settings(),
-        excitation=load_settings(ExcitationSettings, path, "excitation"),
-    )
+    return load_settings(ExcitationSettings, Path(__file__).with_name("settings.toml"))

@@ -24,11 +24,9 @@ AnyArray = NDArray[Any]
 class CopiedBatch(Batch):
     """A batch of MuJoCo's that can be pickled, since it knows what is bound and expanded."""
 
-    def __init__(
-        self, model: mujoco.MjModel, nsim: int, threads: int, persistent: bool = False
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
-        super().__init__(model, nsim, threads, persistent)
+        super().__init__(model, nsim, threads)
         self._arguments = model, nsim, threads
         self._outputs: dict[str, Array] = {}
         self._inputs: dict[str, Array] = {}

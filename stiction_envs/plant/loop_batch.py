@@ -3,7 +3,7 @@
 A feedback law between two steps of `mujoco.batch.Batch` goes through Python, whose lock the threads
 of other batches wait for. Here law and physics are one call of compiled code, which needs no lock:
 
-    advance(loop):  controls, friction -> mj_step2 -> mj_step1 -> state, kinematics
+    advance(i, steps, loop):  controls -> mj_step2 -> mj_step1 -> state, kinematics
 
 That is `Batch.step` up to ``mjSTAGE_VEL``, with the same bits: the same functions of MuJoCo's
 library in the same order.
@@ -11,6 +11,7 @@ library in the same order.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +24,7 @@ from numba import types
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import Arguments, compiled
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.plant.copies import CopiedBatch
 
 Addresses = Index
@@ -34,7 +35,7 @@ SHARED_OUT = 0.625
 less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
 FEWEST = 4
 """Simulations of a part [-]: in every step it costs what half a simulation does."""
-VEL, _ACC = int(mujoco.mjtStage.mjSTAGE_VEL), int(mujoco.mjtStage.mjSTAGE_ACC)
+_ACC = int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
 _InC = Callable[..., None]
@@ -57,11 +58,11 @@ class Loop(NamedTuple):
     """Arms for compiled code; addresses are of memory that lives as long as the batch."""
 
     model: int
-    """Address of the model that the simulations use in turn."""
+    """The address of the model that the simulations of this part use in turn."""
     data: Addresses
-    """(N,) of each simulation's `MjData`."""
+    """(N,) each simulation's `MjData`."""
     rows: Addresses
-    """(N,) of each simulation's state in the batch."""
+    """(N,) each simulation's state in the batch."""
     going: Bools
     """(N,) whether a simulation is stepped; the others do not change."""
     inputs: Addresses
@@ -72,53 +73,45 @@ class Loop(NamedTuple):
     bytes to the next one's, number of bytes. The first are its warnings."""
 
 
-@compiled
-def _take_fields(loop: Loop, i: int) -> None:
+@inlined
+def take_fields(i: int, a: Loop) -> None:
     """Give the model what simulation ``i`` has of its own."""
-    for k in range(loop.inputs.shape[0]):
-        first, stride, to, size = loop.inputs[k]
-        copy(to, first + i * stride, size)
+    for k in range(a.inputs.shape[0]):
+        copy(a.inputs[k, 2], a.inputs[k, 0] + i * a.inputs[k, 1], a.inputs[k, 3])
 
 
-@compiled
-def _give_fields(loop: Loop, i: int) -> None:
+@inlined
+def _give_fields(i: int, a: Loop) -> None:
     """Hand out state and bound fields of simulation ``i``."""
-    get_state(loop.model, loop.data[i], loop.rows[i], STATE)
-    n = loop.data.shape[0]
-    for k in range(loop.outputs.shape[0]):
-        first, stride, size = loop.outputs[k, n:]
-        copy(first + i * stride, loop.outputs[k, i], size)
-
-
-@compiled
-def begin(loop: Arguments) -> None:
-    """Take the states of all simulations over from the batch, and compute their kinematics."""
-    a = Loop(*loop)
+    get_state(a.model, a.data[i], a.rows[i], STATE)
     n = a.data.shape[0]
-    warnings, stride, size = a.outputs[0, n:]
-    for i in range(n):
-        if not a.going[i]:
-            continue
-        _take_fields(a, i)
-        set_state(a.model, a.data[i], a.rows[i], STATE)
-        copy(a.outputs[0, i], warnings + i * stride, size)
-        step1(a.model, a.data[i])
-        _give_fields(a, i)
+    for k in range(a.outputs.shape[0]):
+        to = a.outputs[k, n] + i * a.outputs[k, n + 1]
+        copy(to, a.outputs[k, i], a.outputs[k, n + 2])
 
 
 @compiled
-def advance(loop: Arguments, steps: int) -> None:
-    """Advance all simulations by ``steps`` physics steps under the batch's controls."""
-    a = Loop(*loop)
-    for i in range(a.data.shape[0]):
-        if not a.going[i]:
-            continue
-        _take_fields(a, i)
-        set_state(a.model, a.data[i], a.rows[i], STATE)
-        for _ in range(steps):
-            step2(a.model, a.data[i])
+def _begin(first: int, end: int, a: Loop) -> None:
+    """Take the states of simulations from the batch, and compute their kinematics."""
+    n = a.data.shape[0]
+    for i in range(first, end):
+        if a.going[i]:
+            take_fields(i, a)
+            set_state(a.model, a.data[i], a.rows[i], STATE)
+            warnings = a.outputs[0, n] + i * a.outputs[0, n + 1]
+            copy(a.outputs[0, i], warnings, a.outputs[0, n + 2])
             step1(a.model, a.data[i])
-        _give_fields(a, i)
+            _give_fields(i, a)
+
+
+@inlined
+def advance(i: int, steps: int, a: Loop) -> None:
+    """Advance simulation ``i``, whose fields the model has, by physics steps under its controls."""
+    set_state(a.model, a.data[i], a.rows[i], STATE)
+    for _ in range(steps):
+        step2(a.model, a.data[i])
+        step1(a.model, a.data[i])
+    _give_fields(i, a)
 
 
 def parts_of(nsim: int, threads: int) -> list[slice]:
@@ -133,23 +126,18 @@ def parts_of(nsim: int, threads: int) -> list[slice]:
 
 
 class LoopBatch(CopiedBatch):
-    """N simulations of a model, each with its `MjData`, in parts that do not know of each other.
-
-    A part is stepped by one thread at a time. On one thread all simulations are one part; with more
-    there is none before `part`.
-    """
+    """N simulations of a model, each with its `MjData`, in parts that threads step one by one."""
 
     def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
-        self._lone = threads == 1
-        super().__init__(model, nsim, threads, persistent=not self._lone)
+        super().__init__(model, nsim, threads)
         self._own_models: list[mujoco.MjModel] = []
         self._own_data: list[mujoco.MjData] = []
-        self._loops: list[Arguments] = []
+        self._loops: list[Loop] = []
         self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
-        self.parts = parts_of(nsim, 1) if self._lone else []
+        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)
         """The simulations of each part."""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -182,22 +170,9 @@ class LoopBatch(CopiedBatch):
         out: dict[str, Array] = super().rollout(nstep, **options)
         return out
 
-    def step(self, ids: ArrayLike | None = None, nstep: int = 1, stage: int = 0) -> None:
-        """As `Batch.step`."""
-        if ids is None and stage == VEL and self._lone:
-            for loop in self.loops:
-                advance(loop, nstep)
-            return
-        if self._begun and stage == VEL:
-            self.forward(stage=VEL)
-        self._begun = False
-        if ids is None and not self._going.all():
-            ids = np.flatnonzero(self._going)
-        super().step(ids, nstep, stage)
-
     @property
-    def loops(self) -> list[Arguments]:
-        """Arguments of `advance` for each part; kinematics are those of the present state."""
+    def loops(self) -> list[Loop]:
+        """What `advance` steps, of each part; kinematics are those of the present state."""
         fields = len(self._outputs) + len(self._inputs)
         if not self._loops or self._fields != fields:
             self._fields = fields
@@ -206,22 +181,22 @@ class LoopBatch(CopiedBatch):
             if not self._own_data:
                 self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(self.nsim)]
             models = zip(self.parts, self._own_models, strict=False)
-            self._loops = [tuple(self._addresses(part, model)) for part, model in models]
+            self._loops = [self._addresses(model) for _, model in models]
             self._begun = False
         if not self._begun:
-            for loop in self._loops:
-                begin(loop)
+            for part, loop in zip(self.parts, self._loops, strict=True):
+                _begin(part.start, part.stop, loop)
             self._begun = True
         return self._loops
 
-    def _addresses(self, part: slice, model: mujoco.MjModel) -> Loop:
-        data = self._own_data[part]
+    def _addresses(self, model: mujoco.MjModel) -> Loop:
+        data = self._own_data
         inputs = [
-            (x[part].ctypes.data, x.strides[0], getattr(model, name).ctypes.data, x[0].nbytes)
+            (x.ctypes.data, x.strides[0], getattr(model, name).ctypes.data, x[0].nbytes)
             for name, x in self._inputs.items()
         ]
-        warned = [d.warning.lastinfo for d in data], self.warning[part]
-        bound = [([getattr(d, name) for d in data], x[part]) for name, x in self._outputs.items()]
+        warned = [d.warning.lastinfo for d in data], self.warning
+        bound = [([getattr(d, name) for d in data], x) for name, x in self._outputs.items()]
         outputs = [
             (*(x.ctypes.data for x in own), out.ctypes.data, out.strides[0], out[0].nbytes)
             for own, out in (warned, *bound)
@@ -229,8 +204,8 @@ class LoopBatch(CopiedBatch):
         return Loop(
             model=model._address,
             data=np.array([d._address for d in data], dtype=np.int64),
-            rows=self.state[part].ctypes.data + self.state.strides[0] * np.arange(len(data)),
-            going=self._going[part],
+            rows=self.state.ctypes.data + self.state.strides[0] * np.arange(len(data)),
+            going=self._going,
             inputs=np.array(inputs, dtype=np.int64).reshape(-1, 4),
             outputs=np.array(outputs, dtype=np.int64),
         )

@@ -13,7 +13,7 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import mujoco
 import numpy as np
@@ -21,13 +21,13 @@ from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
-from stiction_envs.compiled import Arguments
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
+from stiction_envs.plant.arrays import PlantArrays, write_directions
 from stiction_envs.plant.copies import CopiedBatch
-from stiction_envs.plant.loop_batch import LoopBatch
+from stiction_envs.plant.loop_batch import Loop, LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
 SLOW_STEPS = 50
@@ -53,7 +53,7 @@ class Plant:
             nsim: number of simulations N ≥ 1.
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
-            closed_loop: whether `follow` will be used; keeps the engine's kinematics current.
+            closed_loop: whether compiled code steps the simulations (`loops`).
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
@@ -80,7 +80,7 @@ class Plant:
         self._factor = np.ones((nsim, self.n))
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
-        self._p = {k: np.array(getattr(tiled, k)) for k in QUANTITIES}
+        self._p = {k: np.array(getattr(tiled, k), order="C") for k in QUANTITIES}
         self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
         self.set_friction(np.arange(nsim), tiled)
 
@@ -116,22 +116,6 @@ class Plant:
     def load(self) -> tuple[Array, Array]:
         """(signed, absolute) transmitted torque, each (N, n) [N·m]; see `friction.load_sensor`."""
         return self._load_sensor.read(slice(None))
-
-    @property
-    def joint_torque(self) -> Array:
-        """(N, n) torque behind the gears in the last physics step, without gravity [N·m].
-
-        A torque sensor there reads this torque plus the weight that the robot compensates. In an
-        elastic joint it is the spring's torque, in a rigid one the motor's less friction and rotor;
-        the torque that `offset` balances is not included. For a plant that is ``closed_loop``.
-        """
-        s, field = self.sticking, self._batch.bind
-        passive = field("qfrc_passive") - field("qfrc_gravcomp")
-        out = field("qfrc_actuator")[:, s.motor] + passive[:, s.motor]
-        out -= self._p["rotor_inertia"] * field("qacc")[:, s.motor]
-        elastic = s.spring >= 0
-        out[:, elastic] = passive[:, s.spring[elastic]]
-        return np.ascontiguousarray(out)
 
     @property
     def offset(self) -> Array:
@@ -170,7 +154,7 @@ class Plant:
         self._write_slow(np.asarray(ids))
 
     def refresh(self, ids: Index) -> None:
-        """Make the engine's kinematics those of the present state, before `follow`."""
+        """Make the engine's kinematics of simulations ``ids`` those of the present state."""
         self._batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def set_friction(self, ids: Index, parameters: FrictionParameters) -> None:
@@ -279,7 +263,7 @@ class Plant:
             block = 1 if self._asymmetric else SLOW_STEPS - int(phase.max())
             block = min(block, k_total - k)  # no simulation passes its next update
             if self._asymmetric:
-                self._write_direction(ids)
+                write_directions(ids, self.arrays())
             part = control[:, k : k + block]
             if self._substeps > 1:
                 part = np.repeat(part, self._substeps, axis=1)
@@ -296,69 +280,72 @@ class Plant:
         raise_if_stopped(self._batch)
         return out
 
-    def follow(self, law: Callable[[], Array], steps: int) -> None:
-        """Advance all simulations by control steps of 1 ms under the torque of a feedback law.
-
-        Kinematics of the engine (`batch`) are those of the present state when ``law`` is asked.
-
-        Args:
-            law: returns the (N, n) torque on the joints [N·m] of the next control step.
-            steps: control steps.
-
-        Raises:
-            ExperimentError: a simulation that the engine stopped (NaN, divergence).
-        """
-        ids, torque = np.arange(self.nsim), self._torque_inputs()
-        step, stage = self._batch.step, int(mujoco.mjtStage.mjSTAGE_VEL)
-        for block in self._blocks(steps):
-            for _ in range(block):
-                if self._asymmetric:
-                    self._write_direction(ids)
-                torque[:] = law()
-                step(nstep=self._substeps, stage=stage)
-
     def step_only(self, going: Bools) -> None:
-        """Leave simulations that are not ``going`` (N,) unchanged while others `follow`."""
+        """Leave simulations that are not ``going`` (N,) unchanged while others follow."""
         if isinstance(self._batch, LoopBatch):
             self._batch.step_only(going)
 
     def part(self, threads: int) -> None:
-        """Make parts of the simulations for some threads, where a law can be compiled."""
+        """Make parts of the simulations for some threads, of a plant that is ``closed_loop``."""
         if isinstance(self._batch, LoopBatch):
             self._batch.part(threads)
 
     @property
-    def compiled_loops(self) -> list[tuple[slice, Arguments]]:
-        """Loops with which a compiled feedback law steps all simulations, in any order of parts.
+    def loops(self) -> list[tuple[slice, Loop]]:
+        """Parts of the simulations, and what `loop_batch.advance` steps each with.
 
-        For each part its simulations; their torques (M, n) [N·m], the loop of `loop_batch.advance`
-        and its steps in a control step of 1 ms. Kinematics of the engine are those of the present
-        state. The list is empty where the law cannot be compiled.
+        Of a plant that is ``closed_loop``; the kinematics are those of the present state.
         """
-        batch = self._batch
-        if self._asymmetric or not isinstance(batch, LoopBatch) or not batch.parts:
-            return []
-        torque = self._torque_inputs()
-        parts = zip(batch.parts, batch.loops, strict=True)
-        return [(part, (torque[part], loop, self._substeps)) for part, loop in parts]
+        assert isinstance(self._batch, LoopBatch)
+        return list(zip(self._batch.parts, self._batch.loops, strict=True))
 
-    def follow_compiled(self, advance: Callable[[int], None], steps: int) -> None:
-        """As `follow`, where ``advance`` itself takes numbers of control steps by `compiled_loops`.
+    def arrays(self, *, senses_torque: bool = False) -> PlantArrays:
+        """Return what compiled code reads and writes, until friction is set anew.
 
-        In between, what changes slowly in the friction is written.
+        ``senses_torque`` is whether `write_joint_torque` is used.
         """
-        for block in self._blocks(steps):
-            advance(block)
+        s, batch, first = self.sticking, self._batch, self._batch.state.ctypes.data
+        torque = batch.bind("ctrl")[:, self._torque_columns]
+        nothing = np.zeros((0, 0))
+        nothing.flags.writeable = False
 
-    def _torque_inputs(self) -> Array:
-        """Return the live (N, n) torques of the next step [N·m], servos at their setpoints."""
-        control: Array = self._batch.bind("ctrl")
-        control[:, self._servo_columns] = self._setpoint
-        return control[:, self._torque_columns]
+        def bind(name: str) -> Array:
+            return batch.bind(name) if senses_torque else nothing
 
-    def _blocks(self, steps: int) -> Iterator[int]:
-        """Cut ``steps`` control steps where friction changes slowly, and write it before each."""
+        return PlantArrays(
+            state=batch.state,
+            qpos=(self._qpos.ctypes.data - first) // 8,
+            qvel=(self._qvel.ctypes.data - first) // 8,
+            torque=(torque.ctypes.data - first) // 8,
+            motor=s.motor,
+            spring=s.spring,
+            substeps=self._substeps,
+            asymmetric=self._asymmetric,
+            actuator=s.torque_actuator,
+            moving_up=self._moving_up,
+            level=self._level,
+            viscous=self._viscous,
+            coulomb_ratio=self._p["coulomb_ratio"],
+            stribeck=self._p["stribeck_velocity"],
+            bias=self._biasprm,
+            damping=self._damping,
+            passive=bind("qfrc_passive"),
+            gravity=bind("qfrc_gravcomp"),
+            actuated=bind("qfrc_actuator"),
+            acceleration=bind("qacc"),
+            rotor=self._p["rotor_inertia"],
+        )
+
+    def blocks(self, steps: int) -> Iterator[int]:
+        """Cut control steps of 1 ms where friction changes slowly, and write it before each block.
+
+        All simulations have to take the steps of a block before the next is asked for.
+
+        Raises:
+            ExperimentError: a simulation that the engine stopped (NaN, divergence).
+        """
         ids, k = np.arange(self.nsim), 0
+        self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
         while k < steps:
             phase = self._steps % SLOW_STEPS
             self._write_slow(ids[phase == 0])
@@ -389,29 +376,17 @@ class Plant:
         elastic = s.spring >= 0
         self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
         if not self._asymmetric:
-            self._write_levels(ids, np.zeros((len(ids), self.n), dtype=np.int64))
+            act, level = s.torque_actuator, stiction[..., 0]
+            self._biasprm[rows, act, COULOMB] = level * p["coulomb_ratio"][ids, :, 0]
+            self._biasprm[rows, act, STICTION] = level
+            self._biasprm[rows, act, STRIBECK] = p["stribeck_velocity"][ids, :, 0]
+            self._damping[rows, s.motor] = viscous[..., 0]
 
     def _offset(self, ids: Index, signed: Array) -> Array:
         """Return (M, n) offset [N·m]; like friction, not extrapolated past the loads measured."""
         high = self._p["load_high"][ids]
         clipped = np.minimum(np.maximum(signed, -high), high)
         return self._p["offset"][ids] + self._p["gravity_error"][ids] * clipped
-
-    def _write_direction(self, ids: Index) -> None:
-        v = self._qvel[ids][:, self.sticking.motor]
-        # a joint at rest keeps the level of its last direction
-        up = np.where(v == 0, self._moving_up[ids], v > 0)
-        self._moving_up[ids] = up
-        self._write_levels(ids, np.where(up, 0, 1))
-
-    def _write_levels(self, ids: Index, side: Index) -> None:
-        rows, act = ids[:, None], self.sticking.torque_actuator
-        joints = np.arange(self.n)
-        level = self._level[rows, joints, side]
-        self._biasprm[rows, act, COULOMB] = level * self._p["coulomb_ratio"][rows, joints, side]
-        self._biasprm[rows, act, STICTION] = level
-        self._biasprm[rows, act, STRIBECK] = self._p["stribeck_velocity"][rows, joints, side]
-        self._damping[rows, self.sticking.motor] = self._viscous[rows, joints, side]
 
 
 def raise_if_stopped(batch: Batch) -> None:

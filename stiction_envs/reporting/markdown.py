@@ -78,6 +78,15 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     return [line(header), "|" + "---|" * len(header), *map(line, rows), ""]
 
 
+def aligned(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table for a terminal: the first column to the left, the others to the right."""
+    lines = [header, *rows]
+    width = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    cells = ([x.rjust(w) for x, w in zip(line, width, strict=True)] for line in lines)
+    texts = [line[0].ljust(width[0]) for line in lines]
+    return "\n".join("  ".join([x, *c[1:]]).rstrip() for x, c in zip(texts, cells, strict=True))
+
+
 def table_text(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table as a template takes it."""
     return "\n".join(table(header, rows))

@@ -45,13 +45,6 @@ def render(template: Path, /, **values: object) -> str:
     return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
 
 
-def write_page(path: Path, template: Path, /, **values: object) -> str:
-    """Write a template's text to a file; return the text."""
-    text = render(template, **values)
-    write_text_atomic(path, text)
-    return text
-
-
 def write_md_and_html(
     folder: Path,
     template: Path,

@@ -63,8 +63,8 @@ def test_a_page_is_written_beside_its_script_or_where_asked(tmp_path: Path):
 
 # ---- the benchmarks' places ----------------------------------------------------------------------
 
-DECIDES_NOTHING = ("stiction_envs.errors", "stiction_envs.version", "stiction_envs.reporting")
-"""Words of errors, and the writers of files."""
+DECIDES_NOTHING = tuple(f"stiction_envs.{x}" for x in ("arrays", "errors", "reporting", "version"))
+"""Types of arrays, words of errors, and the writers of files."""
 
 
 def test_places_have_all_that_is_imported():

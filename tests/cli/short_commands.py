@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from stiction_envs.identification import settings as identification_settings
+from stiction_envs.identification import settings
 from stiction_envs.method_settings import override
 from tuning.settings import tuning_settings
 
@@ -38,9 +38,9 @@ FEW = {
 @pytest.fixture
 def short_motion(monkeypatch) -> None:
     """Make the search of an exciting motion short."""
-    few = {"excitation": {"iterations": 6, "randoms": 3, "starts": 1}}
-    motion = override(identification_settings.identification_settings(), few)
-    monkeypatch.setattr(identification_settings, "identification_settings", lambda: motion)
+    few = {"iterations": 6, "randoms": 3, "starts": 1}
+    motion = override(settings.excitation_settings(), few)
+    monkeypatch.setattr(settings, "excitation_settings", lambda: motion)
 
 
 @pytest.fixture

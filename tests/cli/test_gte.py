@@ -87,14 +87,9 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
     own = ["--trajectory", path, *QUICK, "--no-scatter", "--dither", table]
     variants = {
         "plain": [],
-        "gate": ["--gate-velocity", 0.01],
-        "waveform": ["--waveform", "square"],
-        "phases": ["--phases", "spread"],
         "start": ["--start", 0, -0.6, 0, -2.2, 0, 1.6, 0.8],
         "tool": ["--tool", 0, 0, 0.1034],
         "payload": ["--payload", 0.5, 0, 0, 0.05],
-        "controller_model": ["--compensate-payload", 0.5, 0, 0, 0.05],
-        "tilt": ["--compensate-tilt", 0.05, -2e-2],
         "sensing": ["--sensing", inputs / "late.toml"],
     }
     errors = {}
@@ -103,10 +98,8 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
         rows = read(work / name / "errors.csv")
         errors[name] = tuple(tuple(r["rms"] for r in rows if r["case"] == c) for c in CASES)
     assert len({e[1] for e in errors.values()}) == len(variants)
-    for name in ("gate", "waveform", "phases"):
-        assert errors[name][0] == errors["plain"][0]
-    found = json.loads((work / "controller_model" / "provenance.json").read_text())
-    assert found["arguments"]["compensate_payload"] == [0.5, 0.0, 0.0, 0.05]
+    found = json.loads((work / "payload" / "provenance.json").read_text())
+    assert found["arguments"]["payload"] == [0.5, 0.0, 0.0, 0.05]
     assert set(found["inputs"]) == {"robot", "robot_table", "friction", "dither", "trajectory"}
 
 
@@ -125,10 +118,6 @@ def test_compensation_of_a_file(cli, work, path):
         says = json.loads((work / f"of-{name}" / "provenance.json").read_text())
         assert set(says["inputs"]) >= {"compensation", "dither"}
     assert rows["compensation.csv"] == rows["final.yaml"]
-    kinds = ["--compensation", "lugre_observer", "--compensation-factor", 0.7]
-    own = ["--trajectory", path, *QUICK, "--dither", "final.csv", *kinds]
-    assert cli("gte", "panda", *own, "--out", "kind").code == 0
-    assert [tuple(r.values()) for r in read(work / "kind" / "runs.csv")] == rows["final.yaml"]
 
 
 @pytest.mark.slow
@@ -166,5 +155,4 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
 
 def test_names_are_those_of_the_packages():
     assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
-    assert gte.PHASES == gte_protocol.PHASES
     assert gte.COMPENSATIONS == compensation.KINDS

@@ -11,7 +11,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
-from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
+from stiction_envs.control.impedance import (
+    CartesianImpedance,
+    advance_reference,
+    impedance_cycle,
+    read_flags,
+    renew_space,
+)
+from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.robots import load_arm
 
 ROTOR = 0.1  # rotor inertia of every joint [kg·m²]
@@ -25,6 +32,62 @@ def from_rotation_vector(vector: ArrayLike) -> np.ndarray:
 def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Angle (...) of the rotation between quaternions (..., 4) [rad]."""
     return np.linalg.norm(rotation.rotation_error(a, b), axis=-1)
+
+
+class Controllers(CartesianImpedance):
+    """Controllers whose cycles are called from Python."""
+
+    def torque(
+        self,
+        position: np.ndarray,
+        quaternion: np.ndarray,
+        jacobian: np.ndarray,
+        q: np.ndarray,
+        dq: np.ndarray,
+        dither: np.ndarray | float = 0.0,
+    ) -> np.ndarray:
+        """One cycle of all arms; return the command (N, n)."""
+        added = np.broadcast_to(dither, self.command.shape).copy()
+        for i in range(self.nsim):
+            if self.arrays.filter_step < 1.0:
+                advance_reference(i, self.arrays)
+            impedance_cycle(i, position, quaternion, jacobian, q, dq, added, self.arrays)
+        return self.command.copy()
+
+    def update_model(self, jacobian: np.ndarray, mass: np.ndarray) -> None:
+        for i in range(self.nsim):
+            self.arrays.null_active[i] = True
+            assert renew_space(i, jacobian[i], mass[i], self.arrays)
+
+    def set_reference(self, position: np.ndarray, quaternion: np.ndarray) -> None:
+        self.arrays.position_target[:], self.arrays.quaternion_target[:] = position, quaternion
+        for i in range(self.nsim):
+            if self.arrays.filter_step == 1.0:
+                advance_reference(i, self.arrays)
+
+    @property
+    def flags(self) -> np.ndarray:
+        """(3, N) singular, saturated, near a limit."""
+        out = np.zeros((self.nsim, 3), dtype=bool)
+        for i in range(self.nsim):
+            read_flags(i, self.arrays, out[i])
+        return out.T
+
+    @property
+    def error(self) -> np.ndarray:
+        return self.arrays.state[:, :6].copy()
+
+    @property
+    def reference(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.arrays.position.copy(), self.arrays.quaternion.copy()
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        return -self.arrays.gain[:, :, :6]
+
+    @property
+    def damping(self) -> np.ndarray:
+        return -self.arrays.gain[:, :, 6:]
 
 
 class Rig:
@@ -42,7 +105,7 @@ class Rig:
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site(self.arm.end_effector).id
         free = {"torque_rate": np.inf, "rate_hz": 1 / dt}
-        self.control = CartesianImpedance(
+        self.control = Controllers(
             ImpedanceSettings(**(free | settings)),  # type: ignore[arg-type]
             1,
             self.arm.limits,
@@ -53,8 +116,8 @@ class Rig:
         """Rest at q with the reference there."""
         self.data.qpos[:], self.data.qvel[:] = q, 0
         pose = self.look()
-        self.control.reset(None, pose.position, pose.quaternion, pose.q)
-        self.control.update_model(None, pose.jacobian, pose.mass)
+        self.control.reset(np.arange(1), pose.position, pose.quaternion, pose.q)
+        self.control.update_model(pose.jacobian, pose.mass)
 
     def look(self) -> Look:
         m, d = self.model, self.data
@@ -75,7 +138,7 @@ class Rig:
     def step(self, push: np.ndarray | None = None, **terms: np.ndarray) -> Look:
         """One control cycle and one step of physics; ``push`` (6,) acts on the flange."""
         pose = self.look()
-        self.control.update_model(None, pose.jacobian, pose.mass)
+        self.control.update_model(pose.jacobian, pose.mass)
         tau = self.control.torque(*pose[:5], **terms)[0]
         self.data.qfrc_applied[:] = tau + (0 if push is None else pose.jacobian[0].T @ push)
         mujoco.mj_step(self.model, self.data)
@@ -105,18 +168,18 @@ def poses(n: int = 64, robot: str = "panda") -> Look:
     return Look(*map(np.concatenate, zip(*looks, strict=True)))
 
 
-def batch(n: int = 64, **settings: object) -> tuple[CartesianImpedance, Look]:
+def batch(n: int = 64, **settings: object) -> tuple[Controllers, Look]:
     """Controllers of n arms, their references away from their poses."""
     look = poses(n)
-    control = CartesianImpedance(
+    control = Controllers(
         ImpedanceSettings(**({"torque_rate": np.inf} | settings)),  # type: ignore[arg-type]
         n,
         load_arm("panda").limits,
     )
     rng = np.random.default_rng(1)
     q_d = look.q + 0.3 * np.random.default_rng(2).normal(size=(n, 7))
-    control.reset(None, look.position, look.quaternion, q_d)
-    control.update_model(None, look.jacobian, look.mass)
+    control.reset(np.arange(n), look.position, look.quaternion, q_d)
+    control.update_model(look.jacobian, look.mass)
     turn = from_rotation_vector(0.2 * rng.normal(size=(n, 3)))
     control.set_reference(
         look.position + 0.05 * rng.normal(size=(n, 3)), rotation.multiply(turn, look.quaternion)

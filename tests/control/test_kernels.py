@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction_envs.control import impedance, kernels, operational, rotation
-from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
+from stiction_envs.control import impedance, operational, rotation
+from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.robots import load_arm
-from tests.control.rig import Look, poses
+from tests.control import rig
+from tests.control.rig import Controllers, Look, poses
 
 ROWS = np.array([3, 17])
 
@@ -16,9 +17,9 @@ def commands() -> np.ndarray:
     """(5, 2, 7) torques of two arms, with everything a controller can do [N·m]."""
     settings = ImpedanceSettings(nullspace_stiffness=5.0, pose_filter=0.5, torque_rate=3.0)
     look = Look(*(part[ROWS] for part in poses()))
-    control = CartesianImpedance(settings, 2, load_arm("panda").limits)
-    control.reset(None, look.position, look.quaternion, look.q + 0.1)
-    control.update_model(None, look.jacobian, look.mass)
+    control = Controllers(settings, 2, load_arm("panda").limits)
+    control.reset(np.arange(2), look.position, look.quaternion, look.q + 0.1)
+    control.update_model(look.jacobian, look.mass)
     control.set_reference(look.position + 0.05, np.roll(look.quaternion, 1, axis=0))
     dither = np.random.default_rng(5).normal(size=(2, 7))
     return np.array([control.torque(*look[:5], dither=dither) for _ in range(5)])
@@ -27,7 +28,7 @@ def commands() -> np.ndarray:
 def test_compiled_code_stays_within_its_arrays(monkeypatch):
     """numba reads and writes past their ends without a word; Python raises."""
     compiled = commands()
-    for module in (impedance, kernels, operational, rotation):
+    for module in (impedance, operational, rotation, rig):
         for name, function in list(vars(module).items()):
             if hasattr(function, "py_func"):
                 monkeypatch.setattr(module, name, function.py_func)

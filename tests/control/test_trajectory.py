@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError
-
 import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
 from stiction_envs.control.trajectory import (
-    GoalSequencer,
     MotionLimits,
     Path,
-    Segment,
     pentagon,
     read_path,
     triangle,
 )
+from stiction_envs.control.trapezoid import write_twist
 from stiction_envs.errors import StictionError
+from tests.control.movements import Goals, Segment
 from tests.control.rig import angle_between, from_rotation_vector
 
 HERE = np.array([1.0, 0.0, 0.0, 0.0])
@@ -133,11 +131,11 @@ def test_a_movement_without_distance_takes_no_time():
 # ---- goals -----------------------------------------------------------------------------------
 
 
-def sequencer(n: int = 3, **limits: object) -> tuple[GoalSequencer, np.ndarray, np.ndarray]:
-    """Arms at different places with the triangle before them, started at 10 s."""
-    out = GoalSequencer(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
+def sequencer(n: int = 3, **limits: object) -> tuple[Goals, np.ndarray, np.ndarray]:
+    """Arms at different places with the triangle before them."""
+    out = Goals(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
     p, q = np.arange(3.0 * n).reshape(n, 3), np.tile(HERE, (n, 1))
-    out.start(None, *triangle().goals(p, q), p, q, 10.0)
+    out.start_all(range(n), *triangle().goals(p, q), p, q)
     return out, p, q
 
 
@@ -146,8 +144,8 @@ def test_next_goal_starts_from_the_measured_pose():
     k, p, q = sequencer()
     goals, _ = triangle().goals(p, q)
     off = np.array([[0.03, 0, 0], [0, 0.02, 0.01], [0, 0, -0.03]])
-    assert not k.accept(goals[:, 0] + off, q, 11.999).any()
-    end = 10 + k.segment.duration
+    assert not k.accept(goals[:, 0] + off, q, 1.999).any()
+    end = k.movement.duration.copy()
     measured = goals[:, 0] + off
     turn = from_rotation_vector(np.tile([0.1, 0, 0], (3, 1)))
     assert k.accept(measured, turn, end).all()
@@ -156,7 +154,7 @@ def test_next_goal_starts_from_the_measured_pose():
     np.testing.assert_array_equal(position, measured)
     np.testing.assert_array_equal(quaternion, turn)
     assert not velocity.any()
-    position, quaternion, _, _ = k.reference(end + k.segment.duration + 1e-9)
+    position, quaternion, _, _ = k.reference(end + k.movement.duration + 1e-9)
     np.testing.assert_array_equal(position, goals[:, 1])
     np.testing.assert_array_equal(quaternion, q)
 
@@ -168,48 +166,32 @@ def test_goals_wait_for_time_and_tolerance():
     off = np.array([[0.0399, 0, 0], [0.0401, 0, 0], [0, 0, 0], [0, 0, 0]])
     tilt = from_rotation_vector([[0.0, 0, 0], [0, 0, 0], [0.2499, 0, 0], [0, 0.2501, 0]])
     np.testing.assert_array_equal(
-        k.accept(goal + off, rotation.multiply(tilt, q), 12.5), [True, False, True, False]
+        k.accept(goal + off, rotation.multiply(tilt, q), 2.5), [True, False, True, False]
     )
     np.testing.assert_array_equal(k.index, [1, 0, 1, 0])
-    np.testing.assert_array_equal(k.accept(goal, q, 13.0), [False, True, False, True])
-    np.testing.assert_array_equal(
-        k.accepted_at[:, :2], [[10, 12.5], [10, 13], [10, 12.5], [10, 13]]
-    )
-    np.testing.assert_array_equal(k.reached_at[:, 0], [12.5, 13, 12.5, 13])
+    np.testing.assert_array_equal(k.accept(goal, q, 3.0), [False, True, False, True])
+    np.testing.assert_array_equal(k.accepted_at[:, :2], [[0, 2.5], [0, 3], [0, 2.5], [0, 3]])
+    np.testing.assert_array_equal(k.reached_at[:, 0], [2.5, 3, 2.5, 3])
     assert np.isnan(k.accepted_at[:, 2:]).all()
     far, _, _ = sequencer(4, position_tolerance=np.inf, rotation_tolerance=np.inf)
-    assert far.accept(goal + 1.0, q, 12.5).all()
+    assert far.accept(goal + 1.0, q, 2.5).all()
 
 
 def test_walks_through_all_goals_and_finishes():
-    """Perfect arms on clocks of their own: three goals, then rest at the last, once each."""
-    k, p, q = sequencer()
-    clock = np.array([10.0, 10.5, 11.0])
-    k.start([1, 2], *triangle().goals(p[1:], q[1:]), p[1:], q[1:], clock[1:])
+    """Perfect arms: three goals, then rest at the last, once each."""
+    k, p, _ = sequencer()
     count = np.zeros(3)
-    for _ in range(900):
-        position, quaternion, _, _ = k.reference(clock)
+    for clock in 0.01 * np.arange(900):
+        position, quaternion, _, _ = k.reference(np.full(3, clock))
         count += k.accept(position, quaternion, clock)
-        clock += 0.01
     assert k.finished.all()
     np.testing.assert_array_equal(count, 2)  # the first was accepted by `start`
     np.testing.assert_array_equal(k.index, 3)
-    np.testing.assert_allclose(
-        k.accepted_at[:, :3].T - [10, 10.5, 11], [[0] * 3, [2] * 3, [4] * 3], atol=0.021
-    )
+    np.testing.assert_allclose(k.accepted_at[:, :3].T, [[0] * 3, [2] * 3, [4] * 3], atol=0.021)
     np.testing.assert_array_equal(k.accepted_at[:, 1:3], k.reached_at[:, :2])
     assert np.isfinite(k.reached_at[:, 2]).all()
-    np.testing.assert_array_equal(k.reference(99.0)[0], p)
+    np.testing.assert_array_equal(k.reference(np.full(3, 99.0))[0], p)
     np.testing.assert_array_equal(k.goal[0], p)
-
-
-@pytest.mark.parametrize("count", [0, 6])
-def test_number_of_goals_is_checked(count):
-    k, p, q = sequencer()
-    with pytest.raises(StictionError, match=f"path of {count} goals: expected 1 to 5"):
-        k.start(None, np.zeros((3, count, 3)), np.zeros((3, count, 4)), p, q)
-    with pytest.raises(StictionError, match="expected 1 or more"):
-        GoalSequencer(0, MotionLimits(), 5)
 
 
 # ---- paths -----------------------------------------------------------------------------------
@@ -287,17 +269,6 @@ def test_bad_limits_say_what_and_what_was_expected(name, value):
         MotionLimits(**{name: value})
 
 
-def test_default_limits_are_the_packages():
-    """sources.md 6.2, the slip in the rotational deceleration included."""
-    limits = MotionLimits()
-    assert (limits.translational_speed, limits.rotational_speed) == (0.5, 0.5)
-    assert (limits.translational_acceleration, limits.rotational_acceleration) == (0.2, 0.5)
-    assert limits.translational_deceleration == limits.rotational_deceleration == 0.2
-    assert (limits.position_tolerance, limits.rotation_tolerance) == (0.04, 0.25)
-    assert limits.synchronised
-    assert limits.publish_rate_hz == 100
-
-
 @pytest.mark.parametrize("synchronised", [True, False])
 def test_twist_is_the_references_velocity(synchronised):
     """By central differences of position and orientation; 0 at rest."""
@@ -307,21 +278,24 @@ def test_twist_is_the_references_velocity(synchronised):
         t = share * s.duration
         (x0, q0, _, _), (x1, q1, _, _) = s.sample(t - h), s.sample(t + h)
         moved = np.concatenate([x1 - x0, rotation.rotation_error(q1, q0)], axis=1)
-        np.testing.assert_allclose(s.twist(t), moved / (2 * h), atol=1e-6)
-    assert not s.twist(-1.0).any()
-    assert not s.twist(1e3).any()
+        twist = np.empty_like(moved)
+        for i, now in enumerate(t):
+            write_twist(i, now, s.arrays, twist[i])
+        np.testing.assert_allclose(twist, moved / (2 * h), atol=1e-6)
+    for rest in (-1.0, 1e3):
+        write_twist(0, rest, s.arrays, twist[0])
+        assert not twist[0].any()
 
 
 def test_pace_stretches_every_movement_of_its_arm_in_time():
     """The same way in 1/pace of the time, speeds times the pace: goal after goal, arm by arm."""
     goals = np.array([[0.3, 0.1, -0.2], [0.1, 0.0, 0.1]])
     turns = np.stack([HERE, from_rotation_vector([0.0, 0.0, 0.5])])
-    paces = np.array([1.0, 0.5])
-    s = GoalSequencer(2, MotionLimits(), 2)
-    start = np.zeros((2, 3)), np.tile(HERE, (2, 1))
-    s.start(None, np.stack([goals] * 2), np.stack([turns] * 2), *start, pace=paces)
+    s = Goals(2, MotionLimits(), 2)
+    for i, pace in enumerate((1.0, 0.5)):
+        s.start(i, goals, turns, np.zeros(3), HERE, pace)
     for goal, turn in zip(goals, turns, strict=True):
-        duration = s.segment.duration
+        duration = s.movement.duration.copy()
         assert duration[1] == pytest.approx(2 * duration[0], rel=1e-12)
         for share in np.linspace(0, 0.99, 7):
             begun = s.accepted_at[:, s.index[0]]
@@ -343,10 +317,10 @@ def test_a_pace_is_over_zero_to_one(pace):
 def test_goals_left_and_the_vector_onward():
     """Goals that are left, and the vector from the next one to the one after it."""
     goals = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 3.0]])
-    s = GoalSequencer(2, MotionLimits(), 4)
+    s = Goals(2, MotionLimits(), 4)
     assert s.goals_left.tolist() == [0, 0]
     assert not s.onward.any()
-    s.start(np.array([1]), goals[None], np.tile(HERE, (1, 3, 1)), np.zeros((1, 3)), HERE[None])
+    s.start(1, goals, np.tile(HERE, (3, 1)), np.zeros(3), HERE)
     far = np.array([[9.0, 9.0, 9.0]])
     for k, onward in enumerate(([0, 2, 0], [0, 0, 3], [0, 0, 0])):
         assert s.goals_left.tolist() == [0, 3 - k]
@@ -355,10 +329,3 @@ def test_goals_left_and_the_vector_onward():
         s.accept(np.concatenate([far, goals[k : k + 1]]), np.tile(HERE, (2, 1)), 100.0 * (k + 1))
     assert s.goals_left.tolist() == [0, 0]
     assert not s.onward.any()
-
-
-def test_limits_cannot_change_under_a_movement():
-    """What is worked out from them once would no longer be theirs."""
-    limits = MotionLimits()
-    with pytest.raises(FrozenInstanceError):
-        limits.translational_speed = 2.0  # type: ignore[misc]

@@ -148,7 +148,7 @@ def test_actions_of_another_shape(kind, env, action):
         ({"control_interval_s": 0.05}, "multiples of 0.02 s"),
         ({"settling_weight": 1.5}, "settling_weight 1.5: expected 0 to 1"),
         ({"random_paths": 0}, "random_paths 0: expected a whole number from 1"),
-        ({"start": [0.0] * 6}, "6 angles: expected 7"),
+        ({"start": [0.0] * 6}, "expected 7 angles"),
         ({"start": "rest"}, "expected 7 angles"),
         ({"tool": (0.0, 0.1)}, "three finite numbers"),
         ({"compensation": "pull"}, "feedforward, push"),

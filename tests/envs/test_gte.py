@@ -126,11 +126,11 @@ def test_observations_mean_what_they_are_called(panda):
     assert [see[f"onward_{k}"] for k in "xyz"] == pytest.approx(path[2] - path[1], abs=1e-6)
     assert see["goals_left"] == 5
     assert see["error_x"] == see["reference_x"] == 0
-    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]))
+    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.movement.duration[0]))
     observation, _, _, _, info = panda.step(mild(panda, 6, share=0.25))
     see = dict(zip(names, observation, strict=True))
     assert see["amplitude_6"] == pytest.approx(-0.5)
-    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.segment.duration[0]) - 0.2)
+    assert see["remaining"] == pytest.approx(float(core.rig.sequencer.movement.duration[0]) - 0.2)
     x, _, velocity, _ = core.rig.sequencer.reference(0.2)
     error = core.rig.end_effector.position[0] - x[0]
     assert [see[f"error_{k}"] for k in "xyz"] == pytest.approx(error / 0.04, rel=1e-5)
@@ -156,7 +156,7 @@ def test_observed_torque_is_the_impedance_laws_without_dither(panda):
         observation, *_ = panda.step(shaken(panda))
     controller, jacobian = core.rig.controller, core.rig.end_effector.jacobian[0]
     # the state is that of the last cycle, 1 ms ago
-    expected = jacobian.T @ (controller._gain[0] @ controller._state[0])
+    expected = jacobian.T @ (controller.arrays.gain[0] @ controller.arrays.state[0])
     assert np.abs(core.rig.dither_torque[0]).max() > 0.1
     assert observation[mine] * core.stiction == pytest.approx(expected, abs=0.02)
     assert np.abs(expected).max() > 0.5

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.envs import precompute
 from stiction_envs.experiments.gte.protocol import episode_settings
 from stiction_envs.experiments.sje import undithered as sje_base
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
+from tests.envs import make_precomputed as precompute
 from tests.envs.helpers import QUICK, make
 from tests.envs.test_suite import IDS
 
 SHIPPED = store.SHIPPED
 OUT_OF_DATE = (
     "what is shipped is not what the code makes: if the change is meant, run "
-    "python -m stiction_envs.envs.precompute"
+    "python -m tests.envs.make_precomputed"
 )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.signals.angles import angle_error
+from stiction_envs.gap.validation.check import check_model
 from stiction_envs.hidden.excited_logs import presliding
 from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.worlds import inverse_torque
@@ -146,14 +147,19 @@ def test_currents_of_three_sizes_of_gears_are_three_scales() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("unit", [1000.0, 100 / np.array([87.0] * 4 + [12.0] * 3)])
+@pytest.mark.parametrize("unit", [1000.0, 100 / np.array([45.0] * 3 + [17.0] * 4)])
 def test_other_units_are_converted(unit: Array | float) -> None:
-    """Torques in mN·m, or in percent of what each joint can bear."""
+    """Torques in mN·m, or in percent of what each joint can bear; check logs are, too."""
     middle = np.array([0.1, -0.3, 0.2, -1.8, 0.3, 1.8, 0.4])
     dry = np.array([0.6, 0.7, 0.5, 0.5, 0.4, 0.3, 0.3])
-    made = recorded(load_arm("panda"), dry, 0.6 * dry, middle=middle, reach=0.5)
-    made.tau *= unit
-    causes = named(diagnose_logs([made.log(noise=0.02 * unit)], "panda"))
+    logs = []
+    for seed in (1, 2):
+        made = recorded(load_arm("panda"), dry, 0.6 * dry, middle=middle, reach=0.5, seed=seed)
+        made.tau *= unit
+        logs.append(made.log(noise=0.02 * unit))
+    found = diagnose_logs(logs[:1], "panda")
+    causes = named(found)
+    assert check_model(found, logs[1:]).verdict == "holds"
     assert set(causes) == {*FRICTION, "torque_scale"}
     holds(causes["coulomb_friction"], "coulomb_nm", of_joints(dry), within=0.1)
 

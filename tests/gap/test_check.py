@@ -11,15 +11,13 @@ import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.settings import gap_settings
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.gap.validation.check import check_model, describe, refuse_unfit
+from stiction_envs.gap.validation.check import check_model, refuse_unfit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, dry, found, hidden, motion, only, panda, write_csv
 from tests.robots.arms import chain
 
-OWN = gap_settings()
 NOISE = 0.01
 SPRING = np.array([3.0, 0.0])
 
@@ -50,7 +48,7 @@ def test_a_right_model_holds_down_to_the_noise(two, friction):
     assert (check.extended_rms < 1.3 * friction.extended_rms).all()
     (cause,) = check.transfers
     np.testing.assert_allclose(cause.without, check.nominal_rms, rtol=0.05)
-    assert "holds" in describe(check)
+    assert "holds" in str(check)
 
 
 def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
@@ -64,7 +62,7 @@ def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
     assert by["external_spring"].harmed == (1,)
     assert by["external_spring"].without[0] < 0.1 * check.extended_rms[0]
     assert not by["coulomb_friction"].harmed
-    text = describe(check)
+    text = str(check)
     assert "does not hold on joint 1" in text
     assert "Not transferring: external_spring (joint 1)" in text
     assert check.to_json() == {
@@ -186,7 +184,7 @@ def test_logs_that_cannot_check_are_refused_in_one_line(two, change, says):
         diagnosed if says == "it is diagnosed too" else change(replace(made, source="other.csv"))
     )
     with pytest.raises(StictionError) as error:
-        refuse_unfit([given], [diagnosed], two, OWN)
+        refuse_unfit([given], [diagnosed], two)
     assert says in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -196,20 +194,20 @@ def test_a_log_of_another_robot_is_refused():
     arm = panda()
     own, other = hidden(arm, seconds=3.0), bent(hidden(arm, seconds=3.0, seed=2), "b")
     with pytest.raises(StictionError, match=r"check log b: joint 4 .* expected a log of panda"):
-        refuse_unfit([other], [own], arm, OWN)
+        refuse_unfit([other], [own], arm)
     # limits that the diagnosed logs leave too are the model's fault
     again = bent(hidden(arm, seconds=3.0, seed=3), "c")
-    refuse_unfit([other], [again], arm, OWN)
+    refuse_unfit([other], [again], arm)
     # a continuous joint has none
     position = arm.limits.position.copy()
     position[3] = -np.pi, np.pi
     limits = replace(arm.limits, position=position)
     turned = replace(other, q=other.q + 4 * np.eye(7)[3])
-    refuse_unfit([turned], [own], replace(arm, limits=limits), OWN)
+    refuse_unfit([turned], [own], replace(arm, limits=limits))
     position[3] = -3.0, 3.0
     limits = replace(arm.limits, position=position)
     with pytest.raises(StictionError, match=r"joint 4 .* expected a log of panda"):
-        refuse_unfit([turned], [own], replace(arm, limits=limits), OWN)
+        refuse_unfit([turned], [own], replace(arm, limits=limits))
 
 
 def bent(log: JointLog, source: str) -> JointLog:

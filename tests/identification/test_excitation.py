@@ -17,11 +17,11 @@ from stiction_envs.identification.excitation_motion import (
     sweeps_from,
 )
 from stiction_envs.identification.excitation_search import SIGN_SPEED, Problem
-from stiction_envs.identification.settings import identification_settings
+from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.robots import Arm, load_arm
 from tests.robots.test_overlapping_links import ARM
 
-DEFAULTS = identification_settings().excitation
+DEFAULTS = excitation_settings()
 QUICK = DEFAULTS.replace(iterations=30, starts=1, randoms=6)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.hidden.excited_logs import direction, perturbed
+from stiction_envs.hidden.excited_logs import perturbed, presliding
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
 from tests.command_line import Ran
@@ -61,7 +61,7 @@ def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
     dry = 0.02 * np.minimum(arm.limits.torque, 100.0) * np.linspace(0.7, 1.3, arm.n)
     tau = (
         inverse_torque(perturbed(arm, 0.05, 1).model(), q, dq, ddq)
-        + dry * direction(dq)
+        + dry * presliding(q, 1e-9)
         + 0.3 * dry * dq
     )
     tau += 0.02 * dry * rng.normal(size=q.shape)

@@ -16,8 +16,8 @@ SHORT = {"iterations": 4, "randoms": 2, "starts": 1, "harmonics": 3, "periods": 
 @pytest.fixture
 def case(request, cli, monkeypatch) -> Case:
     """A robot by name, in a folder of its own; searches and holds are short."""
-    quick = override(settings.identification_settings(), {"excitation": SHORT})
+    quick = override(settings.excitation_settings(), SHORT)
     for module in (settings, excitation):
-        monkeypatch.setattr(module, "identification_settings", lambda: quick)
+        monkeypatch.setattr(module, "excitation_settings", lambda: quick)
     monkeypatch.setattr(conformance, "USUAL", ConformanceSettings(ramp_rates=(0.5,)))
     return Case(request.param, cli)

@@ -8,7 +8,7 @@ import pytest
 from mujoco.batch import Batch
 
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.plant.loop_batch import LoopBatch, advance
+from stiction_envs.plant.loop_batch import LoopBatch, advance, take_fields
 from stiction_envs.robots.stated import COULOMB
 
 VEL = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -46,6 +46,15 @@ def drive(batches, k: int, sticking) -> None:
         b.bind("ctrl")[:, sticking.torque_actuator] = 20.0 * np.sin(0.3 * k + np.arange(N))[:, None]
 
 
+def step(batches: tuple[Batch, LoopBatch], nstep: int = 1) -> None:
+    """Step the first as MuJoCo does, the second by compiled code, the last arms first."""
+    batches[0].step(nstep=nstep, stage=VEL)
+    for part, loop in reversed(list(zip(batches[1].parts, batches[1].loops, strict=True))):
+        for i in range(part.start, part.stop):
+            take_fields(i, loop)
+            advance(i, nstep, loop)
+
+
 def test_it_steps_as_mujoco_does(sticking):
     batches = both(sticking)
     for k in range(40):
@@ -56,13 +65,12 @@ def test_it_steps_as_mujoco_does(sticking):
                 b.bind("qfrc_applied")[2] = 0.5
                 b.bind("qpos")[0] += 0.1
                 b.forward(np.array([0]), stage=VEL)
-        for b in batches:
-            b.step(nstep=2, stage=VEL)
+        step(batches, 2)
         assert same(*batches)
     assert np.abs(batches[0].bind("qvel")).max() > 1e-3
 
 
-def test_parts_are_stepped_in_any_order_between_calls_of_either_kind(sticking):
+def test_parts_are_stepped_in_any_order(sticking):
     one = Batch(sticking.model, 9, 1, persistent=True)
     other = LoopBatch(sticking.model, 9, threads=2)
     for b in (one, other):
@@ -70,17 +78,11 @@ def test_parts_are_stepped_in_any_order_between_calls_of_either_kind(sticking):
             b.bind(name)
         b.bind("qpos")[:, sticking.motor] = sticking.arm.rest + 0.01 * np.arange(9)[:, None]
         b.forward(stage=VEL)
-    other.part(2)
     assert [s.stop - s.start for s in other.parts] == [4, 4, 1]
     for k in range(6):
         for b in (one, other):
             b.bind("ctrl")[:, sticking.torque_actuator] = 10.0 * np.sin(k + np.arange(9))[:, None]
-        one.step(stage=VEL)
-        for loop in reversed(other.loops):
-            advance(loop, 1)
-        assert same(one, other)
-        for b in (one, other):
-            b.step(nstep=2, stage=VEL)
+        step((one, other))
         assert same(one, other)
 
 
@@ -88,8 +90,10 @@ def test_a_stopped_simulation_is_told_of_until_it_is_reset(sticking):
     batches = both(sticking)
     for b in batches:
         b.bind("qvel")[1] = np.nan
-        b.step(stage=VEL)
+    step(batches)
+    for b in batches:
         assert (b.warning[:, :, 1].sum(axis=1) > 0).tolist() == [False, True, False]
         b.reset(np.array([1]), stage=VEL)
-        b.step(stage=VEL)
+    step(batches)
+    for b in batches:
         assert not b.warning.any()

@@ -78,7 +78,7 @@ def test_other_code_and_another_engine_make_it_anew(folder, monkeypatch):
 
 def test_all_code_that_makes_a_result_counts():
     code = (
-        "import sys, stiction_envs.envs.precompute\n"
+        "import sys, tests.envs.make_precomputed\n"
         "print(*(m for m in sys.modules if m.startswith('stiction_envs.')))"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -190,14 +190,10 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
 
 def show(result: JsonRecord) -> str:
     """Return the means as a readable table."""
+    from stiction_envs.reporting.markdown import aligned
     from tuning.policies.report import means_table
 
     summary = result["summary"]
     header, rows = means_table(summary)
-    table = [header, *rows]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [f"{result['environment']}, {next(iter(summary.values()))['episodes']} episodes"]
-    for name, *numbers in table:
-        cells = [x.rjust(width) for x, width in zip(numbers, widths[1:], strict=True)]
-        lines.append("  ".join([name.ljust(widths[0]), *cells]))
-    return "\n".join([*lines, f"written to {result['out']}"])
+    title = f"{result['environment']}, {next(iter(summary.values()))['episodes']} episodes"
+    return "\n".join([title, aligned(header, rows), f"written to {result['out']}"])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
+from tuning.names import OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
     *("sampler", "objective", "pareto", "bounds", "evaluations", "limit", "beside"),
-    *("search", "compensation", "treatment", "ask", "tell"),
+    *("treatment", "ask", "tell"),
 )
 WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
 """Options of the search that tuning on a real robot has too."""
@@ -110,24 +110,11 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         "power, or torque_rate",
     )
     group.add_argument(
-        "--search",
-        nargs="+",
-        choices=FREE,
-        metavar="WHAT",
-        help=f"search these too: {', '.join(FREE)}",
-    )
-    group.add_argument(
         "--treatment",
         choices=TREATMENTS,
         help="search this against friction, alone, on paths: dither, a compensation, both "
         "observers, or all one after the other with the same budget; the report says which wins "
         "on other paths and what it needs to know",
-    )
-    group.add_argument(
-        "--compensation",
-        choices=COMPENSATIONS,
-        metavar="KIND",
-        help="search a compensation together with dither (objective gte or both)",
     )
     group.add_argument(
         "--bounds",
@@ -229,13 +216,12 @@ def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
     def say(stage: str, done: float, total: float) -> None:
         progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
 
-    names = ("objective", "sampler", "pareto", "compensation", "treatment", "evaluations")
+    names = ("objective", "sampler", "pareto", "treatment", "evaluations")
     inputs = {"bounds": args.bounds, "limit": args.limit}
     inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
     return search(
         arm,
         out=_folder(args, arm, inputs),
-        free=args.search or (),
         progress=say,
         **_given(args, *names, "bounds", "limit", "beside", "sensing"),
     )

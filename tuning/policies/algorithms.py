@@ -41,7 +41,7 @@ except ImportError:
 
 __all__ = ["CheckpointCallback", "EvalCallback"]
 SB3 = Any
-"""Its arguments and objects: they take and have more than the types that it declares."""
+"""Arguments and objects of Stable-Baselines3, which have more than its declared types."""
 ALGORITHMS: dict[str, type[BaseAlgorithm]] = {"sac": SAC, "ppo": PPO, "td3": TD3}
 """Stable-Baselines3's classes by the names of the algorithms."""
 

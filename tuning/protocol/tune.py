@@ -29,6 +29,7 @@ from stiction_envs.measured import AmplitudeRow, BaseTable, read_base
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.output_folder import OutputFolder
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
@@ -57,7 +58,7 @@ def _check(
 class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
 
-    summary: dict[str, object]
+    summary: JsonRecord
     """What ``stiction tune --json`` prints."""
     final: tuple[AmplitudeRow, ...]
     """Dither of every joint, the rows of ``final.csv``."""
@@ -72,7 +73,7 @@ class Tuning(Result):
 
     def to_json(self) -> dict[str, object]:
         """Return final table, reductions, warnings and the path of the report."""
-        return self.summary
+        return dict(self.summary)
 
     def write(self, folder: Path) -> None:
         """Copy tables, report and plots."""
@@ -83,38 +84,31 @@ class Tuning(Result):
         return f"<Tuning of {self.robot}: {len(self.final)} joints, in {self.folder}>"
 
     def __str__(self) -> str:
-        return describe(self.summary)
-
-
-def describe(summary: JsonRecord) -> str:
-    """Return the summary of a tuning as a readable table."""
-    lines: list[str] = []
-    if gains := summary.get("compensation"):
-        columns = {name: x for name, x in gains.items() if name != "kind"}
-        lines += [f"{gains['kind']}:", "joint   " + "".join(f"{x:>18}" for x in columns)]
-        for j, numbers in enumerate(zip(*columns.values(), strict=True), 1):
-            lines.append(f"{j:<8}" + "".join(f"{x:>18.4g}" for x in numbers))
-    if summary["final"] or not gains:
-        lines += _dither_lines(summary)
-    if best := summary.get("treatment"):
-        words = f"recommended: {best['name']}, which leaves {best['left_percent']:.0f} %"
-        lines.append(f"{words} of the error on paths that were not searched on")
-    return "\n".join(lines)
-
-
-def _dither_lines(summary: JsonRecord) -> list[str]:
-    servos = any("amplitude_rad" in r for r in summary["final"])
-    lines = [f"{'joint':<8}{'frequency [Hz]':>16}{'amplitude [N·m]':>18}"]
-    lines[0] += f"{'of command [mrad]':>20}" if servos else ""
-    lines += [
-        f"{r['joint']:<8}{r['frequency_hz']:>16g}{r['amplitude_nm']:>18.4f}"
-        + (f"{1e3 * r['amplitude_rad']:>20.1f}" if servos else "")
-        for r in summary["final"]
-    ]
-    mean = summary["mean_reduction_percent"]
-    if mean is not None:
-        lines.append(f"torque to move a joint, mean over all configurations: {-mean:+.1f} %")
-    return lines
+        lines: list[str] = []
+        final = self.summary["final"]
+        if gains := self.summary.get("compensation"):
+            columns = {name: x for name, x in gains.items() if name != "kind"}
+            rows = enumerate(zip(*columns.values(), strict=True), 1)
+            cells = [[f"{j}", *(f"{x:.4g}" for x in numbers)] for j, numbers in rows]
+            lines += [f"{gains['kind']}:", aligned(["joint", *columns], cells)]
+        if final or not gains:
+            header = ["joint", "frequency [Hz]", "amplitude [N·m]"]
+            cells = [
+                [f"{r['joint']}", f"{r['frequency_hz']:g}", f"{r['amplitude_nm']:.4f}"]
+                for r in final
+            ]
+            if any("amplitude_rad" in r for r in final):
+                header.append("of command [mrad]")
+                for row, r in zip(cells, final, strict=True):
+                    row.append(f"{1e3 * r['amplitude_rad']:.1f}")
+            lines.append(aligned(header, cells))
+            if (mean := self.summary["mean_reduction_percent"]) is not None:
+                text = "torque to move a joint, mean over all configurations"
+                lines.append(f"{text}: {-mean:+.1f} %")
+        if best := self.summary.get("treatment"):
+            words = f"recommended: {best['name']}, which leaves {best['left_percent']:.0f} %"
+            lines.append(f"{words} of the error on paths that were not searched on")
+        return "\n".join(lines)
 
 
 def tune(

@@ -15,10 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
+from optuna.distributions import BaseDistribution, FloatDistribution
 
-from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow
 from tuning.settings import BoundsSettings, tuning_settings
@@ -43,8 +42,6 @@ class Bounds:
     """(n, 2) [Hz]."""
     torque_rate: Array
     """(n,) [N·m/s]; inf is no limit."""
-    offset_nm: Array
-    """(n,) largest offset either way [N·m]."""
     forbidden_hz: tuple[tuple[tuple[float, float], ...], ...]
     """Per joint, bands that no setting may lie in [Hz]."""
     displacement_rad: Array
@@ -74,31 +71,20 @@ class Bounds:
         ]
         return max(depth, default=-np.inf)
 
-    def space(self, joint: int, options: tuple[str, ...] = ()) -> dict[str, BaseDistribution]:
+    def space(self, joint: int) -> dict[str, BaseDistribution]:
         """Return the parameters of one joint's setting and their ranges."""
         low, high = self.frequency_hz[joint - 1]
-        out: dict[str, BaseDistribution] = {
+        return {
             "frequency_hz": FloatDistribution(float(low), float(high), log=True),
             "amplitude": FloatDistribution(0.0, 1.0),
         }
-        if "waveform" in options:
-            out["waveform"] = CategoricalDistribution([w for w in WAVEFORMS if w != "random"])
-        if "offset" in options:
-            most = float(self.offset_nm[joint - 1])
-            out["offset_nm"] = FloatDistribution(-most, most)
-        return out
 
     def setting(self, joint: int, parameters: Parameters) -> AmplitudeRow:
         """Return the dither that parameters of `space` describe."""
         frequency = float(parameters["frequency_hz"])
         low, high = self.amplitude_nm[joint - 1, 0], self.largest(joint, frequency)
-        return AmplitudeRow(
-            joint,
-            frequency,
-            float(low + parameters["amplitude"] * max(high - low, 0.0)),
-            parameters.get("waveform", DEFAULT_WAVEFORM),
-            float(parameters.get("offset_nm", 0.0)),
-        )
+        amplitude = float(low + parameters["amplitude"] * max(high - low, 0.0))
+        return AmplitudeRow(joint, frequency, amplitude)
 
     def share(self, row: AmplitudeRow) -> dict[str, float]:
         """Return the parameters of `space` that are nearest to a dither."""
@@ -170,7 +156,6 @@ def bounds_of(
         amplitude_nm=np.stack([np.zeros(n), amplitude], axis=1),
         frequency_hz=np.tile([low, min(high, BELOW_NYQUIST * half)], (n, 1)),
         torque_rate=np.array(experiment.interface.torque_rate),
-        offset_nm=s.offset_scale * base,
         forbidden_hz=((),) * n,
         displacement_rad=np.full(n, np.nan),
         vibration_m=(np.nan, np.nan),
@@ -253,23 +238,15 @@ def _check_names(table: Mapping[str, object], where: str, kind: str, known: Sequ
             raise StictionError(f"{where}{unknown(kind, name, known)}")
 
 
-def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise StictionError(f"{where} is {value!r}: expected a finite number")
-    return float(value)
-
-
 def _positive(value: object, where: str) -> float:
-    number = _number(value, where)
+    number = float(checked_array(value, where, ()))
     if number <= 0:
         raise StictionError(f"{where} is {number:g}: expected more than 0")
     return number
 
 
 def _pair(value: object, where: str) -> tuple[float, float]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise StictionError(f"{where} is {value!r}: expected [low, high]")
-    low, high = (_number(x, where) for x in value)
+    low, high = checked_array(value, where, (2,), expected="[low, high], finite numbers").tolist()
     if not low < high:
         raise StictionError(f"{where} is {value!r}: expected [low, high] with low < high")
     return low, high

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stiction_envs.errors import StictionError, unknown
-from tuning.names import COMPENSATIONS, FREE, OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
+from tuning.names import OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,8 +15,6 @@ class Options:
     objective: str = "sje"
     sampler: str | None = None
     pareto: str | None = None
-    free: tuple[str, ...] = ()
-    compensation: str = "none"
     treatment: str | None = None
     evaluations: int | None = None
 
@@ -25,29 +23,18 @@ class Options:
             ("objective", OBJECTIVES),
             ("sampler", (None, *SAMPLERS)),
             ("pareto", (None, *PRICES)),
-            ("compensation", COMPENSATIONS),
             ("treatment", (None, *TREATMENTS)),
         ):
             if getattr(self, name) not in choices:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
-        if self.treatment is not None:
-            if self.compensation != "none":
-                raise StictionError("treatment: expected no compensation besides")
-            if self.objective != "gte":
-                raise StictionError("treatment: expected objective gte")
-        if self.compensation != "none" and self.objective == "sje":
-            raise StictionError("compensation: expected objective gte or both")
+        if self.treatment is not None and self.objective != "gte":
+            raise StictionError("treatment: expected objective gte")
         still = self.treatment is not None and "dither" not in TREATMENTS[self.treatment]
         if self.pareto == "power" and still:
             raise StictionError("pareto power, of the dither: expected dither to be searched")
-        for name in self.free:
-            if name not in FREE:
-                raise unknown("search option", name, FREE)
         if self.evaluations is not None and self.evaluations < 1:
             raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
         paths = self.objective != "sje"
-        if "waveform" in self.free and "cmaes" in (self.sampler, paths and self.sampler_of("gte")):
-            raise StictionError("sampler cmaes: cannot search waveforms: expected gp, tpe, random")
         if self.sampler == "grid" and paths:
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
         if self.pareto and self.sampler in ("gp", "cmaes"):

@@ -207,17 +207,11 @@ def _write_comparison(path: Path, verified: Verified) -> None:
 
 
 def _final(found: Stages, final: Table) -> str:
-    extra = [
-        ("waveform", any(r.waveform != "sine" for r in final)),
-        ("offset [N·m]", any(r.offset_nm for r in final)),
-    ]
-    header = ["joint", "f [Hz]", "A [N·m]", *(name for name, used in extra if used), "bounds met"]
+    header = ["joint", "f [Hz]", "A [N·m]", "bounds met"]
     rows = []
     for r in final:
-        more = [r.waveform, f"{r.offset_nm:.3f}"]
-        shown = [x for x, (_, used) in zip(more, extra, strict=True) if used]
         words = ", ".join(found.bounds.met(r)) if r.amplitude_nm else "no dither helped"
-        rows.append([f"{r.joint}", f"{r.frequency_hz:.1f}", f"{r.amplitude_nm:.3f}", *shown, words])
+        rows.append([f"{r.joint}", f"{r.frequency_hz:.1f}", f"{r.amplitude_nm:.3f}", words])
     return table_text(header, rows)
 
 

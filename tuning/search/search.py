@@ -44,8 +44,6 @@ def search(
     objective: str | None = None,
     sampler: str | None = None,
     pareto: str | None = None,
-    free: Sequence[str] = (),
-    compensation: str = "none",
     treatment: str | None = None,
     evaluations: int | None = None,
     bounds: str | Path | None = None,
@@ -74,8 +72,6 @@ def search(
         sampler: one of `names.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
         pareto: second objective, of `names.PRICES`; None for one objective. Shaking is a constraint
             unless it is this objective.
-        free: of "waveform" and "offset": what is searched besides amplitude and frequency.
-        compensation: of the GTE, one of `names.COMPENSATIONS`: searched together with dither.
         treatment: one of `names.TREATMENTS`: each is searched alone with the same budget and
             under the same limits on vibration and torque rate, and the best on other paths that
             does not shake at rest is recommended.
@@ -106,8 +102,6 @@ def search(
         objective=objective or ("sje" if treatment is None else "gte"),
         sampler=sampler,
         pareto=pareto,
-        free=tuple(free),
-        compensation=compensation,
         treatment=treatment,
         evaluations=evaluations,
     )

@@ -216,7 +216,7 @@ class Stages:
             self._search(
                 "sje",
                 f"sje-joint{j}",
-                self.bounds.space(j, options.free),
+                self.bounds.space(j),
                 seed=self.seed * 1000 + j,
                 startup=s.startup,
                 population=s.population if together else 1,
@@ -249,8 +249,7 @@ class Stages:
             places,
             iterations=s.iterations,
             joints=() if still else range(1, self.sje.n + 1),
-            free=() if still else options.free,
-            compensation=kind if still else options.compensation,
+            compensation=kind if still else "none",
             rest_margin=s.rest_margin if kind else None,
             limits=self.limits,
             penalty=s.penalty if name == "cmaes" else 0.0,

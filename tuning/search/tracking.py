@@ -115,7 +115,6 @@ class TrackingObjective:
         *,
         iterations: int,
         joints: Sequence[int],
-        free: tuple[str, ...] = (),
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
@@ -132,7 +131,6 @@ class TrackingObjective:
             places: paths and stiffnesses.
             iterations: repeats per place and friction.
             joints: joints to dither, from 1.
-            free: from `names.FREE`, waveform and offset: what else is searched for each joint.
             compensation: kind to search, or "none"; its gains are those of the friction that the
                 controller assumes, times a factor.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
@@ -147,7 +145,7 @@ class TrackingObjective:
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
         self.frictions, self.iterations = list(frictions), iterations
         self.joints, self.penalty = tuple(joints), penalty
-        self.free, self._settings = free, settings or tuning_settings().bounds
+        self._settings = settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
         self._loaded = rest_margin is not None and compensation == "push"
         self.plain = self.measure([Treatment()])[0]
@@ -171,7 +169,7 @@ class TrackingObjective:
         """Return the parameters of a table of the whole arm."""
         out: dict[str, BaseDistribution] = {}
         for j in self.joints:
-            for name, d in self.bounds.space(j, self.free).items():
+            for name, d in self.bounds.space(j).items():
                 out[f"{name}_{j}"] = d
         if self._believed is not None:
             reach = self._settings.compensation_reach
@@ -210,7 +208,7 @@ class TrackingObjective:
         """Return the table that parameters of `space` describe."""
         rows = []
         for j in self.joints:
-            mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j, self.free)}
+            mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j)}
             rows.append(self.bounds.setting(j, mine))
         return tuple(rows)
 
@@ -221,10 +219,6 @@ class TrackingObjective:
         for j in self.joints:
             row = rows.get(j, AmplitudeRow(j, 0.0, 0.0))
             out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
-            if "waveform" in self.free:
-                out[f"waveform_{j}"] = row.waveform
-            if "offset" in self.free:
-                out[f"offset_nm_{j}"] = row.offset_nm
         if self._believed is not None:
             out["compensation"] = float(np.mean(self._settings.compensation_factor))
             out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.settings import GTE_DEFAULTS
 from stiction_envs.friction.parameters import FrictionParameters
 
-Array = NDArray[np.float64]
 WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)
 """Entries of ``seen``: speed that the reference asks for and measured speed [rad/s]; joint error
 [rad]; gravity torque of the controller's model [N·m]; torque that accelerated the joint in the last
@@ -35,7 +34,7 @@ class Field:
     """One number per joint of a law, besides its gain."""
 
     name: str
-    """Of the attribute, and with the law's name before it of its default in ``gte.toml``."""
+    """Name of the attribute; the law's name before it makes the default's key in ``gte.toml``."""
     column: str
     """In tables of gains, with its unit."""
     unit: str
@@ -49,7 +48,14 @@ class Field:
     """Whether the compiled law takes 1 over it."""
     largest: float = np.inf
 
+    @property
+    def expected(self) -> str:
+        """Numbers that it may have, for messages."""
+        low = f"> 0 {self.unit}" if self.positive else f">= 0 {self.unit}"
+        return low if self.largest == np.inf else f"{low} and <= {self.largest:g}"
 
+
+GAIN_FIELD = Field(name="gain", column="gain_nm", unit="N·m", optional=False, scales=True)
 SPEED_FIELD = Field(name="speed", column="speed_rad_s", unit="rad/s", positive=True, inverse=True)
 
 

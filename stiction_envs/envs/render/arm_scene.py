@@ -126,15 +126,6 @@ class ArmScene:
         self, camera: mujoco.MjvCamera, decorate: Callable[[mujoco.MjvScene], None]
     ) -> NDArray[np.uint8]:
         """Return the picture, (height, width, 3); ``decorate`` may draw into the scene."""
-        screen = self._update(camera)
-        decorate(self._scene)
-        return screen.colour(self._scene)
-
-    def depth(self, camera: mujoco.MjvCamera) -> NDArray[np.float32]:
-        """Return the distance along the view [m], (height, width)."""
-        return self._update(camera).depth(self._scene)
-
-    def _update(self, camera: mujoco.MjvCamera) -> Offscreen:
         self._screen = self._screen or Offscreen(self.model)
         mujoco.mjv_updateScene(
             self.model,
@@ -145,7 +136,8 @@ class ArmScene:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._scene,
         )
-        return self._screen
+        decorate(self._scene)
+        return self._screen.picture(self._scene)
 
     def draw_chain(self, scene: mujoco.MjvScene, width: float = 0.03) -> None:
         """Show an arm without geometry by a chain through its joints, ``width`` in m."""
@@ -212,11 +204,9 @@ class Offscreen:
         Raises:
             StictionError: no OpenGL.
         """
-        self._model = model
         self._width, self._height = model.vis.global_.offwidth, model.vis.global_.offheight
         self._gl, self._context = self._open(model)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZERONEAR.value
         self._rect = mujoco.MjrRect(0, 0, self._width, self._height)
 
     def _open(self, model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
@@ -238,26 +228,13 @@ class Offscreen:
             "OSMesa and set MUJOCO_GL to egl or osmesa"
         )
 
-    def _draw(self, scene: mujoco.MjvScene) -> None:
+    def picture(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
+        """Return the picture, (height, width, 3)."""
         self._gl.make_current()
         mujoco.mjr_render(self._rect, scene, self._context)
-
-    def colour(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
-        """Return the picture, (height, width, 3)."""
-        self._draw(scene)
         out = np.empty((self._height, self._width, 3), dtype=np.uint8)
         mujoco.mjr_readPixels(out, None, self._rect, self._context)
         return np.ascontiguousarray(np.flipud(out))
-
-    def depth(self, scene: mujoco.MjvScene) -> NDArray[np.float32]:
-        """Return the distance along the view [m], (height, width)."""
-        self._draw(scene)
-        out = np.empty((self._height, self._width), dtype=np.float32)
-        mujoco.mjr_readPixels(None, out, self._rect, self._context)
-        extent = self._model.stat.extent
-        near, far = self._model.vis.map.znear * extent, self._model.vis.map.zfar * extent
-        metres = near / (1.0 - out.astype(np.float64) * (1.0 - near / far))
-        return np.ascontiguousarray(np.flipud(metres)).astype(np.float32)
 
     def close(self) -> None:
         """Free the buffer."""

@@ -22,9 +22,9 @@ from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.robots import Arm
 
-Frame = NDArray[np.uint8] | NDArray[np.float32]
-"""A picture (height, width, 3), or distances (height, width) [m]."""
-RENDER_MODES = ("human", "rgb_array", "depth_array")
+Frame = NDArray[np.uint8]
+"""A picture (height, width, 3)."""
+RENDER_MODES = ("human", "rgb_array")
 SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 """Size of the scene and of the panel next to it [pixel]."""
 WIDTH = SCENE_WIDTH + PANEL_WIDTH
@@ -63,8 +63,6 @@ class Renderer(ABC, Generic[Shown]):
         if mode == "rgb_array":
             return self.picture(state)
         self._arm.pose(state.position)
-        if mode == "depth_array":
-            return self._arm.depth(self._camera(state))
         self._show(state, core.interval)
         return None
 
@@ -101,7 +99,7 @@ class Renderer(ABC, Generic[Shown]):
         """Show a state in the window, ``interval`` [s] after the one before."""
         if self._window is None:
             what = "render_mode human"
-            check_display(what, "use rgb_array or depth_array")
+            check_display(what, "use rgb_array")
             self._window = Window(what, self._arm.model, self._arm.data, self._camera(state))
         viewer = self._window.viewer
         if not viewer.is_running():

@@ -46,33 +46,6 @@ def _opens() -> bool:
         return False
 
 
-def open_viewer(
-    what: str,
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    key_callback: Callable[[int], None] | None = None,
-) -> mujoco.viewer.Handle:
-    """Return MuJoCo's viewer of a model, in a thread of its own.
-
-    Args:
-        what: name of what needs it, for the error.
-        model: the model.
-        data: its state; the viewer's ``sync`` shows it.
-        key_callback: called with the GLFW code of every key that is pressed, in that thread.
-
-    Raises:
-        StictionError: it cannot be opened.
-    """
-    try:
-        import mujoco.viewer
-
-        return mujoco.viewer.launch_passive(
-            model, data, key_callback=key_callback, show_left_ui=False, show_right_ui=False
-        )
-    except Exception as error:  # glfw, OpenGL and macOS each fail in their own way
-        raise StictionError(f"{what}: no window: {one_line(error)}") from None
-
-
 class Window:
     """MuJoCo's viewer with some lines of text."""
 
@@ -84,9 +57,27 @@ class Window:
         camera: mujoco.MjvCamera,
         key_callback: Callable[[int], None] | None = None,
     ) -> None:
-        """Open the window with a camera's view; other arguments and errors as `open_viewer`."""
+        """Open the window, in a thread of its own.
+
+        Args:
+            what: name of what needs it, for the error.
+            model: the model.
+            data: its state.
+            camera: its view.
+            key_callback: called with the GLFW code of every key that is pressed, in that thread.
+
+        Raises:
+            StictionError: it cannot be opened.
+        """
         before = set(threading.enumerate())
-        self.viewer = open_viewer(what, model, data, key_callback)
+        try:
+            import mujoco.viewer as shown
+
+            self.viewer = shown.launch_passive(
+                model, data, key_callback=key_callback, show_left_ui=False, show_right_ui=False
+            )
+        except Exception as error:  # glfw, OpenGL and macOS each fail in their own way
+            raise StictionError(f"{what}: no window: {one_line(error)}") from None
         self._threads = [t for t in threading.enumerate() if t not in before]
         with self.viewer.lock():
             look = self.viewer.cam

@@ -7,12 +7,9 @@ Everything is added sample by sample, arm by arm: the same bits however samples 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.compiled import Arguments, compiled
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class ErrorWindow:
@@ -81,7 +78,7 @@ class Accumulator:
         self.count = np.zeros(nsim, dtype=np.int64)
         """(N,) samples so far."""
         self.window = ErrorWindow(nsim, round(window * rate))
-        """Of Table 4.11, about the last goal's acceptance."""
+        """Window of Table 4.11, about the last goal's acceptance."""
         self.step_error, self.total_error = np.zeros((2, nsim, 6))
         """(N, 6) absolute error summed until the end of the tail: over the samples fed last, and
         over all [m, rad]."""

@@ -6,15 +6,12 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.compiled import compiled
+from stiction_envs.arrays import Array, Index
+from stiction_envs.compiled import compiled, inlined
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant.loop_batch import fwd_position, fwd_velocity
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 class Dynamics(NamedTuple):
@@ -35,16 +32,16 @@ class ModelArrays(NamedTuple):
     """What `renew_dynamics` computes with, and writes."""
 
     believed: Dynamics
-    """As the controller has them."""
+    """Dynamics that the controller has."""
     true: Dynamics
-    """Those of the plant."""
+    """Dynamics of the plant."""
     is_wrong: bool
     """Whether the two differ."""
     entries: Array
     """(E,) entries of the sparse inertia that is believed [kg·m²]."""
     rows: Index
     columns: Index
-    """(E,) where they are."""
+    """(E,) where the entries are."""
     rotor: Array
     """(n,) [kg·m²]."""
     mass: Array
@@ -78,25 +75,19 @@ class ControllerModel:
         """(N, n, n) joint-space inertia, rotors included [kg·m²]."""
         self.missing = np.zeros((nsim, n))
         """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
-        self._made: dict[tuple[int, int], tuple[ModelArrays, list[mujoco.MjData]]] = {}
+        self._made: list[tuple[ModelArrays, list[mujoco.MjData]]] = []
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what has addresses in this process; `of_arms` makes it anew."""
-        return vars(self) | {"_made": {}}
+        """Leave out what has addresses in this process; `arrays` makes it anew."""
+        return vars(self) | {"_made": []}
 
-    @property
-    def arrays(self) -> ModelArrays:
-        """Arguments of `renew_dynamics` for all arms."""
-        return self.of_arms(slice(0, len(self.mass)))
+    def arrays(self, part: int = 0) -> ModelArrays:
+        """Return what `renew_dynamics` works on, with data of its own for each part of the arms.
 
-    def of_arms(self, arms: slice) -> ModelArrays:
-        """Return what `renew_dynamics` needs for some arms, with data of its own.
-
-        The same objects are returned for the same arms.
+        Parts are numbered from 0; the same objects are returned for the same part.
         """
-        where = arms.start, arms.stop
-        if where not in self._made:
-            # one MjData for them stays in the cache: every update computes everything again
+        while len(self._made) <= part:
+            # one MjData for all arms stays in the cache: every update computes everything again
             data = [mujoco.MjData(model) for model in self._models]
             dynamics = [
                 Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
@@ -105,18 +96,10 @@ class ControllerModel:
             arrays = ModelArrays(
                 *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
                 *_entries(self._models[0]),
-                *(self._rotor, self.mass[arms], self.missing[arms]),
+                *(self._rotor, self.mass, self.missing),
             )
-            self._made[where] = arrays, data  # compiled code has addresses only
-        return self._made[where][0]
-
-    def torques(self, q: Array, dq: Array, gravity: Array, coriolis: Array) -> None:
-        """Write (N, n) gravity and Coriolis and centrifugal torques at angles and speeds [N·m]."""
-        _torques(q, dq, self.arrays.believed, gravity, coriolis)
-
-    def update(self, q: Array) -> None:
-        """Take the present angles (N, n) [rad]."""
-        renew_dynamics(q, self.arrays)
+            self._made.append((arrays, data))  # compiled code has addresses only
+        return self._made[part][0]
 
 
 def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
@@ -126,46 +109,47 @@ def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
     return rows, np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
 
 
-@compiled
-def renew_dynamics(q: Array, arrays: ModelArrays) -> None:
-    """Write inertias, and the gravity that is compensated wrongly, at angles q (N, n) [rad].
+@inlined
+def renew_dynamics(i: int, q: Array, a: ModelArrays) -> None:
+    """Write inertia, and the gravity that is compensated wrongly, of arm ``i`` at angles q (N, n).
 
-    An arm whose angles are not finite, which the plant tells of, keeps its last.
+    An arm whose angles are not finite, which the plant reports, keeps its last.
     """
-    a = arrays
     believed, true = a.believed, a.true
-    for i in range(q.shape[0]):
-        total = 0.0
+    total = 0.0
+    for j in range(q.shape[1]):
+        believed.qpos[j] = true.qpos[j] = q[i, j]
+        total += q[i, j]
+    if not np.isfinite(total):
+        return
+    fwd_position(believed.model, believed.data)
+    for k in range(len(a.rows)):
+        row, column = a.rows[k], a.columns[k]
+        a.mass[i, row, column] = a.mass[i, column, row] = a.entries[k]
+    for j in range(q.shape[1]):
+        a.mass[i, j, j] += a.rotor[j]
+    if a.is_wrong:
+        fwd_velocity(believed.model, believed.data)
+        fwd_position(true.model, true.data)
+        fwd_velocity(true.model, true.data)
         for j in range(q.shape[1]):
-            believed.qpos[j] = true.qpos[j] = q[i, j]
-            total += q[i, j]
-        if not np.isfinite(total):
-            continue
-        fwd_position(believed.model, believed.data)
-        for k in range(len(a.rows)):
-            row, column = a.rows[k], a.columns[k]
-            a.mass[i, row, column] = a.mass[i, column, row] = a.entries[k]
-        for j in range(q.shape[1]):
-            a.mass[i, j, j] += a.rotor[j]
-        if a.is_wrong:
-            fwd_velocity(believed.model, believed.data)
-            fwd_position(true.model, true.data)
-            fwd_velocity(true.model, true.data)
-            for j in range(q.shape[1]):
-                a.missing[i, j] = believed.bias[j] - true.bias[j]
+            a.missing[i, j] = believed.bias[j] - true.bias[j]
 
 
 @compiled
-def _torques(q: Array, dq: Array, dynamics: Dynamics, gravity: Array, coriolis: Array) -> None:
-    """Write `ControllerModel.torques`."""
-    a = dynamics
-    for i in range(q.shape[0]):
-        for j in range(q.shape[1]):
-            a.qpos[j] = q[i, j]
-        fwd_position(a.model, a.data)
-        fwd_velocity(a.model, a.data)
-        for j in range(q.shape[1]):
-            gravity[i, j], a.qvel[j] = a.bias[j], dq[i, j]
-        fwd_velocity(a.model, a.data)
-        for j in range(q.shape[1]):
-            coriolis[i, j], a.qvel[j] = a.bias[j] - gravity[i, j], 0.0
+def renew_torques(
+    i: int, q: Array, dq: Array, a: Dynamics, gravity: Array, coriolis: Array
+) -> None:
+    """Write the torques (N, n) of gravity, and of Coriolis and centrifugal forces, of arm ``i``.
+
+    At angles q (N, n) [rad] and speeds dq (N, n) [rad/s]; torques in N·m.
+    """
+    for j in range(q.shape[1]):
+        a.qpos[j] = q[i, j]
+    fwd_position(a.model, a.data)
+    fwd_velocity(a.model, a.data)
+    for j in range(q.shape[1]):
+        gravity[i, j], a.qvel[j] = a.bias[j], dq[i, j]
+    fwd_velocity(a.model, a.data)
+    for j in range(q.shape[1]):
+        coriolis[i, j], a.qvel[j] = a.bias[j] - gravity[i, j], 0.0

@@ -17,13 +17,15 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
 from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
-from stiction_envs.control.trajectory import MotionLimits, Path, Segment
+from stiction_envs.control.trajectory import MotionLimits, Path, new_movements
+from stiction_envs.control.trapezoid import plan
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import (
@@ -53,8 +55,6 @@ from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
 """Called with a rig whose arms have just begun to follow, and the case of each of them; what it
 returns is called before each block, and may `GTERig.retune` the dither."""
@@ -215,11 +215,11 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return times of the movements between goals (M,), −1 being the start, to goals (M,)."""
         position = np.concatenate([np.zeros((1, 3)), path.position])
         quaternion = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], path.quaternion])
-        segment = Segment(len(ends), self.motion)
-        segment.slow_down(np.arange(len(ends)), path.pace)
-        begin, goal = starts + 1, ends + 1
-        segment.start(position[begin], quaternion[begin], position[goal], quaternion[goal])
-        return segment.duration
+        movement = new_movements(len(ends), self.motion)
+        movement.asked[:] = path.pace
+        for k, (start, end) in enumerate(zip(starts + 1, ends + 1, strict=True)):
+            plan(k, position[start], quaternion[start], position[end], quaternion[end], movement)
+        return movement.duration
 
     def expected_seconds(self, cases: Sequence[Case], iterations: int | None = None) -> float:
         """Return the simulated time [s] that cases take an arm that follows exactly."""
@@ -359,11 +359,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         Raises:
             StictionError: a joint the arm lacks.
         """
-        n = self.n
-        out = dither_arrays(case.dither, n, case.gate_velocity)
-        out["drawn"] = np.full(n, case.phases == "random")
-        spread = 2 * np.pi * np.arange(n) / n
-        return out | {"phase": spread if case.phases == "spread" else np.zeros(n)}
+        return dither_arrays(case.dither, self.n)
 
 
 def _sha256(text: str) -> str:

@@ -24,13 +24,11 @@ taken here:
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte.accumulator import Accumulator
 from stiction_envs.experiments.gte.protocol import GTEProtocol, Run, load_gte_protocol
-
-Array = NDArray[np.float64]
 
 
 class Measures(Accumulator):

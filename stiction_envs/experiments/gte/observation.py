@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.control.trajectory import POSITION, MotionLimits
 from stiction_envs.errors import StictionError, unknown
@@ -37,8 +38,6 @@ from stiction_envs.experiments.observation import (
 )
 from stiction_envs.plant import CONTROL_DT
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 OPTIONS = ("trajectory", "path", "stiffness", "iteration")
 """Names of the reset options."""
 CAPACITY = max(random_path_settings().most_goals, *(len(p().position) for p in PATHS.values()))
@@ -116,7 +115,7 @@ class GTEObserver:
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
-            "remaining": np.nan_to_num(sequencer.segment.duration - since)[ids],
+            "remaining": np.nan_to_num(sequencer.movement.duration - since)[ids],
             "goal": (sequencer.goal[0] - hand.position)[ids],
             "onward": sequencer.onward[ids],
             "goals_left": sequencer.goals_left[ids],

@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.gte.measures import error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
 from stiction_envs.experiments.gte.rows import CASES, case_name
@@ -29,7 +29,6 @@ from stiction_envs.robots import arm_title
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-Array = NDArray[np.float64]
 ACCEPTED = "#7b3fa0"
 """Colour of accepted goals, purple as in the thesis."""
 _COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))

@@ -6,30 +6,26 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.trajectory import Path, pentagon, read_path, triangle
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 Stiffness = tuple[float, float, float]
 """Translational [N/m], rotational and nullspace [N·m/rad]."""
 _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
 TRAJECTORIES = tuple(PATHS)
-PHASES = ("random", "zero", "spread")
-"""How the joints' dithers start: drawn for every joint and iteration (all 0 without scatter), all
-at 0, or evenly spread over a period."""
 FLAGS = ("singular", "saturated", "near_limit")
-"""Flags of the controller, see `control.impedance.Flags`."""
+"""Flags of the controller, see `control.impedance.read_flags`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +37,7 @@ class GTEProtocol:
     window: Positive
     """Half the window of Table 4.11 [s]."""
     sample_rate: Positive
-    """Of the errors [Hz]."""
+    """Rate at which errors are sampled [Hz]."""
     model_steps: Count
     """Control steps between two updates of the controller's model."""
     return_distance: Positive
@@ -79,7 +75,7 @@ class EpisodeSettings:
     """What is drawn for an episode of the environment."""
 
     stiffness: tuple[Stiffness, ...]
-    """Of the triangle and the pentagon."""
+    """Stiffnesses of the triangle and the pentagon."""
     random_paths: Count
     """How many are drawn from."""
     undithered_iterations: Count
@@ -102,15 +98,15 @@ class GTERewardSettings:
     """Weights of the environment's reward, and the unit of its shaking."""
 
     settling_weight: Share
-    """Of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
+    """Weight of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
     power_weight: Positive
-    """Of the mean of (A / A_max)² [-]."""
+    """Weight of the mean of (A / A_max)² [-]."""
     torque_rate_weight: Positive
-    """Of the mean of (2πfA / torque rate limit)² [-]."""
+    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
     shaking_weight: Positive
-    """Of the vibration [-]."""
+    """Weight of the vibration [-]."""
     shaking_unit: Positive
-    """Of the vibration [m]."""
+    """Unit of the vibration [m]."""
 
 
 def gte_reward_settings() -> GTERewardSettings:
@@ -126,21 +122,15 @@ class Case:
     """Name of the path."""
     stiffness: Stiffness
     dither: tuple[AmplitudeRow, ...] = ()
-    """Of each dithered joint; empty is none."""
-    gate_velocity: float = float("inf")
-    """v_gate of the dither [rad/s]; inf is not gated."""
+    """Dither of each dithered joint; empty is none."""
     compensation: Compensation | None = None
-    """Of the joints' friction; None is none."""
-    phases: str = "random"
-    """One of :data:`PHASES`."""
+    """Compensation of the joints' friction; None is none."""
 
     def __post_init__(self) -> None:
         if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
             raise StictionError(
                 f"stiffness {self.stiffness}: expected three finite numbers >= 0 (KT KR KN)"
             )
-        if self.phases not in PHASES:
-            raise unknown("phases", self.phases, PHASES)
 
     @property
     def dithered(self) -> bool:
@@ -180,7 +170,7 @@ class Run:
     """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
     torque_rate: Array
     """(iterations, n) largest change of torque on each joint [N·m/s]."""
-    flags: dict[str, NDArray[np.bool_]]
+    flags: dict[str, Bools]
     """(iterations,) of each of :data:`FLAGS`: whether it was ever raised."""
 
     @property
@@ -202,19 +192,14 @@ def read_trajectory(text: str | File) -> Path | None:
     return read_path(str(text))
 
 
-def start_angles(arm: Arm, start: ArrayLike | None) -> NDArray[np.float64]:
+def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
 
     Raises:
         StictionError: not n numbers, or one that is not within the limits.
     """
-    try:
-        q = np.array(arm.rest if start is None else start, dtype=float)
-    except (TypeError, ValueError):
-        raise StictionError(f"start {start!r}: expected {arm.n} angles in rad") from None
-    if q.shape != (arm.n,):
-        given = f"{q.size} angles" if q.ndim == 1 else f"shape {q.shape}"
-        raise StictionError(f"start: {given}: expected {arm.n}, one per joint of {arm.name}")
+    expected = f"{arm.n} angles in rad, one per joint of {arm.name}"
+    q = checked_array(arm.rest if start is None else start, "start", (arm.n,), expected=expected)
     low, high = arm.limits.position.T
     for j in np.flatnonzero(~((q > low) & (q < high))):
         raise StictionError(
@@ -224,15 +209,12 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> NDArray[np.float64]:
     return q
 
 
-def read_dither(
-    table: str | File, arm: Arm, *, waveform: str | None = None
-) -> tuple[AmplitudeRow, ...]:
+def read_dither(table: str | File, arm: Arm) -> tuple[AmplitudeRow, ...]:
     """Return the rows of an amplitude table that an arm can take.
 
     Args:
         table: the file.
         arm: says how strong and fast a dither it takes.
-        waveform: of every joint; None for the table's.
 
     Raises:
         StictionError: a table that cannot be read, that dithers no joint, or too much.
@@ -245,8 +227,6 @@ def read_dither(
     )
     if not any(row.amplitude_nm > 0 for row in rows):
         raise StictionError(f"{table}: dithers no joint: expected an amplitude_nm above 0")
-    if waveform is not None:
-        rows = [dataclasses.replace(row, waveform=waveform) for row in rows]
     return tuple(rows)
 
 
@@ -255,8 +235,6 @@ def with_and_without(
     stiffness: Stiffness,
     dither: Sequence[AmplitudeRow] = (),
     *,
-    gate_velocity: float | None = None,
-    phases: str | None = None,
     compensation: Compensation | None = None,
 ) -> list[Case]:
     """Return the case without anything, then those with dither, with compensation, with both.
@@ -265,15 +243,11 @@ def with_and_without(
         trajectory: name of the path.
         stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
         dither: of each dithered joint; empty for none.
-        gate_velocity: of the dither [rad/s]; None for no gate.
-        phases: of the joints' dithers; None for the default.
         compensation: of the joints' friction; None for none.
     """
     cases = [Case(trajectory=trajectory, stiffness=stiffness)]
     if dither:
-        options = {"gate_velocity": gate_velocity, "phases": phases}
-        given: dict[str, Any] = {k: v for k, v in options.items() if v is not None}
-        cases.append(dataclasses.replace(cases[0], dither=tuple(dither), **given))
+        cases.append(dataclasses.replace(cases[0], dither=tuple(dither)))
     if compensation is not None:
         cases += [dataclasses.replace(case, compensation=compensation) for case in cases]
     return cases

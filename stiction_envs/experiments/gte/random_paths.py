@@ -17,8 +17,8 @@ from pathlib import Path as File
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.kinematics import EndEffector
 from stiction_envs.control.rotation import rotation_error
 from stiction_envs.control.trajectory import Path
@@ -27,7 +27,6 @@ from stiction_envs.friction.model import StickingModel
 from stiction_envs.method_settings import Count, Positive, Share, load_settings
 from stiction_envs.precomputed import store
 
-Array = NDArray[np.float64]
 RANDOM = "random"
 KIND = "random_paths"
 
@@ -37,9 +36,9 @@ class RandomPathSettings:
     """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
 
     fewest_goals: Count
-    """Of a path."""
+    """Least number of goals of a path."""
     most_goals: Count
-    """Of a path."""
+    """Largest number of goals of a path."""
     smallest: Positive
     """Half the length of the box [m]."""
     largest: Positive
@@ -69,7 +68,7 @@ class RandomPathSettings:
     step: Positive
     """Between two points of a line that are checked [m]."""
     damping: Positive
-    """Of the inverse kinematics [m]."""
+    """Damping of the inverse kinematics [m]."""
     attempts: Count
     """Most draws of one path; after them the arm can follow none."""
 
@@ -191,7 +190,7 @@ def can_follow(
     tool: Array,
     paths: Sequence[Path],
     s: RandomPathSettings,
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Return which paths (P,) of constant orientation an arm can follow from its start.
 
     From point to point of every line the joint angles take steps of damped least squares towards

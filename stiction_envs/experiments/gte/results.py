@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,10 @@ from stiction_envs.experiments.gte.rows import (
     write_rows,
     write_trace,
 )
-from stiction_envs.reporting.markdown import number, percent, plural, short, table_text
+from stiction_envs.reporting.markdown import aligned, number, percent, plural, short, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
-
-Row = Mapping[str, Any]
-"""Of ``errors.csv`` or ``runs.csv``, by column: `ErrorRow` or `RunRow` as a dict."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -90,59 +87,40 @@ class TrackingErrors(Result):
         return f"<TrackingErrors of {self.robot}: {len(self.runs)} cases>"
 
     def __str__(self) -> str:
-        answer = self.to_json()
-        return describe(answer["rows"], answer["runs"])
+        rows = self.rows
+        cases = [[r for r in rows if r.case == run.case] for run in self.run_rows]
+        base, *others = cases
+        header = ["sum of |error|", WORDS[base[0].case]]
+        header += [x for other in others for x in (WORDS[other[0].case], "change")]
+        lines = []
+        for k, row in enumerate(base):
+            line = [f"{row.axis} [{row.unit}·samples]", _sum(row)]
+            line += [x for other in others for x in (_sum(other[k]), _change(row, other[k]))]
+            lines.append(line)
+        return "\n".join([aligned(header, lines), *map(_run_text, self.run_rows)])
 
 
-def describe(rows: Sequence[Row], runs: Sequence[Row]) -> str:
-    """Return errors as text: an axis in a line, then a line per case.
-
-    Args:
-        rows: of ``errors.csv``, by column.
-        runs: of ``runs.csv``.
-    """
-    by_case: dict[str, list[Row]] = {}
-    for row in rows:
-        by_case.setdefault(row["case"], []).append(row)
-    base, *others = by_case.values()
-    head = f"{'sum of |error|':<20}{_words(base[0]):>18}"
-    head += "".join(f"{_words(other[0]):>20}{'change':>9}" for other in others)
-    lines = [head]
-    for k, row in enumerate(base):
-        line = f"{row['axis'] + ' [' + row['unit'] + '·samples]':<20}{_sum(row):>18}"
-        for other in others:
-            line += f"{_sum(other[k]):>20}{_change(row, other[k]):>9}"
-        lines.append(line)
-    return "\n".join([*lines, *(_run_text(r) for r in runs)])
-
-
-def _change(row: Row, other: Row) -> str:
+def _change(row: ErrorRow, other: ErrorRow) -> str:
     """Return by how much an error differs; an arm may not move along an axis at all."""
-    if row["window_sum"] == 0:
-        return "–"
-    return f"{100 * (other['window_sum'] / row['window_sum'] - 1):+.1f} %"
+    return percent(100 * (other.window_sum / row.window_sum - 1)) if row.window_sum else "–"
 
 
-def _words(row: Row) -> str:
-    return str(row["case"]).replace("_", " ")
-
-
-def _run_text(r: Row) -> str:
-    text = f"{_words(r)}: {r['duration_s']:.2f} s, "
-    text += f"vibration {1e3 * r['vibration_m']:.3f} mm "
-    text += f"({1e3 * r['vibration_at_rest_m']:.3f} mm at rest), "
-    text += f"dither energy {r['dither_energy_j']:.2f} J, "
-    text += f"torque rate up to {r['peak_torque_rate_nm_s']:.0f} N·m/s"
-    if r["goals_missed"]:
-        text += f", {r['goals_missed']} goals left beyond the tolerance"
-    if r["singular"] or r["near_limit"]:
-        text += f", iterations singular {r['singular']}, near a limit {r['near_limit']}"
+def _run_text(r: RunRow) -> str:
+    text = f"{WORDS[r.case]}: {r.duration_s:.2f} s, "
+    text += f"vibration {1e3 * r.vibration_m:.3f} mm "
+    text += f"({1e3 * r.vibration_at_rest_m:.3f} mm at rest), "
+    text += f"dither energy {r.dither_energy_j:.2f} J, "
+    text += f"torque rate up to {r.peak_torque_rate_nm_s:.0f} N·m/s"
+    if r.goals_missed:
+        text += f", {r.goals_missed} goals left beyond the tolerance"
+    if r.singular or r.near_limit:
+        text += f", iterations singular {r.singular}, near a limit {r.near_limit}"
     return text
 
 
-def _sum(row: Row) -> str:
-    spread = "" if row["iterations"] == 1 else f" ± {row['window_sum_std']:.3f}"
-    return f"{row['window_sum']:.3f}{spread}"
+def _sum(row: ErrorRow) -> str:
+    spread = "" if row.iterations == 1 else f" ± {row.window_sum_std:.3f}"
+    return f"{row.window_sum:.3f}{spread}"
 
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"

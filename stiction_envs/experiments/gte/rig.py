@@ -7,15 +7,15 @@ The two are separate calls, so that some simulations can be brought back while o
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.compiled import Arguments
+from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
@@ -24,28 +24,13 @@ from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.gte.controller_model import ControllerModel
+from stiction_envs.experiments.gte.loop import Arms, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
-from stiction_envs.experiments.gte.step import (
-    AheadArrays,
-    CompensationArrays,
-    DitherArrays,
-    JointArrays,
-    SeenArrays,
-    StepArrays,
-    control_step,
-    follow_steps,
-    is_due,
-    look_ahead,
-    of_arms,
-)
 from stiction_envs.experiments.rig import Rig, minimum_jerk
 from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -61,19 +46,6 @@ class GTESetup(Experiment):
     tool: Array
     """(3,) the point that is controlled and measured, from the flange in the hand's frame [m]."""
     controller_model: Arm | None
-
-
-class Sampling(NamedTuple):
-    """What is noted while arms follow for K control steps, before they move."""
-
-    position: Array
-    """(K, N, 3) of the tool points in each step, written [m]."""
-    quaternion: Array
-    """(K, N, 4) of the hands, written."""
-    stride: int
-    """Control steps of a sample."""
-    reference: Array
-    """(S, N, 7) position [m] and quaternion of the reference in each sample's first, written."""
 
 
 class GTERig(Rig):
@@ -105,38 +77,32 @@ class GTERig(Rig):
         )
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
-        self.seen_end_effector = self.end_effector
-        """What the controllers have of it."""
-        if self.senses is not None:
-            seen = MeasuredEndEffector(sticking, self.senses.q, setup.tool)
-            self.seen_end_effector = seen
+        # compiled code takes the arrays of senses also where there are none
+        nothing = Sensing.ideal()
+        self._measured = self.senses or Senses(nothing, nsim, self.n)
+        self._sent = self._line or CommandLine(nothing, nsim, self.n)
+        self._measured_end_effector = MeasuredEndEffector(sticking, self._measured.q, setup.tool)
+        self.seen_end_effector = (
+            self.end_effector if self.senses is None else self._measured_end_effector
+        )
+        """The end effector as the controllers have it."""
         self._model = ControllerModel(setup.controller_model or arm, sticking, nsim)
         self.controller = CartesianImpedance(settings, nsim, arm.limits)
         self.compensator = Compensator(
             *(nsim, self.n),
             damping=settings.pseudoinverse_damping,
-            command=self.controller.command,
-            mass=self._model.mass,
             period=self.interface.hold_steps * CONTROL_DT,
         )
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._inertia = self._servos.inertia(self.start[None])
-        self._goal_period = round(1.0 / (motion.publish_rate_hz * CONTROL_DT))
-        self._model_period = setup.protocol.model_steps
         self.start_position, self.start_quaternion = self._nominal()
-        self._watch: Callable[..., None] = _nothing
-        self._count, self._row, self._hold_steps = 0, 0, self.interface.hold_steps
-        self._arrays: StepArrays
-        self._nothing, self._added = np.zeros((2, nsim, self.n))
-        self._accepted = np.zeros(nsim, dtype=bool)
-        self.applied = np.zeros((nsim, self.n))
+        self.applied, self._added = np.zeros((2, nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
-        self._torque = np.zeros((nsim, self.n))
-        # compiled code takes arrays that it does not use as well
-        nothing = Sensing.ideal()
-        self._no_senses = Senses(nothing, 0, self.n), CommandLine(nothing, 0, self.n)
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
+        threads = setup.threads or os.cpu_count() or 1
+        if threads > 1:
+            self._share = Threads(threads).run
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -191,25 +157,15 @@ class GTERig(Rig):
         pose = self.seen_end_effector
         pose.read()
         x, quaternion, q = pose.position[ids], pose.quaternion[ids], self.seen_position
-        self.controller.set_stiffness(
-            ids,
-            translational=stiffness[:, 0],
-            rotational=stiffness[:, 1],
-            nullspace=stiffness[:, 2],
-        )
+        self.controller.set_stiffness(ids, *np.hsplit(stiffness, 3))
         self.controller.reset(ids, x, quaternion, q[ids])
-        self._model.update(q)
-        self.controller.update_model(ids, pose.jacobian[ids], self._model.mass[ids])
         self._path.reset(ids)
         self.compensator.reset(ids)
         self.step[ids], self.dither_torque[ids] = 0, 0.0
         for row, i in enumerate(ids):
-            here = np.array([i])
             goals, turns = paths[row].goals(self.start_position[None], self.start_quaternion[None])
-            self.sequencer.start(
-                *(here, goals, turns, x[row : row + 1], quaternion[row : row + 1], 0.0),
-                paths[row].pace,
-            )
+            here = x[row], quaternion[row]
+            self.sequencer.start(int(i), goals[0], turns[0], *here, paths[row].pace)
 
     @property
     def undithered_torque(self) -> Array:
@@ -218,148 +174,110 @@ class GTERig(Rig):
         wanted, after = self.controller.wanted, self.controller.settings.dither_after_saturation
         return wanted.copy() if after else wanted - self.dither_torque
 
-    def advance(
-        self,
-        steps: int,
-        watch: Callable[[], None] | None = None,
-        sampling: Sampling | None = None,
-    ) -> None:
-        """Follow for some control steps.
+    def advance(self, steps: int, sampling: Sampling | None = None) -> None:
+        """Follow for some control steps; `sampling` is what is recorded meanwhile."""
+        sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
+        arms, row = self._arms(steps, sampling), 0
+        parts = [
+            (part.start, part.stop, self._model.arrays(k), loop)
+            for k, (part, loop) in enumerate(self.plant.loops)
+        ]
+        for block in self.plant.blocks(steps):
+            self._share(
+                [
+                    partial(follow, first, end, row, block, arms, model, loop)
+                    for first, end, model, loop in parts
+                ]
+            )
+            row += block
 
-        Args:
-            steps: K control steps.
-            watch: called in each, before the arms move; it costs speed.
-            sampling: what is noted meanwhile.
-        """
-        shape = steps, self.nsim
-        if sampling is None:
-            poses = np.empty((*shape, 3)), np.empty((*shape, 4))
-            sampling = Sampling(*poses, steps, np.empty((1, self.nsim, 7)))
-        self._watch = watch or _nothing
-        self._count, self._row = int(self.step.max()), 0
-        arrays = self._step_arrays(sampling)
-        self._arrays = arrays
-        # what is not compiled is asked in every control step
-        python = watch or self.senses or not self.dither.sines or self.controller.filters
-        loops = () if python else self.plant.compiled_loops
-        if not loops:
-            self.plant.follow(self._law, steps)
-            return
-        parts = [(of_arms(arrays, arms, self._model.of_arms(arms)), loop) for arms, loop in loops]
-        self.plant.follow_compiled(partial(self._follow_block, parts), steps)
-
-    def _follow_block(self, parts: Sequence[tuple[StepArrays, Arguments]], steps: int) -> None:
-        """Follow for control steps between which friction does not change slowly.
-
-        Of each part of the arms its `StepArrays`, and its loop.
-        """
-        end, looks = self._row + steps, not self._looks_with_numpy
-        while self._row < end:
-            count = end - self._row
-            if not looks:
-                model, goals = self._due(self._count)
-                if model or goals:
-                    self._look_ahead(model, goals)
-                later = range(1, count)
-                count = next((k for k in later if any(self._due(self._count + k))), count)
-            now = count, self._count, self._row, looks
-            self._share([partial(follow_steps, *now, *part) for part in parts])
-            self._count, self._row = self._count + count, self._row + count
-
-    @property
-    def _looks_with_numpy(self) -> bool:
-        """Whether some of what is renewed in a controller's cycle is not compiled."""
-        return self.compensator.feeds or self.compensator.reads_model
-
-    def _due(self, step: int) -> tuple[bool, bool]:
-        """Return whether model and goals are looked at in a control step."""
-        hold = self._hold_steps
-        return is_due(step, hold, self._model_period), is_due(step, hold, self._goal_period)
-
-    def _law(self) -> Array:
-        step, row = self._count, self._row
-        self._count, self._row = step + 1, row + 1
-        due = step % self._hold_steps == 0
-        if self.senses is not None:
-            plant = self.plant
-            state = plant.position, plant.velocity, plant.joint_torque
-            self.senses.read(due, self.step, *state)
-        model, goals = self._due(step)
-        if model or goals:
-            self._look_ahead(model, goals)
-        self._control_step(due, row)
-        self._watch()
-        self.step += 1
-        return self._torque
-
-    def _look_ahead(self, model: bool, goals: bool) -> None:
-        """Update the controller's model of the arm and its reference, where due."""
-        pose, compensator = self.seen_end_effector, self.compensator
-        pose.read()
-        a = self._arrays
-        tick = self.interface.tick(self.step)
-        look_ahead(model, goals, a.site, a.joints, a.seen, tick, a.ahead)
-        if model and compensator.reads_model:
-            wanted = compensator.gravity, compensator.coriolis
-            self._model.torques(self.seen_position, self.seen_velocity, *wanted)
-        if goals and compensator.feeds:
-            compensator.look_ahead(pose.jacobian, self.sequencer.twist(self._command_time()))
-
-    def _control_step(self, due: bool, row: int) -> None:
-        if due:
-            if self.senses is not None:
-                self.seen_end_effector.read()
-            self.controller.advance_filter()
-            if self.dither.sines is None:
-                self.dither_torque[:] = self.dither.torque(self._command_time(), self._gate_speed())
-        control_step(due, row, self._arrays)
-
-    def _step_arrays(self, sampling: Sampling) -> StepArrays:
-        """Return what `control_step` works on until the arms stop following."""
-        sticking, model, dither = self.plant.sticking, self._model, self.dither
-        sines = dither.sines or (self._nothing, self._nothing, dither.amplitude)
-        joints = JointArrays(*self.plant.state, sticking.motor, sticking.spring)
-        shaking = DitherArrays(dither.sines is not None, *sines, self.dither_torque)
-        compensator, pose = self.compensator, self.seen_end_effector
-        measured, line = self.senses, self._line
-        if measured is None or line is None:
-            measured, line = self._no_senses
-        seen = SeenArrays(
-            active=self.senses is not None,
-            pose=(pose.position, pose.quaternion, pose.jacobian),
-            q=measured.q,
-            dq=measured.dq,
-            torque=measured.torque,
-            line=line.arguments,
-        )
-        ahead = AheadArrays(
-            model_period=self._model_period,
-            goal_period=self._goal_period,
-            dynamics=model.arrays,
-            space=self.controller.model_arguments,
-            goals=self.sequencer.arguments,
-            accepted=self._accepted,
-            reference=self.controller.reference_arguments,
-        )
-        return StepArrays(
-            site=self.end_effector.arguments,
-            joints=joints,
-            seen=seen,
-            ahead=ahead,
-            hold=self._hold_steps,
+    def _arms(self, steps: int, sampling: Sampling) -> Arms:
+        """Return what compiled code works on for some control steps."""
+        pose, motion = self.seen_end_effector, self.motion
+        return Arms(
             step=self.step,
-            dither=shaking,
-            compensation=CompensationArrays(compensator.active, compensator.arguments, self._added),
-            impedance=self.controller.arguments,
-            path=self._path.arguments,
-            missing=model.missing,
+            hold=self.interface.hold_steps,
+            model_period=self.protocol.model_steps,
+            goal_period=round(1.0 / (motion.publish_rate_hz * CONTROL_DT)),
+            plant=self.plant.arrays(senses_torque=self.senses is not None),
+            hand=self.end_effector.arrays,
+            senses=self.senses is not None,
+            measured=self._measured.arrays,
+            sent=self._sent.arrays,
+            chain=self._measured_end_effector.chain,
+            measured_hand=self._measured_end_effector.arrays,
+            position=pose.position,
+            quaternion=pose.quaternion,
+            jacobian=pose.jacobian,
+            movement=self.sequencer.movement,
+            goals=self.sequencer.arrays,
+            impedance=self.controller.arrays,
+            compensated=bool((self.compensator.arrays.kind >= 0).any()),
+            compensation=self.compensator.arrays,
+            added=self._added,
+            path=self._path.arrays,
             applied=self.applied,
-            torque=self._torque,
-            poses=(sampling.position, sampling.quaternion),
-            stride=sampling.stride,
-            sampled=sampling.reference,
+            shaking=self._shaking(steps),
+            sampling=sampling,
+        )
+
+    def _shaking(self, steps: int) -> Shaking:
+        """Return the dither of some control steps."""
+        dither, zero = self.dither, np.zeros((self.nsim, self.n))
+        ungated = np.zeros((0, self.nsim, self.n))
+        if dither.sines is None:
+            ungated = np.zeros((steps, self.nsim, self.n))
+            for k in range(steps):
+                if ((self.step + k) % self.interface.hold_steps == 0).any():
+                    ungated[k] = dither.ungated(self._command_time(k))
+        omega, phase, amplitude = dither.sines or (zero, zero, zero)
+        return Shaking(
+            only_sines=dither.sines is not None,
+            omega=omega,
+            phase=phase,
+            amplitude=amplitude,
+            ungated=ungated,
+            gated=dither.gated,
+            fade=1.0 / dither.gate_velocity,
+            offset=dither.offset,
+            torque=self.dither_torque,
         )
 
 
-def _nothing(*_: int) -> None:
-    """Do nothing in a control step."""
+def blank_sampling(
+    steps: int, stride: int, nsim: int, n: int, *, detailed: bool = False
+) -> Sampling:
+    """Return empty arrays for K control steps in samples of ``stride``, N arms and n joints."""
+    samples = -(-steps // stride)
+    return Sampling(
+        stride=stride,
+        position=np.zeros((steps, nsim, 3)),
+        quaternion=np.zeros((steps, nsim, 4)),
+        reference=np.zeros((samples, nsim, 7)),
+        detailed=detailed,
+        power=np.zeros((samples, nsim)),
+        rate=np.zeros((samples, nsim, n)),
+        flags=np.zeros((samples, nsim, 3), dtype=bool),
+        previous=np.zeros((nsim, n)),
+    )
+
+
+class Threads:
+    """Some threads that do tasks, begun with the first of them."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
+        return Threads, (self._count,)
+
+    def run(self, tasks: Sequence[Callable[[], None]]) -> None:
+        """Do tasks, in any order; the first error is raised when all are done."""
+        if len(tasks) == 1:
+            tasks[0]()
+            return
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._count)
+        for done in [self._pool.submit(task) for task in tasks]:
+            done.result()

@@ -22,9 +22,9 @@ CASES = (
 """Names of the column ``case``; the first has no compensation either."""
 _AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
-"""Of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
+"""Columns of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
 TRACE_COLUMNS = ("case", "time_s", *_AXES, *(f"std_{axis}" for axis in _AXES))
-"""Of ``trace.csv``: mean error and its standard deviation over iterations."""
+"""Columns of ``trace.csv``: mean error and its standard deviation over iterations."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +49,13 @@ class ErrorRow(CaseRow):
 
     axis: str
     unit: str
-    """Of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
+    """Unit of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
     window_sum: float
     """Sum of the absolute error over the window, as in Table 4.11."""
     window_sum_std: float
-    """Its standard deviation over iterations; NaN for one."""
+    """Standard deviation of the window sum over iterations; NaN for one."""
     window_sum_of_mean: float
-    """Its other reading: sum of the absolute mean error."""
+    """The window sum in its other reading: sum of the absolute mean error."""
     mean: float
     """Mean absolute error over the motion."""
     rms: float
@@ -80,7 +80,7 @@ class RunRow(CaseRow):
     vibration_y_m: float
     vibration_z_m: float
     vibration_turning_m: float
-    """Of turns about all axes, times the protocol's `vibration_lever`."""
+    """Vibration of turns about all axes, times the protocol's `vibration_lever`."""
     vibration_m: float
     """All four together."""
     vibration_at_rest_m: float

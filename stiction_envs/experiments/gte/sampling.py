@@ -9,23 +9,20 @@ to control step and multiplied by a lever [m], go through the same high-pass as 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
 from stiction_envs.experiments.gte.accumulator import Accumulator
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run, pose_error
-from stiction_envs.experiments.gte.rig import GTERig, Sampling
+from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.plant import CONTROL_DT
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -48,10 +45,13 @@ class Samples:
 class Sampler:
     """Lets a rig follow for a block of samples at a time, and says what its arms did."""
 
-    def __init__(self, rig: GTERig, protocol: GTEProtocol, steps: int) -> None:
+    def __init__(
+        self, rig: GTERig, protocol: GTEProtocol, steps: int, *, detailed: bool = False
+    ) -> None:
         """Prepare for blocks of ``steps`` control steps, a multiple of those of a sample.
 
-        All arms have just begun to follow; `start` says so of some.
+        All arms have just begun to follow; `start` says so of some. ``detailed`` is that of
+        `Sampling`.
         """
         self._rig, nsim = rig, rig.nsim
         self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))
@@ -63,9 +63,9 @@ class Sampler:
         self._state = np.zeros((len(self._band), nsim, 6, 2))
         self._rest = np.zeros((nsim, 3))
         self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
-        self._position, self._quaternion = np.zeros((steps, nsim, 3)), np.zeros((steps, nsim, 4))
-        self._watch: Callable[[], None] | None = None
-        self._reference = np.zeros((self.size, nsim, 7))
+        self.recorded = blank_sampling(steps, self.stride, nsim, rig.n, detailed=detailed)
+        """What is recorded of a block, overwritten by the next."""
+        self.recorded.previous[:] = rig.applied
         self.start(np.arange(nsim))
 
     def start(self, ids: Index) -> None:
@@ -76,19 +76,17 @@ class Sampler:
 
     def advance(self) -> Samples:
         """Let all arms follow for one block."""
-        # all else waits for the end of the block: between control steps every call costs
-        sampling = Sampling(self._position, self._quaternion, self.stride, self._reference)
-        self._rig.advance(len(self._position), self._watch, sampling)
-        shaken = np.empty((self._rig.nsim, 6, len(self._position)))
+        position, quaternion, reference = self.recorded[1:4]
+        self._rig.advance(len(position), self.recorded)
+        shaken = np.empty((self._rig.nsim, 6, len(position)))
         _add_motion(
-            *(self._position, self._rest, self._quaternion, self._lever),
-            *(self._before, self._turned, shaken),
+            *(position, self._rest, quaternion, self._lever, self._before, self._turned, shaken)
         )
         # the filter's state runs on from block to block
         filter_sections(self._band, shaken, self._state)
         samples = shaken.reshape(*shaken.shape[:2], self.size, self.stride)
-        actual = self._position[:: self.stride], self._quaternion[:: self.stride]
-        both = np.stack([np.concatenate(actual, axis=-1), self._reference]).swapaxes(1, 2)
+        actual = position[:: self.stride], quaternion[:: self.stride]
+        both = np.stack([np.concatenate(actual, axis=-1), reference]).swapaxes(1, 2)
         poses = np.concatenate([both[..., :3], to_rpy(both[..., 3:])], axis=-1)
         return Samples(
             actual=poses[0],
@@ -143,21 +141,9 @@ class RunLog(Sampler):
 
     def __init__(self, rig: GTERig, protocol: GTEProtocol, steps: int) -> None:
         """Log blocks of ``steps`` control steps; the arms have just begun to follow."""
-        super().__init__(rig, protocol, steps)
+        super().__init__(rig, protocol, steps, detailed=True)
         self._protocol, self._sequencer = protocol, rig.sequencer
-        self._speed, self._motor = rig.plant.batch.bind("qvel"), rig.plant.sticking.motor
-        self._previous = rig.applied.copy()
         self._blocks: defaultdict[str, list[NDArray[np.generic]]] = defaultdict(list)
-        self._watch = self._add_step
-        self._clear()
-
-    def _clear(self) -> None:
-        """Begin a block."""
-        nsim, n = self._rig.nsim, self._rig.n
-        self._tick = 0
-        self._power = np.zeros((nsim, self.size))
-        self._rate = np.zeros((nsim, self.size, n))
-        self._flags = np.zeros((nsim, self.size, len(FLAGS)), dtype=bool)
 
     @property
     def time(self) -> float:
@@ -166,31 +152,22 @@ class RunLog(Sampler):
 
     def advance(self) -> Samples:
         """Let all arms follow for one block, and keep its samples."""
+        details = self.recorded.power, self.recorded.rate, self.recorded.flags
+        for array in details:
+            array[:] = 0
         samples = super().advance()
+        power, rate, flags = (array.swapaxes(0, 1).copy() for array in details)
         new = {
             "actual": samples.actual,
             "reference": samples.reference,
             "mean_square": samples.mean_square.transpose(0, 2, 1),
-            "power": self._power / self.stride,
-            "rate": self._rate,
-            "flags": self._flags,
+            "power": power / self.stride,
+            "rate": rate,
+            "flags": flags,
         }
         for name, values in new.items():
             self._blocks[name].append(values)
-        self._clear()
         return samples
-
-    def _add_step(self) -> None:
-        """Add a control step to its sample."""
-        rig, s = self._rig, self._tick // self.stride
-        self._tick += 1
-        self._power[:, s] += np.abs(rig.dither_torque * self._speed[:, self._motor]).sum(axis=1)
-        rate, change = self._rate[:, s], np.abs(rig.applied - self._previous)
-        np.maximum(rate, change / CONTROL_DT, out=rate)
-        self._previous[:] = rig.applied
-        flags = rig.controller.flags
-        for k, name in enumerate(FLAGS):
-            self._flags[:, s, k] |= getattr(flags, name)
 
     def end(self, horizon: Array) -> Array:
         """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
@@ -204,7 +181,7 @@ class RunLog(Sampler):
         last = np.where(finished, np.minimum(last, horizon), horizon)
         return np.where(known, last + self._protocol.tail, np.inf)
 
-    def run(self, case: Case, mine: NDArray[np.bool_], goals: int, horizon: Array) -> Run:
+    def run(self, case: Case, mine: Bools, goals: int, horizon: Array) -> Run:
         """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
         rate, given_up = self._protocol.sample_rate, horizon[mine][:, None]
         count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))

@@ -6,8 +6,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -22,7 +22,6 @@ from stiction_envs.experiments.gte.protocol import (
 from stiction_envs.experiments.gte.random_paths import path_number
 from stiction_envs.precomputed import store
 
-Array = NDArray[np.float64]
 Key = tuple[str, Stiffness]
 """Trajectory and stiffness."""
 KIND, RANDOM_KIND = "undithered", "undithered_random"

@@ -25,7 +25,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, POSES
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     FrictionParameters,
@@ -34,6 +34,7 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.markdown import aligned, joints, percent
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.tables import read_toml
 
@@ -112,7 +113,20 @@ class Calibration:
         return f"<Calibration of {self.measured.robot}: {self.rounds} rounds, {error}>"
 
     def __str__(self) -> str:
-        return describe(self.to_json())
+        lines = []
+        for (j, k, d), tau in np.ndenumerate(self.measured.tau):
+            name = f"Joint {j + 1} {POSES[LOADS[k]]} ({DIRECTIONS[d]})"
+            found = self.simulated[j, k, d]
+            off = percent(100 * float(found / tau - 1), 2)
+            lines.append([name, f"{tau:+.4f}", f"{found:+.4f}", off])
+        header = ["configuration", "measured [N·m]", "simulated [N·m]", "off"]
+        text = [aligned(header, lines)]
+        if self.negative_load:
+            text.append(
+                f"{joints(self.negative_load)}: friction was smaller in the load pose, which load "
+                "does not explain"
+            )
+        return "\n".join([*text, f"{self.rounds} rounds"])
 
 
 def with_levels(
@@ -290,21 +304,3 @@ def _provenance_strings(found: Mapping[str, Any]) -> dict[str, str]:
         **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
         "versions": ", ".join(f"{k} {v}" for k, v in found["versions"].items()),
     }
-
-
-def describe(answer: Mapping[str, Any]) -> str:
-    """Return the `Calibration.to_json` of an arm as a readable table."""
-    lines = [f"{'configuration':<22}{'measured [N·m]':>16}{'simulated [N·m]':>17}{'off':>9}"]
-    for r in answer["rows"]:
-        pose = "Load" if r["load"] == "load" else "No load"
-        name = f"Joint {r['joint']} {pose} ({r['direction']})"
-        off = 100 * (r["simulated_nm"] / r["measured_nm"] - 1)
-        lines.append(
-            f"{name:<22}{r['measured_nm']:>+16.4f}{r['simulated_nm']:>+17.4f}{off:>+7.2f} %"
-        )
-    if answer["negative_load_coefficient"]:
-        joints = ", ".join(map(str, answer["negative_load_coefficient"]))
-        lines.append(
-            f"joints {joints}: friction was smaller in the load pose, which load does not explain"
-        )
-    return "\n".join([*lines, f"{answer['rounds']} rounds"])

@@ -215,11 +215,10 @@ class SingleJointExperiment(SJESetup):
         *,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
-        simulations: int = MAX_SIMULATIONS,
         file: str = "sje.csv",
     ) -> BreakawayTorques:
         """Run jobs to the end; see `run`. The result can be saved as ``file`` and plots."""
-        measured = self.run(jobs, iterations=iterations, progress=progress, simulations=simulations)
+        measured = self.run(jobs, iterations=iterations, progress=progress)
         arm = self.sticking.arm
         return BreakawayTorques(
             robot=arm.name,

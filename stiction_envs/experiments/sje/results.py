@@ -19,7 +19,7 @@ from stiction_envs.experiments.sje.protocol import (
     Protocol,
 )
 from stiction_envs.measured import BaseTable, SJERow, write_sje
-from stiction_envs.reporting.markdown import number, percent, signed, table_text
+from stiction_envs.reporting.markdown import aligned, number, percent, signed, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
@@ -179,46 +179,29 @@ class BreakawayTorques(Result):
         return f"<BreakawayTorques of {self.robot}: {text}, {len(self.stuck)} stuck>"
 
     def __str__(self) -> str:
-        return describe([asdict(r) for r in self.rows])
+        header = ["configuration", "base τ_b [N·m]", "dither", "τ_SJE [N·m]", "change"]
+        base = {_key(r): r for r in self.rows if not r.amplitude_nm}
+        dithered = {_key(r): r for r in self.rows if r.amplitude_nm}
+        lines = []
+        for key in dict.fromkeys([*base, *dithered]):
+            name = f"Joint {key[0]} {POSES[key[1]]} ({key[2]})"
+            line, row = [name, _torque(base.get(key)), "-", "-", "-"], dithered.get(key)
+            if row is not None:
+                drive = f"{row.frequency_hz:g} Hz, {row.amplitude_nm:.3f} N·m"
+                line[2:] = drive, _torque(row), percent(-100 * row.reduction)
+            lines.append(line[: None if dithered else 2])
+        return aligned(header[: None if dithered else 2], lines)
 
 
-def describe(rows: Sequence[Row]) -> str:
-    """Return rows of an SJE table as text, a configuration in a line.
-
-    Args:
-        rows: columns of the table by name.
-    """
-    base = {_key(r): r for r in rows if not r["amplitude_nm"]}
-    dithered = {_key(r): r for r in rows if r["amplitude_nm"]}
-    lines = [f"{'configuration':<22}{'base τ_b [N·m]':>20}"]
-    if dithered:
-        lines[0] += f"{'dither':>20}{'τ_SJE [N·m]':>20}{'change':>10}"
-    for key in dict.fromkeys([*base, *dithered]):
-        joint, load, direction = key
-        name = f"Joint {joint} {'Load' if load == 'load' else 'No load'} ({direction})"
-        line = f"{name:<22}{_torque(base.get(key)):>20}"
-        if dithered:
-            row = dithered.get(key)
-            if row is None:
-                line += f"{'-':>20}"
-            else:
-                drive = f"{row['frequency_hz']:g} Hz, {row['amplitude_nm']:.3f} N·m"
-                line += f"{drive:>20}{_torque(row):>20}"
-                change = -100 * row["reduction"]
-                line += f"{change:>+8.1f} %" if change == change else f"{'-':>10}"
-        lines.append(line.rstrip())
-    return "\n".join(lines)
+def _key(row: SJERow) -> tuple[int, str, str]:
+    return row.joint, row.load, row.direction
 
 
-def _key(row: Row) -> tuple[int, str, str]:
-    return row["joint"], row["load"], row["direction"]
-
-
-def _torque(row: Row | None) -> str:
+def _torque(row: SJERow | None) -> str:
     if row is None:
         return "stuck"
-    spread = "" if row["iterations"] == 1 else f" ± {row['std_nm']:.4f}"
-    return f"{row['tau_nm']:+.4f}{spread}"
+    spread = "" if row.iterations == 1 else f" ± {row.std_nm:.4f}"
+    return f"{row.tau_nm:+.4f}{spread}"
 
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"

@@ -87,7 +87,7 @@ class View:
     """What a cause is drawn against in a report; the ordinate is the residual torque."""
 
     label: str
-    """Of the axis, with its unit."""
+    """Label of the axis, with the unit."""
     of: Callable[[Data, int, Shape], Columns] | None
     """(T,) variable of a joint (from 0) for nonlinear parameters; None for the torque that the
     cause itself predicts."""

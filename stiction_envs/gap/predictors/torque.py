@@ -21,6 +21,7 @@ from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
+from stiction_envs.measured.motion import REST_SPEED
 
 Array = NDArray[np.float64]
 APART = 0.25
@@ -276,5 +277,5 @@ def resting(data: Data) -> NDArray[np.bool_]:
     recording = data.recording
     speed = np.abs(recording.path_rate(recording.reversal_path))[recording.path_rows]
     steady = np.abs(data.directions)[recording.path_rows] >= STEADY
-    off = (speed < data.settings.motion.rest_speed) & ~steady
+    off = (speed < REST_SPEED) & ~steady
     return np.asarray(off & (off.mean(axis=0) < MOSTLY))

@@ -18,7 +18,7 @@ from stiction_envs.gap.report.figures import draw_cause
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, log_series
-from stiction_envs.gap.validation.check import Check, describe
+from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import (
     REPLAY,
     SECONDS,
@@ -74,7 +74,7 @@ class LogDiagnosis(DiagnosisResult):
     @property
     def checked(self) -> str:
         """See `DiagnosisResult.checked`."""
-        return "" if self.check is None else describe(self.check)
+        return "" if self.check is None else str(self.check)
 
     @property
     def note(self) -> str:

@@ -31,7 +31,7 @@ class Parameter:
     cause: str
     """The cause to which it belongs."""
     key: str
-    """Its name in ``diagnosis.json``."""
+    """Name of the parameter in ``diagnosis.json``."""
     unit: str
     low: float
     high: float

@@ -131,7 +131,8 @@ def proposed(
         error = columns[mine].T @ (weight[mine, None] * likely)
         spread += error @ error.T
     covariance = inverse @ spread @ inverse
-    deviation = np.sqrt(np.diag(covariance))
+    variance = np.diag(covariance)  # rounding may leave less than none where nothing is shown
+    deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
     mass, moment = float(found[0]), found[1:]
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.measured.settings import MotionThresholds, measured_settings
+from stiction_envs.measured.motion import START_SAMPLES, START_SPAN
 
 Array = NDArray[np.float64]
 
 
-def bristles(
-    path: Array, runs: list[slice], distance: Array, motion: MotionThresholds | None = None
-) -> Array:
+def bristles(path: Array, runs: list[slice], distance: Array) -> Array:
     """Return (F, n, k) bristle torque over its steady level, for k presliding distances [-].
 
     Dahl's model ζ' = (q̇ − |q̇| ζ)/d (P. Dahl, "A solid friction model", 1968), exact: between two
@@ -25,16 +23,14 @@ def bristles(
         path: (F, n) [rad].
         runs: rows of each segment.
         distance: (n, k) d [rad].
-        motion: when a joint moves from the start; None for ``settings.toml``'s.
     """
-    moves = motion or measured_settings().motion
     out = np.zeros((*path.shape, distance.shape[-1]))
     for run in runs:
         if run.stop - run.start < 2:
             continue
         for j in range(path.shape[1]):
             x = path[run, j]
-            begun = abs(x[min(moves.start_samples, len(x) - 1)] - x[0]) > moves.start_span
+            begun = abs(x[min(START_SAMPLES, len(x) - 1)] - x[0]) > START_SPAN
             side, turn = _turns(x)
             if turn[-1] < 0:
                 continue  # the joint rests throughout

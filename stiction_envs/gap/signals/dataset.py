@@ -13,7 +13,6 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
     FrictionState,
@@ -71,11 +70,6 @@ class Data:
     def links(self) -> Recording:
         """The motion of the links that the gears drive, as far as they are known."""
         return self.recording if self.found is None else self.found
-
-    @property
-    def settings(self) -> GapSettings:
-        """Constants of the method."""
-        return self.recording.settings
 
     @property
     def pinocchio(self) -> pin.Model:
@@ -308,7 +302,6 @@ def assemble(
     *,
     friction: FrictionParameters | None = None,
     torque: str = "motor",
-    settings: GapSettings | None = None,
     link_factor: Array | None = None,
     of_file: bool = False,
     known_unit: Array | None = None,
@@ -322,7 +315,7 @@ def assemble(
     friction is that of the robot's file: frictionloss has no presliding, so the logs tell it.
     ``known_unit`` is the unit of torques that an earlier diagnosis found.
     """
-    recording = join(arm, signals, torque=torque, settings=settings, link_factor=link_factor)
+    recording = join(arm, signals, torque=torque, link_factor=link_factor)
     if friction is None:
         rotor = arm.stated.armature * (torque == "motor")  # behind the gear none is seen
         state = replace(FrictionState.unknown(recording), rotor=rotor)

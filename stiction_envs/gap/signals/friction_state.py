@@ -119,10 +119,10 @@ def presliding_distances(
     """
     dq, ddq = recording.dq, recording.ddq
     out, distances = np.empty(recording.n), np.array([PRESLIDING_DISTANCES])
-    runs, motion = recording.path_runs, recording.settings.motion
+    runs = recording.path_runs
     for j in range(recording.n):
         path = recording.reversal_path[:, [j]]
-        zeta = recording.smooth(bristles(path, runs, distances, motion)[:, 0])
+        zeta = recording.smooth(bristles(path, runs, distances)[:, 0])
         falls = np.exp(-np.abs(dq[:, j]) / FALLING_SPEED)
         common = np.stack([dq[:, j], ddq[:, j], np.ones(len(dq))], axis=1)
         left = []

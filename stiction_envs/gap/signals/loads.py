@@ -27,11 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.angles import AngleError, angle_error
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
-from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.measured.motion import REVERSAL_SPEED, TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
@@ -105,21 +104,27 @@ class Loads:
     """Whether that is far from the assumed one, and all joints that carry a load agree on it."""
 
     @property
-    def unit(self) -> float:
-        """The factor that all joints share, where it is another unit's; else 1 [-]."""
+    def unit(self) -> float | None:
+        """The factor that all joints share, where it is another unit's, else 1 [-].
+
+        None where no two joints show one, or all differ.
+        """
         sure = self.by_load & (self.needed > LEAST_LOAD)
         sure &= self.width < SURE * np.abs(self.factor)
         some = np.abs(self.factor[sure])
         if len(some) < 2:
-            return 1.0
+            return None
         usual, spread = float(np.median(some)), float(some.max() / some.min())
-        return usual if max(usual, 1 / usual) > OTHER_UNIT * spread else 1.0
+        off = max(usual, 1 / usual)
+        if off > OTHER_UNIT * spread:
+            return usual
+        return 1.0 if max(off, spread) < OTHER_UNIT else None
 
     @property
     def findings(self) -> list[str]:
         """Defects of the torques or of the mounting, a sentence each."""
         out = []
-        if (unit := self.unit) != 1:
+        if (unit := self.unit or 1.0) != 1:
             what = "amperes of motor current?" if unit < 1 else "or masses that the model lacks?"
             out.append(
                 f"the torques are {unit:.3g} times what gravity and inertia need, on all joints: "
@@ -192,15 +197,14 @@ class _Fit:
         return (a * self.clear(inertia) + b * self.clear(rubbing)) / max(a + b, 1e-12)
 
 
-def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = None) -> Loads:
+def loads(signals: Signals, log: int, arm: Arm) -> Loads:
     """Return what a log (its number in the signals) shows of its torques."""
-    motion = (settings or gap_settings()).motion
     rows = _rows(signals, log)
-    found = _loads(rows, arm, motion)
+    found = _loads(rows, arm)
     if found.elsewhere:
         return found
     q, dq, ddq, tau, apart = rows
-    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
+    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
     independent = len(tau) * min(1.0, apart / APART)
     error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD, independent)
     if error is None:
@@ -210,20 +214,18 @@ def loads(signals: Signals, log: int, arm: Arm, settings: GapSettings | None = N
         sign[error.joint - 1] = -1
     else:
         shift[error.joint - 1] = error.offset
-    found = _loads((sign * q - shift, sign * dq, sign * ddq, tau, apart), arm, motion)
+    found = _loads((sign * q - shift, sign * dq, sign * ddq, tau, apart), arm)
     if error.offset is None:  # a joint whose axis is the other way has both signs opposite
         found.sign[error.joint - 1] = abs(found.sign[error.joint - 1])
     return replace(found, angle=error)
 
 
-def _others(dq: Array, ddq: Array, motion: MotionThresholds) -> Array:
+def _others(dq: Array, ddq: Array) -> Array:
     """Return (T, 4) rotor, dry and viscous friction, and offset of a joint."""
-    return np.column_stack([ddq, np.tanh(dq / motion.reversal_speed), dq, np.ones(len(dq))])
+    return np.column_stack([ddq, np.tanh(dq / REVERSAL_SPEED), dq, np.ones(len(dq))])
 
 
-def _loads(
-    rows: tuple[Array, Array, Array, Array, float], arm: Arm, motion: MotionThresholds
-) -> Loads:
+def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     """Return what rows (`_rows`) show, if their angles are the model's."""
     q, dq, ddq, tau, apart = rows
     model, n = arm.pinocchio(), arm.n
@@ -231,8 +233,8 @@ def _loads(
     down = down / np.linalg.norm(down)
     rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
     offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
-    sides = np.tanh(dq / motion.reversal_speed)
-    others = [_others(*x, motion) for x in zip(dq.T, ddq.T, strict=True)]
+    sides = np.tanh(dq / REVERSAL_SPEED)
+    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
 
     def fit(columns: Array, j: int) -> _Fit:
         return _Fit(np.column_stack([columns, others[j]]), tau[:, j], float(offset[j]), apart)
@@ -247,7 +249,7 @@ def _loads(
     )
     factor, width = _factors(usual)
     due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
-    moves = np.ptp(q, axis=0) > motion.travel_span
+    moves = np.ptp(q, axis=0) > TRAVEL_SPAN
     measured = ~(silent & due)
     if not measured.all():
         measured &= ~(silent & moves)

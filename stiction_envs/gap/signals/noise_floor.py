@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from stiction_envs.gap.signals.friction_state import PRESLIDING_DISTANCE
 from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.measured.motion import TRAVEL_SPAN
 
 Array = NDArray[np.float64]
 LEAST = 1e-4
@@ -60,7 +61,7 @@ def scatter(q: Array, residual: Array) -> Array | None:
 def _creep(recording: Recording, residual: Array) -> Array:
     """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0."""
     q, out = recording.q, np.zeros(recording.n)
-    for j in np.flatnonzero(np.ptp(q, axis=0) < recording.settings.motion.travel_span):
+    for j in np.flatnonzero(np.ptp(q, axis=0) < TRAVEL_SPAN):
         # others' motion changes its rigid torque
         x = np.stack([np.ones(len(q)), recording.rigid[:, j]], axis=1)
         left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]

@@ -27,12 +27,12 @@ from scipy.signal import butter, sosfilt_zi
 
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.reversal_path import WIDER, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.motion import MOVER_RATIO, REST_SPEED
 
 Array = NDArray[np.float64]
 # central differences of sixth order for the first and the second derivative, in samples
@@ -181,7 +181,6 @@ def prepare(
     *,
     cutoff_hz: float | None = None,
     most_samples: int = MOST_ROWS,
-    settings: GapSettings | None = None,
 ) -> Signals:
     """Compute evenly sampled, filtered and differentiated signals of ``logs``.
 
@@ -189,13 +188,11 @@ def prepare(
         logs: one or more logs of the same robot.
         cutoff_hz: cutoff of the filter, Hz; chosen from the data if None.
         most_samples: samples kept of all logs together, at most.
-        settings: constants of the method; None for those of ``settings.toml``.
 
     Raises:
         StictionError: no log, logs of different robots, a cutoff that is not positive, or no
             segment long enough for it.
     """
-    own = settings or gap_settings()
     if not logs:
         raise StictionError("no log given: expected one or more")
     for log in logs:
@@ -223,7 +220,7 @@ def prepare(
     # without the last digits, which are rounding of the times
     steps = [float(f"{log.step:.6g}") for _, log in moving]
     notes: list[str] = []
-    spectra = Spectra([log for _, log in moving], steps, own.motion.mover_ratio)
+    spectra = Spectra([log for _, log in moving], steps, MOVER_RATIO)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     fine = _multiple(max(steps), PATH_RATE * cutoff, MOST_PATH_ROWS / seconds)
@@ -239,7 +236,7 @@ def prepare(
     left_out, shortest = 0, (PERIODS - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
-            made = _segment(i, log, rows, step, fine, every, cutoff, own.motion.rest_speed)
+            made = _segment(i, log, rows, step, fine, every, cutoff, REST_SPEED)
             left_out += made is None
             segments += [made] if made is not None else []
     if left_out:
@@ -259,7 +256,7 @@ def prepare(
             "logged, and their noise is larger than it seems"
         )
     segments.sort(key=lambda s: (s.log, s.t[0]))
-    notes += _rest(segments, dt, own.motion.rest_speed)
+    notes += _rest(segments, dt, REST_SPEED)
     return Signals(
         segments=tuple(segments),
         dt=dt,

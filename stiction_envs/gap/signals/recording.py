@@ -13,13 +13,14 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.prepare import Signals, lowpass
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+BLOCKS = 12
+"""Blocks of time, over all logs, that are held out in turn: enough to see their spread; assumed."""
 GUARD = 0.25
 """Time between two blocks that belongs to neither [s]; assumed."""
 Derived = TypeVar("Derived", bound=NDArray[np.floating])
@@ -75,8 +76,6 @@ class Recording:
     """(T,) number of the block that is held out together, −1 in a guard."""
     log: NDArray[np.int64]
     """(T,) number of the log, from 0."""
-    settings: GapSettings
-    """Constants of the method, for all derived values."""
     link_factor: Array | None = None
     """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters about the arm's, as
     an earlier diagnosis left it; None for the tolerance of CAD."""
@@ -134,7 +133,7 @@ class Recording:
         Args:
             distance: (n, k) presliding distances [rad].
         """
-        return bristles(self.reversal_path, self.path_runs, distance, self.settings.motion)
+        return bristles(self.reversal_path, self.path_runs, distance)
 
     def along_path(self, x: Array) -> Array:
         """Return (F, ...) of smooth (T, ...), at the times of the reversal path.
@@ -194,7 +193,6 @@ def join(
     signals: Signals,
     *,
     torque: str,
-    settings: GapSettings | None = None,
     link_factor: Array | None = None,
 ) -> Recording:
     """Put the segments of all logs of an arm into one piece.
@@ -202,7 +200,6 @@ def join(
     ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
     ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links.
     """
-    own = settings or gap_settings()
     parts = signals.segments
     q, dq, ddq, tau, path = (
         np.concatenate([getattr(s, x) for s in parts])
@@ -231,9 +228,8 @@ def join(
         path_dt=signals.dt / signals.every,
         path_segment=path_segment,
         segment=segment,
-        block=_blocks(log, segment, signals.dt, own.recording.blocks),
+        block=_blocks(log, segment, signals.dt, BLOCKS),
         log=log,
-        settings=own,
         link_factor=link_factor,
     )
 

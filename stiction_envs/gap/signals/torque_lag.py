@@ -28,13 +28,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from stiction_envs.gap.settings import GapSettings, gap_settings
 from stiction_envs.gap.signals.loads import LEAST_LOAD
 from stiction_envs.gap.signals.prepare import Segment, Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.motion import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -100,9 +100,9 @@ class _Run:
     """(F, k) these columns."""
 
 
-def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) -> TorqueLag | None:
+def torque_lag(signals: Signals, arm: Arm) -> TorqueLag | None:
     """Return how much the torques of one log lag, or may lag; None where they do not."""
-    slow = (settings or gap_settings()).motion.reversal_speed
+    slow = REVERSAL_SPEED
     parts = _moving(signals)
     if not parts:
         return None
@@ -133,9 +133,9 @@ def torque_lag(signals: Signals, arm: Arm, settings: GapSettings | None = None) 
     )
 
 
-def has_lag(signals: Signals, arm: Arm, lag: Lag, settings: GapSettings | None = None) -> bool:
+def has_lag(signals: Signals, arm: Arm, lag: Lag) -> bool:
     """Return whether the torques of one log may have a lag; only a load can show the contrary."""
-    slow = (settings or gap_settings()).motion.reversal_speed
+    slow = REVERSAL_SPEED
     parts = _moving(signals)
     if not parts:
         return True
@@ -151,7 +151,6 @@ def correct_torques(
     logs: Sequence[JointLog],
     arm: Arm,
     make: Callable[[Sequence[JointLog]], Signals],
-    settings: GapSettings | None = None,
     known_sign: int = 0,
     known_lag: Lag | None = None,
     known_unit: Array | None = None,
@@ -162,7 +161,6 @@ def correct_torques(
         logs: of one robot.
         arm: the nominal rigid arm.
         make: makes signals of logs.
-        settings: constants of the method; None for those of ``settings.toml``.
         known_sign: as in `correct_sign`.
         known_lag: by an earlier diagnosis of the robot; None for none.
         known_unit: as in `correct_sign`.
@@ -173,7 +171,7 @@ def correct_torques(
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
     """
-    read, signals = correct_sign(logs, make(logs), arm, settings, known_sign, known_unit)
+    read, signals = correct_sign(logs, make(logs), arm, known_sign, known_unit)
     changed = False
     for i, log in enumerate(read):
         if log.static:
@@ -181,7 +179,7 @@ def correct_torques(
         # several logs together may be thinned out so far that a delay is no longer visible
         own = signals if len(read) == 1 else make([log])
         if known_lag is not None:
-            if has_lag(own, arm, known_lag, settings):
+            if has_lag(own, arm, known_lag):
                 text = f"{_lag_text(*known_lag)}, as those of the nominal model's logs: undone"
                 read[i] = _undone(log, known_lag, text)
                 changed = True
@@ -189,7 +187,7 @@ def correct_torques(
             text = f"not so in this log: {_lag_text(*known_lag)} (the nominal model's logs)"
             log = dataclasses.replace(log, warnings=(*log.warnings, text))
             read[i] = log
-        found = torque_lag(own, arm, settings)
+        found = torque_lag(own, arm)
         if found is None:
             continue
         text = _lag_text(found.delay, found.lowpass)

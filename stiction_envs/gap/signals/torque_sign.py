@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.loads import loads
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.measured.logs.corrections import Correction
@@ -32,7 +31,6 @@ def correct_sign(
     logs: Sequence[JointLog],
     signals: Signals,
     arm: Arm,
-    settings: GapSettings | None = None,
     known: int = 0,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
@@ -44,7 +42,6 @@ def correct_sign(
         logs: of one robot, with one convention.
         signals: made of them.
         arm: the nominal rigid arm.
-        settings: constants of the method; None for those of ``settings.toml``.
         known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
             that changes overrides it.
         known_unit: likewise, (n,) what 1 N·m is in the unit of the torques; None for 1.
@@ -56,7 +53,7 @@ def correct_sign(
         StictionError: a joint's torque has the opposite sign in one log, and not in another.
     """
     numbers = dict.fromkeys(s.log for s in signals.segments)
-    found = {k: loads(signals, k, arm, settings) for k in numbers}
+    found = {k: loads(signals, k, arm) for k in numbers}
     shown = {k: x for k, x in found.items() if x.by_load.any()}
     for j in range(arm.n):
         each = {int(x.sign[j]): k for k, x in shown.items() if x.by_load[j]}
@@ -71,7 +68,7 @@ def correct_sign(
     if known and not shown:
         signs = np.full((1, arm.n), 1 if again else known)
     opposite = (signs < 0).any(axis=0) & (signs <= 0).all(axis=0)
-    unit = _unit([x.unit for x in found.values()], known_unit)
+    unit = shared_unit([x.unit for x in found.values() if x.unit is not None], known_unit)
     done = replace(
         signals,
         torque_sign=-1 if opposite.all() else int(signs.any()),
@@ -95,15 +92,19 @@ def correct_sign(
     return _times(logs, done, side, "sign", text)
 
 
-def _unit(found: Sequence[float], known: Array | None) -> Array:
-    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m."""
-    seen = [x for x in found if x != 1]
+def shared_unit(shown: Sequence[float], known: Array | None) -> Array:
+    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m.
+
+    Args:
+        shown: units of the logs that show one; 1 for N·m.
+        known: (n,) that of an earlier diagnosis; None for N·m.
+    """
+    unit = float(np.median(shown)) if shown else None
     if known is not None:
         usual = float(np.median(known))
-        if not seen or 1 / SAME_UNIT < np.median(seen) / usual < SAME_UNIT:
+        if unit is None or 1 / SAME_UNIT < unit / usual < SAME_UNIT:
             return known
-    unit = float(np.median(seen or [1.0]))
-    return np.full(1, unit if unit < 1 or unit > LARGE_UNIT else 1.0)
+    return np.full(1, unit if unit and (unit < 1 or unit > LARGE_UNIT) else 1.0)
 
 
 def converted(

@@ -31,8 +31,8 @@ TANGENT = 0.3
 """Step of x over its prior size for a tangent [-]; assumed: wider than the steps by which dither's
 periods quantise breakaway torques."""
 ROUNDS, STEPS, ENOUGH = 4, 12, 0.02
-"""Of the fit: most states of the whole arm, most steps from each, and a step over the prior size
-that ends it; assumed."""
+"""Limits of the fit: most states of the whole arm, most steps from each, and a step over the prior
+size that ends it; assumed."""
 SMALL = 4
 """Number of small errors of a joint: level and offset in both poses."""
 RIVALS = 5
@@ -81,7 +81,7 @@ class Weighed:
     """A cause in the best model, and the models that lack it."""
 
     effects: list[Effect]
-    """Of one cause on the same joints; a bad reading is one of its own."""
+    """Effects of one cause on the same joints; each bad reading counts alone."""
     without: Fit
     rivals: dict[str, Fit]
     """Models with another cause in its place, by that one's name."""

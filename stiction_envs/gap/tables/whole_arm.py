@@ -41,7 +41,7 @@ class Quantity:
 FRICTION_LEVEL = Quantity(
     name="friction_level", fields=("stiction", "load_coefficient"), low=0.5, high=2.0
 )
-"""Its range is assumed."""
+"""Factor of a joint's friction; the range is assumed."""
 State = frozenset[tuple[Quantity, int]]
 """The quantities of a joint that are not nominal, and by how many steps of the logarithm."""
 NOMINAL: State = frozenset()

@@ -1,6 +1,6 @@
 """Test the model of a diagnosis on logs that took no part in it.
 
-    refuse_unfit(logs, diagnosed, arm, settings)
+    refuse_unfit(logs, diagnosed, arm)
     check = check_model(diagnosis, logs)
 
 Nothing is fitted here. The check logs go through the same reader, corrections and preparation as
@@ -31,13 +31,13 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
 from stiction_envs.gap.model_file import Nominal
-from stiction_envs.gap.settings import GapSettings
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.sessions import sessions
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.logs.timing import LEAST_SECONDS
+from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
@@ -116,17 +116,32 @@ class Check:
             "cutoff_hz": self.data.cutoff,
         }
 
+    def __str__(self) -> str:
+        many = "the log that took no part" if len(self.logs) == 1 else "logs that took no part"
+        before, after, worse = self.nominal_rms, self.extended_rms, self.worse_joints
+        if worse:
+            each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in worse)
+            text = f"does not hold on {joint_list(worse)}, whose errors go from {each} N·m"
+        elif not self.transfers:
+            text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
+        else:
+            text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with"
+            text += " it"
+        text = f"On {many} the model {text}" + ("." if worse else " (mean of joints).")
+        harm = [f"{x.name} ({joint_list(x.harmed)})" for x in self.transfers if x.fails]
+        if harm:
+            text += f" Not transferring: {', '.join(harm)}."
+        return text
 
-def refuse_unfit(
-    logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: Arm, settings: GapSettings
-) -> None:
+
+def refuse_unfit(logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: Arm) -> None:
     """Refuse logs that cannot check a model of ``diagnosed`` ones.
 
     Raises:
         StictionError: logs of another robot, without a joint that moves in both, too short, poses,
             or one that was diagnosed too.
     """
-    least, span = LEAST_SECONDS, settings.motion.travel_span
+    least, span = LEAST_SECONDS, TRAVEL_SPAN
     reach = _reach(diagnosed)
     known = np.flatnonzero(np.ptp(reach, axis=0) > span)
     for log in logs:
@@ -178,11 +193,11 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     Raises:
         StictionError: no segment is long enough for the cutoff of the diagnosis.
     """
-    (arm, settings), found = (d.data.arm, d.settings), model_of(d)
+    arm, found = d.data.arm, model_of(d)
     cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
-    make = partial(prepare, cutoff_hz=cutoff, settings=settings)
+    make = partial(prepare, cutoff_hz=cutoff)
     sign, lag = found.torque_sign, found.torque_lag
-    logs, signals = correct_torques(logs, arm, make, settings, sign, lag, found.torque_unit)
+    logs, signals = correct_torques(logs, arm, make, sign, lag, found.torque_unit)
     shown = d.data.measured if signals.measured is None else d.data.measured & signals.measured
     signals = replace(signals, sessions=sessions(logs, found.sessions), measured=shown)
     torque, friction, file = d.data.recording.torque, d.baseline.friction, d.baseline.file
@@ -191,7 +206,6 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         signals,
         friction=friction,
         torque=torque,
-        settings=settings,
         of_file=file,
         known_unit=d.baseline.torque_unit,
     )
@@ -243,21 +257,3 @@ def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tup
             )
         )
     return tuple(out)
-
-
-def describe(check: Check) -> str:
-    """Return the verdict in a sentence or two."""
-    many = "the log that took no part" if len(check.logs) == 1 else "logs that took no part"
-    before, after = check.nominal_rms, check.extended_rms
-    if check.worse_joints:
-        each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in check.worse_joints)
-        text = f"does not hold on {joint_list(check.worse_joints)}, whose errors go from {each} N·m"
-    elif not check.transfers:
-        text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
-    else:
-        text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with it"
-    text = f"On {many} the model {text}" + ("." if check.worse_joints else " (mean of joints).")
-    harm = [f"{x.name} ({joint_list(x.harmed)})" for x in check.transfers if x.fails]
-    if harm:
-        text += f" Not transferring: {', '.join(harm)}."
-    return text

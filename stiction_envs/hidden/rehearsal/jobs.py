@@ -62,12 +62,12 @@ class Job:
 
     @property
     def cause(self) -> str:
-        """Its name."""
+        """Name of the cause."""
         return self.what.name
 
     @property
     def key(self) -> str:
-        """Its name among the runs."""
+        """Name of the job among the runs."""
         return f"{self.cause} {self.joints[0] + 1}" if self.what.coupled else self.cause
 
     @property

@@ -60,9 +60,9 @@ class Replay:
     unknown_friction: Array
     """(n,) the part of it that the nominal model lacks [N·m]."""
     sources: tuple[str, ...]
-    """Of the logs."""
+    """Paths of the logs."""
     cutoff_hz: float
-    """Of the filter of the log's own diagnosis."""
+    """Cutoff of the filter in the log's own diagnosis."""
     baseline: Nominal
     """The nominal model."""
 
@@ -100,7 +100,6 @@ class Replay:
             torque=self.data.recording.torque,
             cutoff_hz=self.cutoff_hz,
             seed=seed,
-            settings=self.data.settings,
         )
 
     def in_band(self, x: Array) -> Array:

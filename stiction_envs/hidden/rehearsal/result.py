@@ -10,7 +10,6 @@ from pathlib import Path
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed, plural, short
@@ -149,43 +148,39 @@ class Rehearsal(Result):
         return f"<Rehearsal of {self.robot}: {found} of {len(self.rows)} shown>"
 
     def __str__(self) -> str:
-        return describe(self.to_json())
-
-
-def describe(found: JsonRecord) -> str:
-    """Return a rehearsal's JSON as readable lines: smallest sizes, then what is not shown."""
-    lines, rows = [found["summary"], ""], found["rehearsal"]
-    for cause in dict.fromkeys(r["cause"] for r in rows):
-        mine = [r for r in rows if r["cause"] == cause]
-        unit = _unit(mine[0]["unit"])
-        lines.append(f"{cause}, {mine[0]['parameter']}:")
-        shown = [r for r in mine if r["smallest_found"] is not None]
-        if shown:
-            lines.append(f"  shown from {_sizes(shown, 'smallest_found')}{unit} on")
-        hidden = [r for r in mine if r["smallest_found"] is None]
-        for why in dict.fromkeys(r["instead"] for r in hidden):
-            these = [r for r in hidden if r["instead"] == why]
-            named = [r for r in these if r["smallest_named"] is not None]
-            if named:
-                lines.append(f"  named from {_sizes(named, 'smallest_named')}{unit} on, but {why}")
-            missed = [r for r in these if r["smallest_named"] is None]
-            if missed:
-                which = [r["joint"] for r in missed]
-                on = "" if which == [0] else f" on {joints_text(which)}"
-                ends = dict.fromkeys(short(r["tried"][-1], 2) for r in missed if r["tried"])
-                largest = f" at {listed(ends)}{unit}" if ends else ""
-                lines.append(f"  not shown{on}{largest}: {why}")
-        if hidden:
-            lines.append(f"  record next: {hidden[0]['what_to_record']}")
-    return "\n".join(lines)
+        lines, rows = [self.summary, ""], self.rows
+        for cause in dict.fromkeys(r.cause for r in rows):
+            mine = [r for r in rows if r.cause == cause]
+            unit = _unit(mine[0].unit)
+            lines.append(f"{cause}, {mine[0].parameter}:")
+            shown = [r for r in mine if r.found]
+            if shown:
+                lines.append(f"  shown from {_sizes(shown, 'smallest_found')}{unit} on")
+            hidden = [r for r in mine if not r.found]
+            for why in dict.fromkeys(r.instead for r in hidden):
+                these = [r for r in hidden if r.instead == why]
+                named = [r for r in these if r.named]
+                if named:
+                    sizes = _sizes(named, "smallest_named")
+                    lines.append(f"  named from {sizes}{unit} on, but {why}")
+                missed = [r for r in these if not r.named]
+                if missed:
+                    which = [r.joint for r in missed]
+                    on = "" if which == [0] else f" on {joints_text(which)}"
+                    ends = dict.fromkeys(short(r.tried[-1], 2) for r in missed if r.tried)
+                    largest = f" at {listed(ends)}{unit}" if ends else ""
+                    lines.append(f"  not shown{on}{largest}: {why}")
+            if hidden:
+                lines.append(f"  record next: {hidden[0].what_to_record}")
+        return "\n".join(lines)
 
 
 def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _sizes(rows: list[JsonRecord], which: str) -> str:
+def _sizes(rows: list[Row], which: str) -> str:
     """Return the sizes of some rows, each with its joint."""
     return ", ".join(
-        (f"joint {r['joint']} " if r["joint"] else "") + short(r[which], 3) for r in rows
+        (f"joint {r.joint} " if r.joint else "") + short(getattr(r, which), 3) for r in rows
     )

@@ -36,6 +36,7 @@ from stiction_envs.hidden.rehearsal.jobs import (
 from stiction_envs.hidden.rehearsal.replay import Replay
 from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World, inverse_torque
+from stiction_envs.measured.motion import REVERSAL_SPEED
 
 Array = NDArray[np.float64]
 DAMPING = 0.1
@@ -134,7 +135,7 @@ class HiddenTorques:
         # the exact solution over a row is a + b z
         a = law.advance(0.0, v, data.dt)
         b = law.advance(1.0, v, data.dt) - a
-        sliding = np.abs(v) > data.settings.motion.reversal_speed
+        sliding = np.abs(v) > REVERSAL_SPEED
         z = np.where(sliding, np.sign(v) * law.level(v) / np.asarray(law.bristle_stiffness), 0.0)
         for run in data.runs():
             for k in range(run.start, run.stop - 1):

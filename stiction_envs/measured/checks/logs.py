@@ -10,7 +10,7 @@ from scipy.signal import butter, csd, sosfiltfilt, welch
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
-from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.measured.motion import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
@@ -183,7 +183,7 @@ def _limit(limits: Limits, name: str, j: int, unit: str) -> str:
     return f"{text}: [limits.{name}])"
 
 
-def check_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
+def check_channels(rows: RawLog) -> list[str]:
     """Check that something moves; warn of channels that never change or stay at a limit.
 
     Raises:
@@ -201,7 +201,7 @@ def check_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
     if still["q"].all():
         warnings.append("no q ever changes: the arm rests, or its positions were not logged")
     for name in (name for name in still if name != "q"):
-        for j in np.flatnonzero(still[name] & (span["q"] > motion.stir_span)):
+        for j in np.flatnonzero(still[name] & (span["q"] > STIR_SPAN)):
             value = f"{name}{j + 1} is always {rows.data[name][0, j]:.4g}"
             warnings.append(f"{value} although the joint moves")
     return warnings + check_torques(rows)
@@ -281,7 +281,7 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
     return warnings
 
 
-def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[str]:
+def check_speeds(rows: RawLog, step: float) -> list[str]:
     """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
 
     Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
@@ -289,7 +289,6 @@ def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[st
     Args:
         rows: a log without repeats and gaps.
         step: time between rows, s.
-        motion: which joints move.
 
     Returns:
         Warnings.
@@ -305,9 +304,7 @@ def check_speeds(rows: RawLog, step: float, motion: MotionThresholds) -> list[st
     speeds = np.gradient(grid["q"], step, axis=0)
     size = speeds.std(axis=0)
     # Joints that are only shaken by others are poor evidence, and have a lag of their own.
-    movers = np.flatnonzero(
-        (size > motion.mover_ratio * size.max()) & (size > motion.reversal_speed)
-    )
+    movers = np.flatnonzero((size > MOVER_RATIO * size.max()) & (size > REVERSAL_SPEED))
     sos = butter(4, min(COMPARED_HZ, 0.2 * rate), fs=rate, output="sos")
     found = []
     for j in movers:

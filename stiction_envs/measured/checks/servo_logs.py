@@ -13,7 +13,7 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_angles, check_torques
 from stiction_envs.measured.logs.corrections import RawLog
-from stiction_envs.measured.settings import MotionThresholds
+from stiction_envs.measured.motion import HOLD_SPAN, TRAVEL_SPAN
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
@@ -51,7 +51,7 @@ def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
     return warnings
 
 
-def check_servo_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
+def check_servo_channels(rows: RawLog) -> list[str]:
     """Check that something moves; warn of commands and angles that never do, and of copies.
 
     Raises:
@@ -68,7 +68,7 @@ def check_servo_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
         warnings.append(
             f"q_cmd1..q_cmd{n} never change although a joint moves: was the command logged?"
         )
-    for j in np.flatnonzero((told > motion.hold_span) & (moved == 0)):
+    for j in np.flatnonzero((told > HOLD_SPAN) & (moved == 0)):
         warnings.append(
             f"q{j + 1} is always {q[0, j]:.4g} although its command moves by {told[j]:.3g} rad: "
             "was its position measured?"
@@ -79,7 +79,7 @@ def check_servo_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
             f"{', '.join(copies)} equal{'s' * (len(copies) == 1)} the command in every row: "
             "not measured, or a perfect servo"
         )
-    warnings += _late_commands(rows, motion)
+    warnings += _late_commands(rows)
     current = rows.data.get("current_abs")
     if current is not None and (current < 0).any():
         first = int(np.argmax((current < 0).any(axis=0)))
@@ -87,13 +87,13 @@ def check_servo_channels(rows: RawLog, motion: MotionThresholds) -> list[str]:
     return warnings + (check_torques(rows) if "tau" in rows.data else [])
 
 
-def _late_commands(rows: RawLog, motion: MotionThresholds) -> list[str]:
+def _late_commands(rows: RawLog) -> list[str]:
     """Return a warning where all commands come after the motion that follows them."""
     step = float(np.median(np.diff(rows.t)))
     most = int(min(MOST_LAG / max(step, 1e-6), len(rows.t) // 4))
     leads = []
     for q, command in zip(rows.data["q"].T, rows.data["q_cmd"].T, strict=True):
-        if min(np.ptp(q), np.ptp(command)) < motion.travel_span or most < 2:
+        if min(np.ptp(q), np.ptp(command)) < TRAVEL_SPAN or most < 2:
             continue
         v, u = np.diff(q)[most:-most], np.diff(command)
         likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]

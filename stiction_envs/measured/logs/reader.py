@@ -33,7 +33,6 @@ from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
 from stiction_envs.measured.logs.timing import corrected, ignored, read_each
-from stiction_envs.measured.settings import MotionThresholds
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
@@ -61,7 +60,6 @@ def read_logs(
     *,
     limits: Limits | None = None,
     naming: Naming | None = None,
-    motion: MotionThresholds | None = None,
 ) -> list[JointLog]:
     """Read, check and correct the joint logs of one robot.
 
@@ -70,7 +68,6 @@ def read_logs(
         n_joints: joints of the robot.
         limits: its limits; without them fewer wrong units are seen.
         naming: names of its joints, for kinds of files that have them.
-        motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
 
     Raises:
         StictionError: a file cannot be read, is no log of this robot, or cannot be a measurement.
@@ -80,7 +77,7 @@ def read_logs(
     def read(path: Path) -> JointLog:
         raw = read_raw(path, n_joints, naming=naming)
         checks, correct = (check_units, check_channels), (drop_repeats, correct_stale, spread_held)
-        common, data = corrected(raw, limits, motion, checks, correct=correct)
+        common, data = corrected(raw, limits, checks, correct=correct)
         return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
 
     return read_each(logs, read)
@@ -92,7 +89,6 @@ def read_servo_logs(
     *,
     limits: Limits | None = None,
     naming: Naming | None = None,
-    motion: MotionThresholds | None = None,
 ) -> list[ServoLog]:
     """Read, check and correct the servo logs of one robot; see `read_logs`."""
 
@@ -100,7 +96,7 @@ def read_servo_logs(
         raw = read_raw(path, n_joints, naming=naming, drive=POSITION)
         raw.measured = SERVO_CORE
         checks = check_servo_units, check_servo_channels
-        common, data = corrected(raw, limits, motion, checks, slowest=SLOWEST_CLOCK)
+        common, data = corrected(raw, limits, checks, slowest=SLOWEST_CLOCK)
         current = data.pop("current_abs", None)
         return ServoLog(
             **common,

@@ -20,7 +20,6 @@ from stiction_envs.measured.logs.clock import SLOWEST, correct_clock, find_gaps,
 from stiction_envs.measured.logs.corrections import Correction, RawLog, fill_missing
 from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.logs.wrapping import unwrap
-from stiction_envs.measured.settings import MotionThresholds, measured_settings
 
 if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
@@ -29,7 +28,7 @@ Path = str | os.PathLike[str]
 Array = NDArray[np.float64]
 Checks = tuple[
     Callable[[RawLog, "Limits | None"], list[str]],
-    Callable[[RawLog, MotionThresholds], list[str]],
+    Callable[[RawLog], list[str]],
 ]
 """Checks of units and of channels; they return warnings."""
 LogT = TypeVar("LogT", bound=RobotLog)
@@ -72,7 +71,6 @@ def read_each(given: Sequence[Path | LogT], read: Callable[[Path], LogT]) -> lis
 def corrected(
     rows: RawLog,
     limits: Limits | None,
-    motion: MotionThresholds | None,
     checks: Checks,
     *,
     correct: Sequence[Callable[[RawLog], list[Correction]]] = (),
@@ -83,7 +81,6 @@ def corrected(
     Args:
         rows: the log; its arrays are used up.
         limits: of the robot; None where it is not known.
-        motion: when a joint moves; None for ``[motion]`` of ``settings.toml``.
         checks: of units and of channels, of rows without missing values.
         correct: functions that correct values in place, before the clock.
         slowest: as of `correct_clock` [s].
@@ -94,7 +91,6 @@ def corrected(
     Raises:
         StictionError: what cannot be a measurement.
     """
-    motion = motion or measured_settings().motion
     units, channels = checks
     check_finite(rows)
     check_time(rows)
@@ -103,7 +99,7 @@ def corrected(
     corrections = [*rows.notes, *_join_runs(rows, date), *unwrap(rows)]
     more, warnings = fill_missing(rows)
     corrections += more
-    warnings += units(rows, limits) + channels(rows, motion)
+    warnings += units(rows, limits) + channels(rows)
     for change in correct:
         corrections += change(rows)
     corrections += correct_clock(rows, slowest)
@@ -120,7 +116,7 @@ def corrected(
     longest = replace(rows, t=rows.t[part], data=data, run=rows.run[part])
     try:
         late = check_pace(longest, step, limits)
-        late += check_speeds(longest, step, motion)
+        late += check_speeds(longest, step)
     except StictionError as error:
         raise StictionError(f"{rows.source}: {error}") from None
     others = dict(rows.data)

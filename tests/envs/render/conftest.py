@@ -26,7 +26,7 @@ def gl():
     """OpenGL."""
     scene = ArmScene(load_arm("panda"), 16, 16)
     try:
-        scene.depth(mujoco.MjvCamera())
+        scene.picture(mujoco.MjvCamera(), lambda _: None)
     except StictionError as error:
         pytest.skip(str(error))
     scene.close()

@@ -59,19 +59,6 @@ def test_the_marker_is_seen_on_every_joint_and_inside_the_frame(joint):
 
 
 @pytest.mark.usefixtures("gl")
-def test_depth_is_in_metres(kind):
-    env = kind.make(render_mode="depth_array")
-    env.reset(seed=0, options=kind.options)
-    depth = env.render()
-    assert depth.shape == (HEIGHT, SCENE)
-    assert depth.dtype == np.float32
-    middle = depth[HEIGHT // 4 : -HEIGHT // 4, SCENE // 4 : -SCENE // 4].min()
-    assert 0.5 < middle < 5
-    assert depth[0].min() > 20, "above the horizon there is only sky"
-    env.close()
-
-
-@pytest.mark.usefixtures("gl")
 def test_a_batch_gives_one_frame_each(kind, monkeypatch):
     """In two batches: the last frame is that of the single environment with its seed."""
     other = {"sje": {"joint": 4}, "gte": {"trajectory": "pentagon"}}[kind.name]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 
-import mujoco
+import mujoco.viewer
 import numpy as np
 import pytest
 
@@ -95,7 +95,7 @@ def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatc
     """A machine that is half as fast as needed shows half of the time, and never hurries after."""
     clock, viewers, said = Clock(view, speed), [], []
 
-    def open_viewer(what, model, data, key_callback):
+    def launch(model, data, *, key_callback, **_):
         keys = [ord("2"), UP]
         viewers.append(Viewer(model, data, key_callback, keys, lambda: clock.now < 4.0))
         return viewers[0]
@@ -104,7 +104,7 @@ def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatc
     monkeypatch.setattr(push_window, "_PAUSE", 0.1)
     monkeypatch.setattr(window, "has_display", lambda: True)
     monkeypatch.setattr(window, "_opens", lambda: True)
-    monkeypatch.setattr(window, "open_viewer", open_viewer)
+    monkeypatch.setattr(mujoco.viewer, "launch_passive", launch)
     opened = PushWindow(view)
     opened.run(said.append)
     (viewer,) = viewers

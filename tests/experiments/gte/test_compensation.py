@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
@@ -50,18 +50,6 @@ def test_a_relay_beyond_friction_hunts_and_vibration_shows_it():
     none, under, over, far = (measure(run, b.protocol).shaking_at_rest[0] for run in runs)
     assert under < 1.5 * none
     assert far > 2 * over > 6 * none
-
-
-def test_any_batch_and_threads_give_the_same_bits():
-    """Every law beside all others on several threads is what it is alone on one."""
-    b = bench(threads=2)
-    cases = [with_(SHAKEN, b.compensation(kind)) for kind in KINDS]
-    cases.append(with_(PLAIN, dataclasses.replace(b.compensation("push"), load=(0.05,) * 7)))
-    together = b.run(cases, iterations=1)
-    for case, run in zip(cases, together, strict=True):
-        assert_same(one(bench(threads=1), case), run)
-    seen = {run.actual[0, 100:200].tobytes() for run in together}
-    assert len(seen) == len(cases)
 
 
 def test_more_than_friction_hunts():

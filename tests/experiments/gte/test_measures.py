@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte import experiment as gte
 from stiction_envs.experiments.gte import measures as gte_measures
 from stiction_envs.experiments.gte import rows as gte_table
-from stiction_envs.experiments.gte.protocol import load_gte_protocol
 from tests.experiments.gte.made_up import made_up
 
 NAN = float("nan")
@@ -44,17 +42,6 @@ def test_window_lies_around_each_iterations_own_last_point():
     run = made_up(error, accepted=[[0, 2, 4], [0, 2.1, 4.1]])
     taken = gte_measures.measure(run).window.error[..., 0] * 1e4
     np.testing.assert_allclose(taken, [np.arange(300, 500), np.arange(310, 510)])
-
-
-def test_mean_and_deviation_against_time():
-    error = np.zeros((3, 700, 6))
-    error[:, :, 1] = np.array([1.0, 2.0, 3.0])[:, None]
-    mean, std = gte_measures.error_against_time(made_up(error, iterations=3))
-    assert mean.shape == std.shape == (700, 6)
-    np.testing.assert_allclose(mean[:, 1], 2.0)
-    np.testing.assert_allclose(std[:, 1], 1.0)
-    _, std = gte_measures.error_against_time(made_up(error[:1], iterations=1))
-    assert not std.any()
 
 
 def test_measures_are_over_the_motion():
@@ -154,15 +141,3 @@ def test_written_tables_have_their_columns(tmp_path):
     assert lines["points"][2].startswith("dither,2,2.0,4.0,0.00")
     assert all(len(line.split(",")) == 14 for line in lines["trace"])
     assert lines["errors"][1].startswith("panda,triangle,200.0,20.0,0.0,dither,x,m,")
-
-
-def test_thesis_dither_is_the_final_column_of_table_4_9():
-    rows = gte_table.thesis_final_dither()
-    assert [r.joint for r in rows] == [1, 2, 3, 4, 5, 6, 7]
-    assert [r.frequency_hz for r in rows] == [50, 30, 30, 50, 15, 15, 15]
-    assert [r.amplitude_nm for r in rows] == [0.85, 1.2, 1.6044, 1.9968, 0.8669, 0.5854, 0.8041]
-
-
-def test_protocol_whose_record_ends_before_the_window():
-    with pytest.raises(StictionError, match="tail"):
-        load_gte_protocol().replace(tail=0.5)

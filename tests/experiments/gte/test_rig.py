@@ -7,7 +7,7 @@ import pytest
 
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.experiments.gte.protocol import Case
-from stiction_envs.experiments.gte.rig import Sampling
+from stiction_envs.experiments.gte.rig import blank_sampling
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
 from tests.experiments.gte.short_paths import STIFF, bench, following, one
@@ -19,55 +19,60 @@ def test_iiwa_holds_its_command_for_5_ms():
     rows = tuple(AmplitudeRow(j, 15.0, 1.0) for j in range(1, 8))
     case = Case(trajectory="there", stiffness=STIFF, dither=rows)
     rig = following(b, case)
-    seen: list[np.ndarray] = []
-    rig.advance(200, lambda: seen.append(rig.dither_torque.copy()))
-    changed = [k for k in range(1, 200) if not np.array_equal(seen[k], seen[k - 1])]
-    assert changed == list(range(5, 200, 5))
+    seen = []
+    for _ in range(100):
+        rig.advance(1)
+        seen.append(rig.dither_torque.copy())
+    changed = [k for k in range(1, 100) if not np.array_equal(seen[k], seen[k - 1])]
+    assert changed == list(range(5, 100, 5))
     error = one(b, case).error[0, -1]
     assert np.linalg.norm(error[:3]) < 0.03
 
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
 MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
+SENSES = {"sensing": "robot", "controller_model": HEAVY, "timestep": 5e-4}
 
 
 @pytest.mark.parametrize(
-    ("robot", "options"),
+    ("robot", "kind", "options"),
     [
-        ("panda", {}),
-        ("iiwa7", {}),
-        ("panda", {"settings": MIXED, "controller_model": HEAVY, "timestep": 5e-4}),
-        ("iiwa14", {"compensated": "push"}),
-        ("panda", {"compensated": "feedforward"}),
-        ("iiwa7", {"compensated": "momentum_observer"}),
+        ("panda", None, {"settings": MIXED} | SENSES),
+        ("iiwa14", "push", {}),
+        ("panda", "feedforward", {}),
+        ("iiwa7", "momentum_observer", {"sensing": "robot"}),
     ],
 )
-def test_compiled_steps_are_the_same_bits(robot, options):
-    """Many control steps in one call of compiled code, as step by step through Python."""
-    ids, seen, options = np.arange(3), [], dict(options)
-    compensated = options.pop("compensated", None)
-    for watch in (None, lambda: None):
-        b = bench(robot, threads=1, **options)
-        rig = b.rig(3, 2)
-        paths = [b.path(p) for p in ("there", "corner", "stay")]
-        rig.begin(ids, paths, np.tile((200.0, 20.0, 5.0), (3, 1)), [(k,) for k in ids])
-        rig.set_dither(ids, amplitude=np.array([[1.0], [0.0], [0.5]]), frequency=30.0)
-        if compensated:
-            rig.compensator.set_rows(ids, [None, *[b.compensation(compensated)] * 2])
-        assert rig.plant.compiled_loops
-        noted = []
-        for steps in (237, 100, 3):
-            poses = np.empty((steps, 3, 3)), np.empty((steps, 3, 4))
-            reference = np.full((-(-steps // 10), 3, 7), np.nan)
-            rig.advance(steps, watch, Sampling(*poses, 10, reference))
-            assert np.isfinite(reference).all()
-            noted += [*poses, reference, rig.plant.state[0].copy(), rig.plant.state[1].copy()]
-            noted += [rig.applied.copy(), rig.dither_torque.copy(), rig.sequencer.reached_at.copy()]
-            noted += [rig.plant.bristle, rig.plant.joint_torque, rig.step.copy()]
-        seen.append(noted)
-    for compiled, stepped in zip(*seen, strict=True):
-        np.testing.assert_array_equal(compiled, stepped)
-    assert np.abs(seen[0][4]).max() > 1e-3, "arms move"
+def test_steps_are_the_same_bits_in_one_call_or_many(robot, kind, options):
+    """In blocks of many control steps or of one, with other arms and threads or without."""
+    ids, found = np.arange(3), []
+    for threads, parts in ((1, [237, 3]), (2, [40, *[1] * 200])):
+        b = bench(robot, threads=threads, **options)
+        rig = b.rig(3 + 4 * (threads - 1), 2)
+        every = np.arange(rig.nsim)
+        paths = [b.path(("there", "corner", "stay")[i % 3]) for i in every]
+        stiffness = np.tile((200.0, 20.0, 5.0), (rig.nsim, 1))
+        rig.begin(every, paths, stiffness, [(int(i) % 3,) for i in every])
+        amplitude = np.array([1.0, 0.0, 0.5])[every % 3, None]
+        waveform = np.array(["sine", "sine", "square"])[every % 3, None]
+        gate = np.where(every % 3 == 2, 0.5, np.inf)[:, None]
+        rig.set_dither(
+            every, amplitude=amplitude, frequency=30.0, waveform=waveform, gate_velocity=gate
+        )
+        if kind:
+            rig.compensator.set_rows(every[1:], [b.compensation(kind)] * (rig.nsim - 1))
+        poses = []
+        for steps in parts:
+            sampling = blank_sampling(steps, 10, rig.nsim, rig.n, detailed=True)
+            rig.advance(steps, sampling)
+            poses += [sampling.position[:, ids], sampling.quaternion[:, ids]]
+        together = [np.concatenate(poses[k::2]) for k in (0, 1)]
+        noted = *rig.plant.state, rig.applied, rig.dither_torque, rig.sequencer.reached_at
+        noted = *noted, rig.plant.bristle, rig.step, rig.undithered_torque, rig.seen_velocity
+        found.append([*together, *(x[ids].copy() for x in noted)])
+    for one_call, many in zip(*found, strict=True):
+        np.testing.assert_array_equal(one_call, many)
+    assert np.abs(found[0][3]).max() > 1e-3, "arms move"
 
 
 def test_slow_controller_takes_what_fell_due_between_its_cycles():
@@ -88,8 +93,8 @@ def test_what_no_torque_depends_on_is_not_renewed(nullspace):
     b = bench("panda", threads=1)
     rig = b.rig(1, 2)
     rig.begin(np.arange(1), [b.path("there")], np.array([[200.0, 20.0, nullspace]]), [(0,)])
-    control = rig.controller
-    before, control._singular[:] = control.projector.copy(), True
+    a = rig.controller.arrays
+    before, a.singular[:] = a.projector.copy(), True
     rig.advance(100)
-    assert np.array_equal(before, control.projector) == (nullspace == 0)
-    assert not control.flags.singular.any()
+    assert np.array_equal(before, a.projector) == (nullspace == 0)
+    assert not a.singular.any()

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.experiments.gte.protocol import FLAGS, Run, load_gte_protocol
+from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run, load_gte_protocol
 from stiction_envs.experiments.gte.sampling import RunLog
 from tests.control.rig import from_rotation_vector
 from tests.experiments.gte.made_up import RATE, made_up
+from tests.experiments.gte.short_paths import DITHER, SOFT, bench, following
 
 START = np.array([0.0, 1.0, 0.0, 0.0])
 """Orientation at the start: a hand that looks down."""
@@ -29,31 +30,22 @@ class Stub:
             quaternion=np.tile(START, (2, 1)),
         )
         self.flags = {name: np.zeros(2, dtype=bool) for name in FLAGS}
-        self.controller = SimpleNamespace(
-            reference=(self.end_effector.position.copy(), self.end_effector.quaternion.copy()),
-            flags=SimpleNamespace(**self.flags),
-        )
-        self.speed = np.zeros((2, 7))
-        self.plant = SimpleNamespace(
-            batch=SimpleNamespace(bind=lambda name: self.speed),
-            sticking=SimpleNamespace(motor=np.arange(7)),
-        )
-        self.dither_torque, self.applied = np.zeros((2, 7)), np.zeros((2, 7))
+        self.power, self.applied = np.zeros(2), np.zeros((2, 7))
         self.sequencer = SimpleNamespace(
             finished=np.ones(2, dtype=bool),
             accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
             reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
         )
 
-    def advance(self, steps, watch, sampling) -> None:
+    def advance(self, steps, sampling) -> None:
         for k in range(steps):
             self.move(self, self.count * 1e-3)
-            sampling.position[k] = self.end_effector.position
-            sampling.quaternion[k] = self.end_effector.quaternion
-            if k % sampling.stride == 0:
-                noted = sampling.reference[k // sampling.stride]
-                noted[:, :3], noted[:, 3:] = self.controller.reference
-            watch()
+            position, quaternion = self.end_effector.position, self.end_effector.quaternion
+            sampling.position[k], sampling.quaternion[k] = position, quaternion
+            s = k // sampling.stride
+            sampling.power[s] += self.power
+            for flag, name in enumerate(FLAGS):
+                sampling.flags[s, :, flag] |= self.flags[name]
             self.count += 1
 
 
@@ -76,7 +68,7 @@ def test_samples_are_the_first_of_their_control_steps():
     np.testing.assert_array_equal(run.actual[:, :, 3], np.pi)
 
 
-@pytest.mark.parametrize("frequency", [15.0, 30.0, 80.0])
+@pytest.mark.parametrize("frequency", [15.0, 80.0])
 def test_vibration_of_a_pure_sine(frequency):
     """RMS is amplitude/√2 times the high-pass's gain, from the first period to the last."""
 
@@ -92,8 +84,7 @@ def test_vibration_of_a_pure_sine(frequency):
     assert not run.mean_square[:, :, [0, 2]].any()
 
 
-@pytest.mark.parametrize("path", [0.0, 7.0])
-@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(("axis", "path"), [(0, 7.0), (1, 0.0), (2, 7.0)])
 def test_turning_vibrates_by_the_lever(axis, path):
     """As a position that far away would; a path that turns more than once around adds nothing."""
     protocol, frequency = load_gte_protocol(), 30.0
@@ -114,38 +105,35 @@ def test_turning_vibrates_by_the_lever(axis, path):
     assert not run.mean_square[1].any()
 
 
-def test_slow_motion_is_no_vibration():
-    """1 Hz is let through by (1/8)²."""
-
-    def move(stub, t):
-        stub.end_effector.position[0, 2] = 0.5 + 0.01 * (1 - np.cos(2 * np.pi * t))
-
-    assert np.sqrt(np.mean(logged(move).mean_square[0, :, 2])) < 1.1 * 0.01 / np.sqrt(2) / 64
-
-
 def test_dither_power_and_torque_rate():
     """|τ q̇| of every joint, also while the joint moves against the torque; N·m per second."""
-
-    def move(stub, t):
-        stub.dither_torque[:], stub.speed[:] = 0.5 * (t > 0.9995), -2.0
-        stub.applied[1, 3] = 7.0 * t
-
-    run = logged(move)
-    assert not run.dither_power[:, :100].any()
-    np.testing.assert_allclose(run.dither_power[:, 100:], 7 * 0.5 * 2.0)
-    assert run.torque_rate.shape == (2, 7)
-    assert not run.torque_rate[0].any()
-    assert run.torque_rate[1, 3] == pytest.approx(7.0)
+    b = bench()
+    case = Case(trajectory="there", stiffness=SOFT, dither=DITHER)
+    [run] = b.run([case], iterations=1)
+    rig = following(b, case)
+    power, rate, before = [], [], np.zeros(7)
+    for _ in range(100):
+        speed = rig.plant.state[1][0, rig.plant.sticking.motor].copy()
+        rig.advance(1)
+        power.append(np.abs(rig.dither_torque[0] * speed).sum())
+        rate.append(np.abs(rig.applied[0] - before) / 1e-3)
+        before = rig.applied[0].copy()
+    stride = round(1000 / b.protocol.sample_rate)
+    np.testing.assert_allclose(
+        run.dither_power[0, : 100 // stride], np.reshape(power, (-1, stride)).mean(axis=1)
+    )
+    assert np.all(run.torque_rate[0] >= np.max(rate, axis=0) - 1e-9)
+    assert run.torque_rate[0].max() < 2 * np.max(rate)
 
 
 def test_record_ends_with_its_own_tail():
     """What happens later does not count: a case's run is the same in any company."""
 
     def move(stub, t):
-        stub.applied[:] = 1e6 * (t > 3.5)
+        stub.power[:] = 1e6 * (t > 3.5)
         stub.flags["singular"][:] = t > 3.5
 
     run = logged(move, seconds=5.0)
     assert run.time[-1] == pytest.approx(2.99)
-    assert not run.torque_rate.any()
+    assert not run.dither_power.any()
     assert not run.flags["singular"].any()

@@ -9,12 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from stiction_envs.control import rotation
 from stiction_envs.control.trajectory import Path
-from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case, pose_error
-from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
-from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import load_arm
-from tests.experiments.gte.short_paths import SOFT, STIFF, bench, following, one
+from tests.experiments.gte.short_paths import STIFF, bench, one
 
 
 def start_pose(**options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -50,21 +47,6 @@ def test_orientation_is_read_in_the_hands_frame():
     np.testing.assert_allclose(moved, [2 * half, 0.0, 0.0], atol=1e-3)
 
 
-def test_jacobian_is_the_tool_points():
-    """Its velocity, by finite differences of the pose over the joint angles."""
-    b = bench(scatter=False, tool=(0.05, -0.02, 0.1))
-    rig, h = b.rig(8, 1), 1e-6
-    q = np.tile(b.start, (8, 1))
-    q[1:] += h * np.eye(7)
-    rig.plant.reset(np.arange(8), q)
-    rig.end_effector.read()
-    position, turn = rig.end_effector.position, rig.end_effector.quaternion
-    jacobian = rig.end_effector.jacobian[0]
-    np.testing.assert_allclose((position[1:] - position[0]).T / h, jacobian[:3], atol=1e-5)
-    turned = rotation.rotation_error(turn[1:], np.tile(turn[0], (7, 1)))
-    np.testing.assert_allclose(turned.T / h, jacobian[3:], atol=1e-5)
-
-
 def test_a_push_at_the_flange_turns_an_arm_controlled_at_its_tool():
     """e = K⁻¹ F at the tool point: a weight that is off it by a lever tilts the hand by K_r⁻¹ M.
 
@@ -86,26 +68,3 @@ def test_a_push_at_the_flange_turns_an_arm_controlled_at_its_tool():
     np.testing.assert_allclose(
         errors, [[sag, lever * mass * 9.81 / STIFF[1]], [sag, 0.0]], atol=5e-4
     )
-
-
-def test_dither_of_joint_7_alone_is_seen():
-    """Its axis goes through the flange, which turns by q7: vibration is the lever times q7's.
-
-    The position moves only as far as the dither's reaction moves the other joints.
-    """
-    b = bench(scatter=False, tail=3.0)
-    case = Case(trajectory="stay", stiffness=SOFT, dither=(AmplitudeRow(7, 15.0, 2.0),))
-    plain = Case(trajectory="stay", stiffness=SOFT)
-    a, d = (measure(run, b.protocol) for run in b.run([plain, case], iterations=1))
-    assert d.shaking_at_rest[0] > 20 * a.shaking_at_rest[0]
-    assert np.linalg.norm(d.vibration_at_rest[0, :3]) < 0.5 * d.shaking_at_rest[0]
-    assert d.vibration_at_rest[0, 5] > 10 * d.vibration_at_rest[0, 3:5].max()
-
-    rig, angle = following(b, case), []
-    rig.advance(4000, lambda: angle.append(rig.plant.position[0, 6]))
-    band = butterworth_highpass(b.protocol.vibration_low, 1000.0)
-    shaken = np.array([angle]) - angle[0]
-    filter_sections(band, shaken, np.zeros((len(band), 1, 2)))
-    theta = np.sqrt(np.mean(shaken[0, 2000:] ** 2))
-    expected = b.protocol.vibration_lever * theta
-    assert d.vibration_at_rest[0, 5] == pytest.approx(expected, rel=0.05)

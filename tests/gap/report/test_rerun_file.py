@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -93,15 +92,10 @@ def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
     assert time[touches][0] == pytest.approx(begin, abs=1e-9)
     assert time[touches][-1] == pytest.approx(d.touching[0][-1][1], abs=1e-9)
     assert end <= d.touching[0][-1][1]
-    model = angles.arm.model()
     for name, q in (("measured", d.logs[0].q), ("simulated", d.angles[0])):
-        places, turns = rerun_file.body_poses(model, q)
-        # the upper link turns where it stands, so that its quaternion shows the motion
-        where = read.values(f"/arm/{name}/upper", "Transform3D:translation")[:, 0]
-        np.testing.assert_allclose(where, places[:, model.body("upper").id], atol=1e-6)
-        turn = read.values(f"/arm/{name}/upper", "Transform3D:quaternion")[:, 0]
-        assert turn[:, 3] == pytest.approx(turns[:, model.body("upper").id, 0], abs=1e-6)
-        assert np.ptp(turn, axis=0).max() > 0.05
+        strips = read.values(f"/arm/{name}", "LineStrips3D:strips")[:, 0]
+        np.testing.assert_allclose(strips, rerun_file.skeleton(angles.arm, q), atol=1e-6)
+        assert np.ptp(strips[:, -1], axis=0).max() > 0.01  # the flange moves
 
 
 def test_what_cannot_be_written_is_refused(
@@ -123,27 +117,3 @@ def test_what_cannot_be_written_is_refused(
     with pytest.raises(StictionError, match=re.escape("pip install 'stiction-envs[rerun]'")):
         torques.write_rrd(tmp_path / "x.rrd")
     assert list(tmp_path.iterdir()) == [there]
-
-
-def test_the_solids_that_mujoco_s_viewer_shows_are_drawn() -> None:
-    """Geoms that only collide are not drawn where a link has others."""
-    kinds = {
-        "box": 'type="box" size="1 1 1"',
-        "ball": 'type="sphere" size="0.1"',
-        "ellipsoid": 'type="ellipsoid" size="1 2 3"',
-        "cylinder": 'type="cylinder" size="0.1 1"',
-        "capsule": 'type="capsule" size="0.1 1"',
-        "mesh": 'type="mesh" mesh="m"',
-    }
-    seen = "".join(f'<geom {x} contype="0" conaffinity="0"/>' for x in kinds.values())
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><asset><mesh name="m" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody>'
-        f'<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>{seen}'
-        '<geom type="box" size="1 1 1"/><geom group="3" size="1"/></body></worldbody></mujoco>'
-    )
-    solids = rerun_file._geoms(model, (1, 2, 3))
-    drawn = [[type(x).__name__ for x in solid] for _, solid in solids]
-    assert drawn == [
-        *(["Boxes3D"], ["Ellipsoids3D"], ["Ellipsoids3D"], ["Cylinders3D"], ["Capsules3D"]),
-        ["Transform3D", "Mesh3D"],
-    ]

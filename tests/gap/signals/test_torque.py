@@ -15,7 +15,7 @@ from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
-from stiction_envs.gap.signals.torque_sign import correct_sign
+from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.small_logs import RATE, hidden, panda, sliding
@@ -289,3 +289,21 @@ def test_soft_bristles_are_no_delay() -> None:
     """Friction that builds up over 0.03 rad lags by a way: 0.3 s when slow, 0.04 s when fast."""
     (log,), _ = correct_torques([sweeps([0.1, 0.2, 0.4, 0.6, 0.8], distance=0.03)], ARM, prepare)
     assert kinds(log) == []
+
+
+@pytest.mark.parametrize(
+    ("shown", "known", "unit"),
+    [
+        ([1.02], None, 1.0),
+        ([0.08], None, 0.08),
+        ([1000.0], None, 1000.0),
+        ([3.0], None, 1.0),  # the model may lack masses
+        ([], 0.08, 0.08),  # a log that shows nothing is as the diagnosed one
+        ([0.09], 0.08, 0.08),
+        ([1.02], 0.08, 1.0),  # converted since
+        ([12.0], 0.08, 12.0),
+    ],
+)
+def test_the_unit_of_logs_is_what_they_show_and_else_the_known_one(shown, known, unit):
+    before = None if known is None else np.full(7, known)
+    np.testing.assert_array_equal(np.unique(shared_unit(shown, before)), [unit])

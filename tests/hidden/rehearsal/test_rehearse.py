@@ -70,7 +70,7 @@ def test_a_joint_that_rests_shows_no_friction(two):
 
 
 def test_an_earlier_model_is_what_is_judged(two):
-    """Its dry friction is known then, and is not named again."""
+    """The arm's dry friction is known then, and is not named again."""
     log = hidden(two, dry)
     planned = plan(log, two, nominal=model_of(found(two, log)), causes=["stribeck_friction"])
     np.testing.assert_allclose(planned.subject.replay.friction, 0.5, atol=0.03)

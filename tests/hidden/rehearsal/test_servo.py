@@ -44,7 +44,7 @@ def subject(planned: Plan) -> HiddenServos:
 def test_with_nothing_hidden_the_log_is_that_of_the_judged_arm(
     subject: HiddenServos, seen: HiddenServoLog
 ) -> None:
-    """Of its friction nothing is left; steps, times and noise are those of the log."""
+    """Nothing of the servo's friction is left; steps, times and noise are those of the log."""
     none = np.zeros(2)
     (log,) = subject._logs(subject.base, 0.0, none, np.random.default_rng(0))
     np.testing.assert_array_equal(log.t, seen.log.t)

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -47,14 +46,6 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
 
 def test_names_of_compensations_are_those_of_the_laws():
     assert tuple(LAWS) == names.KINDS
-
-
-def test_options_that_contributing_names_exist(cli):
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
-    text = text[text.index("## A waveform") : text.index("## A friction compensation")]
-    shown = cli("tune", "--help").out
-    (option,) = re.findall(r"a search with\s+`(--\w+) waveform`", text)
-    assert f"{option} WHAT" in shown
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated

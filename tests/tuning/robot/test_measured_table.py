@@ -16,7 +16,6 @@ BOUNDS = Bounds(
     amplitude_nm=np.array([[0.0, 2.0], [0.1, 3.0]]),
     frequency_hz=np.array([[15.0, 80.0], [20.0, 60.0]]),
     torque_rate=np.array([100.0, np.inf]),
-    offset_nm=np.zeros(2),
     forbidden_hz=((), ((35.0, 45.0),)),
     displacement_rad=np.full(2, np.nan),
     vibration_m=(np.nan, np.nan),

@@ -104,18 +104,13 @@ def test_two_objectives_make_a_front(small, tmp_path, price):
         ({"objective": "speed"}, "objective"),
         ({"sampler": "annealing"}, "sampler"),
         ({"evaluations": 0}, "1 or more"),
-        ({"compensation": "push"}, "gte or both"),
         ({"sampler": "nsga2"}, "pareto"),
         ({"sampler": "gp", "pareto": "power"}, "two objectives"),
         ({"pareto": "weight"}, "torque_rate"),
         ({"pareto": "power", "objective": "gte", "treatment": "push"}, "dither to be searched"),
-        ({"sampler": "cmaes", "free": ("waveform",)}, "waveforms"),
-        ({"objective": "gte", "free": ("waveform",)}, "waveforms"),
-        ({"free": ("phase",)}, "phase"),
         ({"sampler": "grid", "objective": "gte"}, "objective sje"),
         ({"objective": "gte", "treatment": "pull"}, "'pull': expected one of dither"),
         ({"treatment": "push", "objective": "sje"}, "expected objective gte"),
-        ({"treatment": "push", "objective": "gte", "compensation": "push"}, "no compensation"),
     ],
 )
 def test_options_that_cannot_be_are_one_clear_line(options, what):

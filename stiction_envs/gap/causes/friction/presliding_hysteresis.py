@@ -59,8 +59,8 @@ class PreslidingHysteresis(Cause):
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return what the bristle adds to dry friction of 1 N·m."""
         path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
-        distance, motion = np.array([[shape[0]]]), data.settings.motion
-        ratio = bristles(path, runs, distance, motion)[:, 0, 0]
+        distance = np.array([[shape[0]]])
+        ratio = bristles(path, runs, distance)[:, 0, 0]
         return data.smooth(ratio - data.dry_friction_ratio(joint))[:, None]
 
     def grid(self, data: Data, joint: int) -> Array:

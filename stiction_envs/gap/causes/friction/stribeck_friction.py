@@ -13,6 +13,7 @@ from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape,
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
+from stiction_envs.measured.motion import REST_SPEED
 
 FASTEST = 0.3
 """Largest Stribeck velocity that is tried [rad/s]; assumed."""
@@ -65,7 +66,7 @@ class StribeckFriction(Cause):
         A faster one would never fade along this motion: it would look constant.
         """
         top = float(np.percentile(np.abs(data.dq[:, joint]), 95))
-        low = 3 * data.settings.motion.rest_speed
+        low = 3 * REST_SPEED
         return np.geomspace(low, min(FASTEST, top), COUNT) if top > 1.1 * low else np.empty(0)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:

@@ -15,7 +15,7 @@ from stiction_envs.gap.tables.whole_arm import Quantity
 LOW_PASS = Quantity(
     name="low_pass", fields=("lowpass_hz",), of_interface=True, low=8.0, high=1000.0
 )
-"""Its range [Hz] is assumed."""
+"""Cut-off of a low-pass [Hz]; the range is assumed."""
 LOG_SIZE = 0.7
 """Prior size of the logarithm of the cut-off [-]; assumed."""
 GRID = 25

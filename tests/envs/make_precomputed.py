@@ -1,6 +1,6 @@
 """Write the precomputed results that the package ships: those for the first reset of builtin arms.
 
-    python -m stiction_envs.envs.precompute
+    python -m tests.envs.make_precomputed
 
 It takes some minutes. Run it after a change that alters such a result or its digest;
 ``tests/envs/test_precompute.py`` says when.

@@ -1,0 +1,302 @@
+"""The loop of the Generated Trajectory Experiment, in compiled code: control law and physics.
+
+    sense -> pose -> model, goals (in some cycles) -> dither, compensation, impedance -> torque path
+    -> physics
+
+Arms are independent of each other, so each takes all control steps of a block before the next: its
+state stays in the processor's cache.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.compiled import compiled, inlined
+from stiction_envs.control.compensation import Compensations, compensate, look_ahead
+from stiction_envs.control.impedance import (
+    Impedance,
+    advance_reference,
+    impedance_cycle,
+    read_flags,
+    renew_space,
+)
+from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
+from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
+from stiction_envs.control.torque_path import Path, pass_torque
+from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sample, write_twist
+from stiction_envs.experiments.gte.controller_model import (
+    ModelArrays,
+    renew_dynamics,
+    renew_torques,
+)
+from stiction_envs.plant import CONTROL_DT
+from stiction_envs.plant.arrays import (
+    PlantArrays,
+    write_direction,
+    write_joint_torque,
+    write_links,
+)
+from stiction_envs.plant.loop_batch import Loop, advance, take_fields
+
+
+class Shaking(NamedTuple):
+    """The dither of N arms while they follow for K control steps."""
+
+    only_sines: bool
+    """Whether the dither is ungated sines without offset: else `ungated` has the waveforms."""
+    omega: Array
+    phase: Array
+    amplitude: Array
+    """(N, n) of the sines [rad/s, rad, N·m]."""
+    ungated: Array
+    """(K, N, n) other waveforms in the control steps in which a controller computes [N·m]."""
+    gated: bool
+    fade: Array
+    """(N, n) 1/v_gate [s/rad]."""
+    offset: Array
+    """(N, n) [N·m]."""
+    torque: Array
+    """(N, n) of the last cycle, written [N·m]."""
+
+
+class Sampling(NamedTuple):
+    """What is recorded while arms follow for K control steps, before they move; all is written.
+
+    A sample has ``stride`` control steps, the first of which is a multiple of it: S samples.
+    """
+
+    stride: int
+    position: Array
+    """(K, N, 3) of the tool points [m]."""
+    quaternion: Array
+    """(K, N, 4) of the hands."""
+    reference: Array
+    """(S, N, 7) position [m] and quaternion of the reference in each sample's first step."""
+    detailed: bool
+    """Whether the next three are recorded too; they start at 0."""
+    power: Array
+    """(S, N) sum over steps and joints of |dither torque · motor speed| [W]."""
+    rate: Array
+    """(S, N, n) largest change of torque [N·m/s]."""
+    flags: Bools
+    """(S, N, 3) whether the controller raised each flag of `impedance.read_flags`."""
+    previous: Array
+    """(N, n) torque on the joints in the step before, kept from call to call [N·m]."""
+
+
+class Arms(NamedTuple):
+    """All that a control step of N arms of n joints reads and writes."""
+
+    step: Index
+    """(N,) control steps since the arm began to follow."""
+    hold: int
+    """Control steps of a controller's cycle."""
+    model_period: int
+    goal_period: int
+    """Control steps between two renewals of the controller's model, and between two looks at the
+    goals."""
+    plant: PlantArrays
+    hand: Hand
+    """The true end effector."""
+    senses: bool
+    """Whether controllers have measured states, and commands take time: else the true states."""
+    measured: Measured
+    """What controllers have: q, dq; without senses these two only."""
+    sent: Sent
+    chain: Chain
+    measured_hand: Hand
+    """The end effector at the measured angles."""
+    position: Array
+    quaternion: Array
+    jacobian: Array
+    """(N, 3), (N, 4), (N, 6, n) end effector as controllers have it."""
+    movement: Movement
+    goals: Goals
+    impedance: Impedance
+    compensated: bool
+    """Whether any arm has a compensation."""
+    compensation: Compensations
+    added: Array
+    """(N, n) dither and compensation of the last cycle, written [N·m]."""
+    path: Path
+    applied: Array
+    """(N, n) what the joints get of the command, written [N·m]."""
+    shaking: Shaking
+    sampling: Sampling
+
+
+@compiled
+def follow(
+    first: int, end: int, row: int, steps: int, arms: Arms, model: ModelArrays, loop: Loop
+) -> None:
+    """Let some arms follow their paths, between two changes of the slow part of their friction.
+
+    Args:
+        first: the first arm.
+        end: the arm behind the last.
+        row: number of the first control step in what is recorded.
+        steps: control steps.
+        arms: all arms.
+        model: the controllers' model, of these arms alone.
+        loop: the physics of these arms.
+    """
+    # unpacked here: where a structure is taken apart or handed on, each of its arrays costs time
+    plant, hand, measured, sent = arms.plant, arms.hand, arms.measured, arms.sent
+    impedance, compensation, path = arms.impedance, arms.compensation, arms.path
+    shaking, movement, goals, step = arms.shaking, arms.movement, arms.goals, arms.step
+    position, quaternion, jacobian = arms.position, arms.quaternion, arms.jacobian
+    chain, measured_hand = arms.chain, arms.measured_hand
+    q, dq, missing, mass = measured.q, measured.dq, model.missing, model.mass
+    applied, added, torque = arms.applied, arms.added, shaking.torque
+    command, arrived, state = impedance.command, sent.arrived, plant.state
+    sampling, stride = arms.sampling, arms.sampling.stride
+    positions, quaternions, references = sampling[1], sampling[2], sampling[3]
+    senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
+    hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
+    filters, asymmetric, n = impedance.filter_step < 1.0, plant.asymmetric, q.shape[1]
+    feeds, reads_model = compensation.feeds, compensation.reads_model
+    substeps, going = plant.substeps, loop.going
+    for i in range(first, end):
+        if not going[i]:
+            continue
+        take_fields(i, loop)
+        for k in range(row, row + steps):
+            due = step[i] % hold == 0
+            if asymmetric:
+                write_direction(i, plant)
+                take_fields(i, loop)
+            if senses:
+                link_q, link_dq, felt = _true_state(i, plant)
+                sense_arm(due, i, step[i], link_q, link_dq, felt, measured)
+            read_hand(i, hand)
+            if due and senses:
+                follow_chain(i, chain, measured_hand)
+                read_hand(i, measured_hand)
+            elif due:
+                write_links(i, plant.qpos, plant, q[i])
+                write_links(i, plant.qvel, plant, dq[i])
+            if due:
+                # a cycle takes what fell due since the last
+                if step[i] % model_period < hold:
+                    renew_dynamics(i, q, model)
+                    renew_space(i, jacobian[i], mass[i], impedance)
+                    if reads_model[i]:
+                        gravity, coriolis = compensation.gravity, compensation.coriolis
+                        renew_torques(i, q, dq, model.believed, gravity, coriolis)
+                looks = step[i] % goal_period < hold
+                time = step[i] * CONTROL_DT
+                if looks:
+                    _look_at_goals(i, time, position, quaternion, movement, goals, impedance)
+                    if feeds[i]:
+                        clock = time - goals.begun[i]
+                        _feed(i, clock, jacobian[i], movement, compensation)
+                if looks or filters:
+                    advance_reference(i, impedance)
+                _shake(i, k, time, dq, shaking)
+                shaken = torque
+                if compensated:
+                    pose = position, quaternion, jacobian
+                    compensate(i, *pose, dq, mass, impedance, compensation)
+                    for j in range(n):
+                        added[i, j] = torque[i, j] + compensation.torque[i, j]
+                    shaken = added
+                impedance_cycle(i, position, quaternion, jacobian, q, dq, shaken, impedance)
+            if senses:
+                send_arm(due, i, step[i], command[i], sent)
+                pass_torque(i, arrived, path, applied)
+            else:
+                pass_torque(i, command, path, applied)
+            for j in range(n):
+                state[i, plant.torque + j] = applied[i, j] + missing[i, j]
+            for m in range(3):
+                positions[k, i, m] = hand.position[i, m]
+            for m in range(4):
+                quaternions[k, i, m] = hand.quaternion[i, m]
+            if k % stride == 0:
+                for m in range(3):
+                    references[k // stride, i, m] = impedance.position[i, m]
+                for m in range(4):
+                    references[k // stride, i, 3 + m] = impedance.quaternion[i, m]
+            if detailed:
+                _record_details(i, k // stride, torque, applied, plant, impedance, sampling)
+            advance(i, substeps, loop)
+            step[i] += 1
+
+
+@compiled
+def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
+    """Return link angles [rad], speeds [rad/s] and joint torques [N·m] (n,) of arm ``i``."""
+    n = len(plant.motor)
+    q, dq, torque = np.empty(n), np.empty(n), np.empty(n)
+    write_links(i, plant.qpos, plant, q)
+    write_links(i, plant.qvel, plant, dq)
+    write_joint_torque(i, plant, torque)
+    return q, dq, torque
+
+
+@inlined
+def _look_at_goals(
+    i: int,
+    time: float,
+    position: Array,
+    quaternion: Array,
+    movement: Movement,
+    goals: Goals,
+    impedance: Impedance,
+) -> None:
+    """Renew the reference of arm ``i`` at a time since it began to follow [s].
+
+    The arm's pose is position (N, 3) [m], quaternion (N, 4).
+    """
+    accept(i, position[i], quaternion[i], time, goals, movement)
+    target = impedance.position_target[i], impedance.quaternion_target[i]
+    write_sample(i, time - goals.begun[i], movement, target[0], target[1])
+
+
+@compiled
+def _feed(i: int, clock: float, jacobian: Array, movement: Movement, a: Compensations) -> None:
+    """Renew q̇_d of arm ``i`` a time ``clock`` [s] after its movement began."""
+    twist = np.empty(6)
+    write_twist(i, clock, movement, twist)
+    look_ahead(i, jacobian, twist, a)
+
+
+@inlined
+def _shake(i: int, k: int, time: float, dq: Array, a: Shaking) -> None:
+    """Write the dither of arm ``i`` in control step ``k``, at speeds dq (N, n) [rad/s]."""
+    for j in range(dq.shape[1]):
+        if a.only_sines:
+            torque = 0.0
+            if a.amplitude[i, j] > 0.0:
+                torque = np.sin(a.omega[i, j] * time + a.phase[i, j]) * a.amplitude[i, j]
+            a.torque[i, j] = torque
+            continue
+        torque = a.ungated[k, i, j]
+        if a.gated:
+            gate = dq[i, j] * a.fade[i, j]
+            torque *= np.exp(-(gate * gate))
+        a.torque[i, j] = torque + a.offset[i, j]
+
+
+@compiled
+def _record_details(
+    i: int,
+    s: int,
+    torque: Array,
+    applied: Array,
+    plant: PlantArrays,
+    impedance: Impedance,
+    a: Sampling,
+) -> None:
+    """Record dither power, change of torque and flags of arm ``i`` in sample ``s``."""
+    power = 0.0
+    for j in range(applied.shape[1]):
+        power += abs(torque[i, j] * plant.state[i, plant.qvel + plant.motor[j]])
+        change = abs(applied[i, j] - a.previous[i, j])
+        a.rate[s, i, j] = max(a.rate[s, i, j], change / CONTROL_DT)
+        a.previous[i, j] = applied[i, j]
+    a.power[s, i] += power
+    read_flags(i, impedance, a.flags[s, i])
