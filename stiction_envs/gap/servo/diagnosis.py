@@ -165,13 +165,19 @@ class _Joints:
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.notes = notes_of(arm, logs)
+        self.lasts: dict[int, float] = {}
 
     def with_other(
-        self, arm: Arm | None = None, motions: list[JointMotion] | None = None
+        self,
+        found: Mapping[int, JointFindings],
+        arm: Arm | None = None,
+        motions: list[JointMotion] | None = None,
     ) -> _Joints:
-        """Return the joints of another arm, or along other motions."""
+        """Return the joints of another arm, or along other motions; errors last as in ``found``."""
         arm = self.arm if arm is None else arm
-        return _Joints(self.logs, arm, self.servo, self.workers, motions)
+        other = _Joints(self.logs, arm, self.servo, self.workers, motions)
+        other.lasts = {j: r.noise.last for j, r in found.items()}
+        return other
 
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
@@ -194,6 +200,7 @@ class _Joints:
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
             floor=float(np.hypot(self.noise[j], left)),
+            last=self.lasts.get(j),
             perfect=perfect,
         )
 
@@ -327,7 +334,7 @@ def _with_tip(
     tip = proposed(joints.arm, joints.motions, joints.nominal, free, shifted=shifted)
     if tip is None or tip.nats < NAMED:
         return joints, found, None, 0.0
-    loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
+    loaded = joints.with_other(found, arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
     nats = min(_score(again) - _score(found) - tip.cost, tip.nats)
     return (loaded, again, tip, nats) if nats > NAMED else (joints, found, None, 0.0)
@@ -347,7 +354,7 @@ def _with_zero(
         zeros[j] = found[j].fit["offset"]
         motions = joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
-        known = joints.with_other(motions=motions)
+        known = joints.with_other(found, motions=motions)
         again = known.choose(free, say)
         if _score(again) > _score(best[1]):
             best = known, again

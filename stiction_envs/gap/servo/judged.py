@@ -44,6 +44,8 @@ ROUGH = 8
 """Most steps of the first fit, and of the last; assumed."""
 STAGES = (LAW, ("encoder_offset", "gravity_compensation_missing"), LIMITS, ("dead_zone",))
 """Causes that are added together to the model of everything."""
+USUAL = (*LAG, "coulomb_friction", "stribeck_friction", "load_dependent_friction")
+"""Causes that every joint has, named or not: what moves the joint is fitted with all of them."""
 Causes = frozenset[str]
 
 
@@ -65,6 +67,8 @@ class Question:
     """(T,) rows that count."""
     floor: float
     """Error of the angle that every model leaves [rad]."""
+    last: float | None = None
+    """Time for which errors last, so that evidence is comparable [s]; None: from the residual."""
     perfect: bool = False
     """Whether the servo of the nominal simulation is `PERFECT` times as stiff as the joint's."""
 
@@ -87,6 +91,8 @@ class JointFindings:
 
     fit: Fit
     """Of the best model."""
+    predicting: Fit
+    """Of the best model with all `USUAL` causes: what moves the joint."""
     score: float
     """Log evidence and log prior odds of it [nats]."""
     causes: dict[str, Weighed]
@@ -370,7 +376,8 @@ def judge(question: Question) -> JointFindings:
     problem = JointProblem(question)
     full = problem.everything()
     causes = max(problem.fits, key=len)
-    problem = problem.lasting(problem.noise.lasts(full.error))
+    last = problem.noise.lasts(full.error) if question.last is None else question.last
+    problem = problem.lasting(last)
     problem.fit(causes, [full.parameters])
     problem.fit((), [question.nominal])
     terms = problem.terms()
@@ -402,7 +409,10 @@ def judge(question: Question) -> JointFindings:
             rivals=tuple((cause, x) for x, cause in rivals),
             lost=problem.rms(rest) - problem.rms(found),
         )
-    lag = problem.lag(weighed, found)
+    lag, predicting = problem.lag(weighed, found), found
+    if weighed:
+        more = [c for c in USUAL if c in question.candidates]
+        predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
     if lag is not None:
         others = [t for t in best.terms if t.cause not in LAG]
         weighed = {c: x for c, x in weighed.items() if c not in LAG}
@@ -412,7 +422,12 @@ def judge(question: Question) -> JointFindings:
             lost=problem.rms(problem.best(others)) - problem.rms(found),
         )
     return JointFindings(
-        fit=found, score=best.evidence, causes=weighed, lag=lag, noise=problem.noise
+        fit=found,
+        predicting=predicting,
+        score=best.evidence,
+        causes=weighed,
+        lag=lag,
+        noise=problem.noise,
     )
 
 
@@ -423,10 +438,10 @@ def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) 
     negative armature: such small errors are left as they are.
     """
     noise = Noise.of(motion.t, motion.bounds, counts, found.noise.floor, motion.step)
-    of = found.fit.coordinates
+    of = found.predicting.coordinates
     if "encoder_offset" not in found.causes:
         of = of.fixed(INDEX["offset"])
     low = np.maximum(of.parameters(of.low[None])[0], LOW)
     of = of.within(low[of.at], HIGH[of.at])
     noise = noise.lasting(found.noise.last)
-    return fit(motion, noise, of, found.fit.parameters[None], STEPS).parameters
+    return fit(motion, noise, of, found.predicting.parameters[None], STEPS).parameters
