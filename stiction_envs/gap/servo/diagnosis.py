@@ -195,7 +195,9 @@ class _Joints:
         return Question(
             motion=m,
             nominal=nominal,
-            always=always_fitted(self.servo, m, self.links[j], scaled),
+            always=always_fitted(
+                self.servo, m, self.links[j], float(nominal[INDEX["damping"]]), scaled
+            ),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,

@@ -378,8 +378,8 @@ def judge(question: Question) -> JointFindings:
     causes = max(problem.fits, key=len)
     last = problem.noise.lasts(full.error) if question.last is None else question.last
     problem = problem.lasting(last)
-    problem.fit(causes, [full.parameters])
-    problem.fit((), [question.nominal])
+    full = problem.fit(causes, [full.parameters])
+    none = problem.fit((), [question.nominal])
     terms = problem.terms()
     plain = {t.cause: t for t in reversed(terms)}
     search = Search(
@@ -390,7 +390,10 @@ def judge(question: Question) -> JointFindings:
         lambda *_: True,
     )
     start: list[Term] = [plain[c] for c in question.candidates if c in causes]
-    best = max((search.climb(x) for x in (start, [])), key=lambda m: m.worth)
+    # no model gains more than all causes together take off
+    least = none.log_likelihood - 0.5 * float(none.z @ none.z)
+    starts = [start, []] if full.log_likelihood - least > NAMED else [[]]
+    best = max(map(search.climb, starts), key=lambda m: m.worth)
     while True:
         rests = {t.cause: search.without(best.terms, t) for t in best.terms}
         nats = {c: best.evidence - problem.score(rest) for c, rest in rests.items()}

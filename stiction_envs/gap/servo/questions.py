@@ -31,6 +31,8 @@ LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
 """Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
 STAMPS = 3e-3
 """Usual error of a log's stamps [s]; assumed."""
+SERVO_OFF = 0.05
+"""Usual error of a servo's stated stiffness and damping [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
@@ -108,23 +110,29 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def always_fitted(
-    servo: Servo, motion: JointMotion, links: Array, scaled: bool
+    servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
 ) -> dict[str, float]:
     """Return what is fitted and no cause, with the usual size of its change [SI].
 
-    Small errors of stamps, links and bristles; unknown damping, whose size is NaN.
+    Small errors of stamps, links, bristles and stated gains; unknown damping, whose size is NaN.
 
     Args:
         servo: what is known.
         motion: of the joint.
         links: (2,) as of `links_off`.
+        damping: of the servo, as it is stated [N·m·s/rad].
         scaled: whether gravity scales its servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
     if scaled and not servo.perfect:
         out |= zip(("compensation", "offset"), links.tolist(), strict=True)
-    return out | ({"damping": np.nan} if unknown_damping(servo) else {})
+        out["stiffness"] = SERVO_OFF
+    if unknown_damping(servo):
+        out["damping"] = np.nan
+    elif damping > 0 and not servo.perfect:
+        out["damping"] = SERVO_OFF * damping
+    return out
 
 
 def possible_causes(
