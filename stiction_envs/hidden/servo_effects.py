@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import unknown
 from stiction_envs.gap.servo.parameters import FAR, INDEX
-from stiction_envs.gap.servo.spread import SERVO_LAG
+from stiction_envs.gap.servo.questions import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
 Array = NDArray[np.float64]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.judge.problem import ARM, Problem, Term
+from stiction_envs.gap.judge.problem import ARM, Term
 
 Array = NDArray[np.float64]
 NAMED = 3.0
@@ -47,27 +48,45 @@ class Model:
         return self.evidence - NAMED * len(self.terms)
 
 
-Refresh = Callable[[Problem, Sequence[Term]], float]
-"""Sets noise and size of the small errors by what a model leaves; returns the model's evidence."""
-Possible = Callable[[Problem, Sequence[Term], Term], bool]
-"""Whether the value of a term in a model is one that its cause can have."""
+class Scored(Protocol):
+    """The evidence of any choice of terms: of columns (`Problem`), or of fits."""
+
+    scales: tuple[float, float]
+    inflation: Array
+
+    def score(self, named: Sequence[Term]) -> float:
+        """Return log evidence and log prior odds of a model [nats]."""
+
+    def losses(self, named: Sequence[Term]) -> Array:
+        """Return (K,) by how much the removal of each of K terms lowers the score, about."""
+
+    def gains(self, named: Sequence[Term], offers: Sequence[Sequence[Term]]) -> Array:
+        """Return (K,) by how much each of K sets of terms raises the score, about."""
 
 
-class Search:
+P = TypeVar("P", bound=Scored)
+Refresh = Callable[[P, Sequence[Term]], float]
+"""Sets noise and size of the small errors of a problem by what a model leaves; returns the model's
+evidence."""
+Possible = Callable[[P, Sequence[Term], Term], bool]
+"""Whether the value of a term in a model of a problem is one that its cause can have."""
+
+
+class Search(Generic[P]):
     """Climbs from a model to a better one until no step helps."""
 
     def __init__(
         self,
-        problem: Problem,
+        problem: P,
         candidates: Sequence[Term],
         needs: Callable[[str], Iterable[str]],
-        refresh: Refresh,
-        possible: Possible,
+        refresh: Refresh[P],
+        possible: Possible[P],
     ) -> None:
         """Search among candidates.
 
         Args:
-            problem: their sums and priors.
+            problem: their evidence.
             candidates: terms that can be named.
             needs: returns the causes that a cause's joint must have with it.
             refresh: of the noise.

@@ -11,20 +11,17 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 FAR_OFF = 8.0
 """Least error of the fitted model in contact, over its usual size [-]; assumed."""
-STRETCHED = 1.3
-"""Least distance from the command in contact, over the largest elsewhere [-]; assumed."""
-ELSEWHERE_PERCENT = 99.0
-"""Percentile that counts as the largest [%]; assumed."""
-SUSPECT = 3.0
-"""Distance from the command over the usual one that is suspected [-]; assumed."""
-USUAL_PERCENT = 85.0
-"""Percentile that counts as usual [%]; assumed."""
-STALLED = 0.1
-"""Largest speed in contact, over the mean of the fastest [-]; assumed."""
-MOVING_PERCENT = 75.0
-"""Percentile above which speeds are the fastest [%]; assumed."""
-AROUND_SECONDS = 0.5
-"""Left out before and after a contact [s]; assumed."""
+STRETCHED, ELSEWHERE = 1.3, 99.0
+"""Least distance from the command in contact over the largest elsewhere [-], and the percentile
+that counts as the largest [%]; assumed."""
+SUSPECT, USUAL = 3.0, 85.0
+"""Distance from the command that is suspected over the usual one [-], and the percentile that
+counts as usual [%]; assumed."""
+STALLED, MOVING = 0.1, 75.0
+"""Largest speed in contact over the mean of the fastest [-], and the percentile above which speeds
+are these [%]; assumed."""
+AROUND = 0.5
+"""Time left out before and after a contact [s]; assumed."""
 MOST = 0.4
 """Largest share of the rows: more is no contact but another cause [-]; assumed."""
 
@@ -35,7 +32,7 @@ def suspected(motion: JointMotion) -> Rows:
     They would bend a fit to all rows, and are judged by one to the others.
     """
     stretched = np.abs(motion.command - motion.q)
-    usual = np.percentile(stretched, USUAL_PERCENT)
+    usual = np.percentile(stretched, USUAL)
     return np.asarray(stretched > SUSPECT * usual)
 
 
@@ -53,11 +50,11 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
     if not off.any() or off.mean() > MOST:
         return np.zeros(len(error), dtype=bool)
     speed = np.abs(np.gradient(motion.q, motion.t))
-    moving = speed[speed > np.percentile(speed, MOVING_PERCENT)]
+    moving = speed[speed > np.percentile(speed, MOVING)]
     slow = speed < STALLED * float(moving.mean()) if len(moving) else np.ones(len(speed), bool)
-    elsewhere = np.percentile(stretched[~off], ELSEWHERE_PERCENT)
+    elsewhere = np.percentile(stretched[~off], ELSEWHERE)
     found = off & slow & (stretched > STRETCHED * elsewhere)
-    reach = motion.rows_in(AROUND_SECONDS)
+    reach = motion.rows_in(AROUND)
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
     wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0

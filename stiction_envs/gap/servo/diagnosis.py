@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.judgement import Judgement
+from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.choose import Chooser, JointCauses, Question, criterion
 from stiction_envs.gap.servo.findings import (
     named_causes,
     reported_columns,
     verdict_of,
     with_payload,
 )
-from stiction_envs.gap.servo.fit import AGAIN, fit
 from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.judged import (
+    PERFECT,
+    JointFindings,
+    JointProblem,
+    Question,
+    judge,
+    refit,
+)
 from stiction_envs.gap.servo.motion import joint_motions
+from stiction_envs.gap.servo.notes import notes_of
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.payload import Tip, explains_better, proposed
+from stiction_envs.gap.servo.payload import Tip, proposed
 from stiction_envs.gap.servo.questions import (
     GRAVITY_SEEN,
     LEAST_GRAVITY,
@@ -34,11 +41,12 @@ from stiction_envs.gap.servo.questions import (
     UNKNOWN_STIFFNESS,
     Servo,
     always_fitted,
-    lower_bounds,
+    links_off,
     nominal_parameters,
     possible_causes,
     resolution_of,
     rest_noise,
+    sag_of,
     sags,
     shown,
 )
@@ -58,13 +66,9 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
-EARLY = 0.025
-"""Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
-angles of a bus of six servos are 20 ms younger than their stamps."""
-AHEAD = np.arange(0.0, 0.2, 0.002)
-"""Such times that are tried [s]; assumed."""
-EARLY_LEAVES = 0.25
-"""Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
+LEFT = 0.02
+"""Part of a servo's torque that no model has, but for that of gravity, whose small errors are in
+every model [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,42 +128,6 @@ class ServoDiagnosis(Judgement):
         return out
 
 
-def _limit_notes(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
-    """Return what to say of angles beyond the model's limits, and of springs, which it lacks."""
-    q = np.concatenate([log.q for log in logs])
-    out = ["springs of the robot's file are left out"] if arm.stated.stiffness.any() else []
-    turns = arm.limits.assumed("position")
-    for j, (low, high) in enumerate(arm.limits.position):
-        least, most = float(q[:, j].min()), float(q[:, j].max())
-        if turns[j]:
-            continue
-        if least < low or most > high:
-            out.append(
-                f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
-                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
-            )
-    return out
-
-
-def _late_notes(logs: Sequence[ServoLog]) -> list[str]:
-    """Return what to say of logs whose commands come after the motion that should follow them."""
-    out = []
-    for log in logs:
-        left = np.zeros((len(AHEAD), log.n))
-        for s in log.segments:
-            for j in range(log.n):
-                t, command, q = log.t[s], log.q_cmd[s, j], log.q[s, j]
-                left[:, j] += [np.sum(np.square(np.interp(t + x, t, command) - q)) for x in AHEAD]
-        late = AHEAD[np.argmin(left, axis=0)]
-        early = 1e3 * late[(late > EARLY) & (left.min(axis=0) < EARLY_LEAVES * left[0])]
-        if len(early):
-            out.append(
-                f"{Path(log.source).name}: the command comes {early.min():.0f} to "
-                f"{early.max():.0f} ms after the motion of {len(early)} joints: check the stamps"
-            )
-    return out
-
-
 class _Joints:
     """The joints of one arm along its logs, and what is asked about each."""
 
@@ -189,40 +157,53 @@ class _Joints:
             sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
             for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
+        for j in np.flatnonzero(self.scaled) if servo.perfect else []:
+            self.nominal[j, INDEX["stiffness"]] = 1.0 / sag_of(self.motions[j])
+        self.links = links_off(arm, self.motions)
         heads = [shown(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)]
         # rows on which each joint's causes are chosen
         self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
         self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.notes = [*_limit_notes(arm, logs), *_late_notes(logs)]
+        self.notes = notes_of(arm, logs)
+        self.lasts: dict[int, float] = {}
 
     def with_other(
-        self, arm: Arm | None = None, motions: list[JointMotion] | None = None
+        self,
+        found: Mapping[int, JointFindings],
+        arm: Arm | None = None,
+        motions: list[JointMotion] | None = None,
     ) -> _Joints:
-        """Return the joints of another arm, or along other motions."""
+        """Return the joints of another arm, or along other motions; errors last as in ``found``."""
         arm = self.arm if arm is None else arm
-        return _Joints(self.logs, arm, self.servo, self.workers, motions)
+        other = _Joints(self.logs, arm, self.servo, self.workers, motions)
+        other.lasts = {j: r.noise.last for j, r in found.items()}
+        return other
 
     def question(self, j: int, counts: Rows) -> Question:
         """Return what is asked about a joint; ``counts`` are rows of those shown."""
-        scaled = self.scaled[j]
+        scaled, nominal = self.scaled[j], self.nominal[j].copy()
+        perfect = self.servo.perfect and scaled
+        nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
+        causes = [
+            possible_causes(self.servo, x, float(r), of_gravity)
+            for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
+        ]
+        m = self.chosen[j]
+        stretched, weight = m.command - m.q, np.stack([m.gravity, m.slope], axis=1)
+        stretched = stretched - weight @ np.linalg.lstsq(weight, stretched, rcond=None)[0]
+        left = LEFT * np.sqrt(np.mean(stretched[counts] ** 2))
         return Question(
-            motion=self.chosen[j],
-            nominal=self.nominal[j],
-            always=always_fitted(self.servo, scaled),
-            candidates=possible_causes(
-                self.servo,
-                self.chosen[j],
-                float(self.resolution[j]),
-                scaled,
+            motion=m,
+            nominal=nominal,
+            always=always_fitted(
+                self.servo, m, self.links[j], float(nominal[INDEX["damping"]]), scaled
             ),
-            low=lower_bounds(
-                self.motions[j],
-                self.chosen[j],
-                float(self.nominal[j, INDEX["stiffness"]]),
-            ),
+            candidates=causes[j],
+            hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
-            noise=float(self.noise[j]),
-            judged=not self.servo.perfect,
+            floor=float(np.hypot(self.noise[j], left)),
+            last=self.lasts.get(j),
+            perfect=perfect,
         )
 
     def contacts(self) -> dict[int, Rows]:
@@ -230,7 +211,7 @@ class _Joints:
 
         def error_of(j: int) -> Array:
             counts = ~contact.suspected(self.motions[j])[self.shown[j]]
-            rough, _ = Chooser(self.question(j, counts)).rough()
+            rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
@@ -254,12 +235,12 @@ class _Joints:
                 )
         return {j: touches for j, touches in out.items() if touches.any()}
 
-    def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointCauses]:
+    def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointFindings]:
         """Return the causes of each joint; ``free`` are the (T,) rows without contact."""
-        out: dict[int, JointCauses] = {}
+        out: dict[int, JointFindings] = {}
 
-        def one(j: int) -> JointCauses:
-            found = Chooser(self.question(j, free[self.shown[j]])).choose()
+        def one(j: int) -> JointFindings:
+            found = judge(self.question(j, free[self.shown[j]]))
             say("choosing causes", (len(out) + 1) / self.n)
             return found
 
@@ -293,7 +274,7 @@ class _Joints:
                 "friction, damping and limits scale with it"
             )
 
-    def helped(self, found: dict[int, JointCauses], nominal: Array, extended: Array) -> list[int]:
+    def helped(self, found: dict[int, JointFindings], nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
 
         A model that is worse than the simulation on held-out time explains nothing.
@@ -322,22 +303,12 @@ class _Joints:
             )
         return np.flatnonzero(moving & ~worse).tolist()
 
-    def refits(self, found: dict[int, JointCauses], free: Rows) -> tuple[Array, list[Array]]:
+    def refits(self, found: dict[int, JointFindings], free: Rows) -> tuple[Array, list[Array]]:
         """Return (n, P) parameters fitted to all rows, and to each half of the time."""
         halves = folds(self.motions[0])
 
         def one(j: int, counts: Rows) -> Array:
-            start = found[j].fit
-            low, high = found[j].bounds
-            return fit(
-                self.motions[j],
-                start.parameters,
-                start.free,
-                counts=counts,
-                iterations=AGAIN,
-                low=low,
-                high=high,
-            ).parameters
+            return refit(self.motions[j], found[j], counts)
 
         fits = [
             self.workers.map(partial(one, counts=counts), range(self.n))
@@ -347,51 +318,59 @@ class _Joints:
         return final, parts
 
 
+def _score(found: Mapping[int, JointFindings]) -> float:
+    """Return log evidence and log prior odds of all joints, less what every name must bring."""
+    return sum(joint.score - NAMED * len(joint.causes) for joint in found.values())
+
+
 def _with_tip(
-    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointCauses], Tip | None]:
-    """Return joints and causes of the arm with a body at its flange, where that explains more."""
+    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointFindings], Tip | None, float]:
+    """Return joints and causes of the arm with a body at its flange, where that explains more.
+
+    And the body, and the nats against the arm without it.
+    """
     if joints.servo.perfect:  # its stiffness would take up any body
-        return joints, found, None
+        return joints, found, None, 0.0
     shifted = [j for j in found if "encoder_offset" in found[j].causes]
     tip = proposed(joints.arm, joints.motions, joints.nominal, free, shifted=shifted)
-    if tip is None:
-        return joints, found, None
-    loaded = joints.with_other(arm=changed_arm(joints.arm, [tip.part(1)]))
+    if tip is None or tip.nats < NAMED:
+        return joints, found, None, 0.0
+    loaded = joints.with_other(found, arm=changed_arm(joints.arm, [tip.part(1)]))
     again = loaded.choose(free, say)
-    return (loaded, again, tip) if explains_better(tip, found, again) else (joints, found, None)
+    nats = min(_score(again) - _score(found) - tip.cost, tip.nats)
+    return (loaded, again, tip, nats) if nats > NAMED else (joints, found, None, 0.0)
 
 
 def _with_zero(
-    joints: _Joints, found: dict[int, JointCauses], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointCauses]]:
+    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
+) -> tuple[_Joints, dict[int, JointFindings]]:
     """Return joints and causes where the others know of one joint whose zero is off.
 
     It changes the gravity of its neighbours, which would otherwise need offsets of their own.
     """
-    name = "encoder_offset"
-    off = [j for j, r in found.items() if name in r.causes and name not in r.minor]
+    off = [j for j, r in found.items() if "encoder_offset" in r.causes]
     best = joints, found
     for j in off:
         zeros = np.zeros(joints.n)
-        zeros[j] = found[j].fit.parameters[INDEX["offset"]]
+        zeros[j] = found[j].fit["offset"]
         motions = joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
-        known = joints.with_other(motions=motions)
+        known = joints.with_other(found, motions=motions)
         again = known.choose(free, say)
-        if criterion(again) < criterion(best[1]):
+        if _score(again) > _score(best[1]):
             best = known, again
     return best
 
 
-def _lost(joints: _Joints, found: dict[int, JointCauses], free: Rows) -> Array:
+def _lost(joints: _Joints, found: dict[int, JointFindings], free: Rows) -> Array:
     """Return (n,) error [rad] that the causes found leave on an arm without its payload, more."""
 
     def one(j: int) -> float:
         chosen, fit = joints.chosen[j], found[j].fit
         counts = free[joints.shown[j]]
         angle = chosen.simulate(fit.parameters[None])[0]
-        with_it = fit.cost / max(1, int(counts.sum()))
+        with_it = np.mean(fit.error[counts] ** 2)
         return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
 
     return np.array([one(j) for j in range(joints.n)])
@@ -430,7 +409,7 @@ def diagnose_servo(
         found = joints.choose(free, say)
         plain = nominal_angles(arm, logs, servo, joints.nominal, joints.load)
         before = joints
-        joints, found, tip = _with_tip(joints, found, free, say)
+        joints, found, tip, nats = _with_tip(joints, found, free, say)
         joints, found = _with_zero(joints, found, free, say)
         say("refitting", 0.0)
         final, parts = joints.refits(found, free)
@@ -444,12 +423,10 @@ def diagnose_servo(
     nominal_rms = rms(q - rows(logs, plain), free)
     extended_rms = rms(q - rows(logs, held), free)
     helped = joints.helped(found, nominal_rms, extended_rms)
-    causes, minor = named_causes(
-        {j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms
-    )
+    causes = named_causes({j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms)
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(causes, tip, _lost(before, found, free), nominal_rms)
+        causes = with_payload(causes, tip, _lost(before, found, free), nominal_rms, nats)
     checked = None
     if check:
         say("check", 0.0)
@@ -465,7 +442,6 @@ def diagnose_servo(
         payload=tip,
         verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
         causes=causes,
-        minor=minor,
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=joints.noise,

@@ -1,148 +1,206 @@
-"""Bounded least squares of a joint's parameters on its measured angle (output error).
+"""The likeliest parameters of a joint given its measured angle (output error); their evidence.
 
-Levenberg-Marquardt; every iteration simulates all derivatives, then all steps, in one batch.
+Parameters are counted in sizes of their priors, z; what is minimised is −ln p + |z|²/2, by
+Levenberg-Marquardt steps. Every iteration simulates all derivatives, then all steps, in one batch.
+The evidence is Laplace's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.gap.servo.evidence import Noise
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import HIGH, INDEX, LOW, STEP
+from stiction_envs.gap.servo.parameters import INDEX
 
 Array = NDArray[np.float64]
-DIFFERENCE = 0.05
-"""Difference of a derivative, over the parameter's step [-]; assumed."""
+Index = NDArray[np.int64]
+DIFFERENCE = 0.02
+"""Difference of a derivative, over the size of the prior [-]; assumed."""
 DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])
 """Damping of the steps that are tried at once, over the last one [-]; assumed."""
-LEAST_GAIN = 1e-3
-"""A fit ends when the sum of squares falls by less than this share [-]; assumed."""
-ROUGH, LAST = 8, 10
-"""Iterations of a fit from a start and of each stage, and of all causes together [-]; assumed."""
-LESS, AGAIN = 5, 6
-"""Iterations without a cause, and after it was taken out or to other rows [-]; assumed."""
+TURN = 6.0
+"""Error of a joint that diverged: about a turn [rad]."""
+LEAST_GAIN = 0.05
+"""A fit ends when a step gains less [nats]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Coordinates:
+    """Free parameters of a joint in sizes of their priors; the others are fixed."""
+
+    base: Array
+    """(P,) all parameters; those that are free do not count."""
+    at: Index
+    """(F,) numbers of the free ones."""
+    centre: Array
+    """(F,) means of their priors."""
+    size: Array
+    """(F,) standard deviations, of the logarithm where it is one."""
+    ratio: NDArray[np.bool_]
+    """(F,) whether it is."""
+    low: Array = field(default_factory=lambda: np.empty(0))
+    """(F,) lowest z."""
+    high: Array = field(default_factory=lambda: np.empty(0))
+    """(F,) highest z."""
+
+    def within(self, low: Array, high: Array) -> Coordinates:
+        """Return them with bounds of the parameters (F,)."""
+        ends = [self._z(x) for x in (low, high)]
+        return replace(self, low=ends[0], high=ends[1])
+
+    def fixed(self, number: int) -> Coordinates:
+        """Return them without one parameter, if it is free."""
+        kept = self.at != number
+        each = ("at", "centre", "size", "ratio", "low", "high")
+        return replace(self, **{name: getattr(self, name)[kept] for name in each})
+
+    def parameters(self, z: Array) -> Array:
+        """Return (C, P) parameters of (C, F) coordinates."""
+        out = np.repeat(self.base[None], len(z), axis=0)
+        moved = np.asarray(self.size * z)
+        factor = np.exp(np.where(self.ratio, moved, 0.0))
+        moved = np.where(self.ratio, self.centre * factor, self.centre + moved)
+        out[:, self.at] = moved
+        return out
+
+    def z(self, parameters: Array) -> Array:
+        """Return (F,) coordinates of (P,) parameters, within bounds."""
+        return np.clip(self._z(parameters[self.at]), self.low, self.high)
+
+    def _z(self, x: Array) -> Array:
+        ratio = np.log(np.where(self.ratio, x, 1.0) / np.where(self.ratio, self.centre, 1.0))
+        return np.where(self.ratio, ratio, x - self.centre) / self.size
+
+    def slope(self, z: Array) -> Array:
+        """Return (F,) change of each parameter per unit of its coordinate."""
+        return np.where(self.ratio, self.size * self.parameters(z[None])[0, self.at], self.size)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
-    """Fitted parameters of one joint."""
+    """The most likely parameters of one joint under one choice of causes."""
 
+    coordinates: Coordinates
+    z: Array
+    """(F,)."""
     parameters: Array
     """(P,), in the order of `parameters.NAMES`."""
-    free: tuple[str, ...]
-    """Names of those that were fitted."""
     angle: Array
     """(T,) simulated angle [rad]."""
     error: Array
-    """(T,) measured less simulated angle [rad]; 0 in rows that do not count."""
+    """(T,) measured less simulated angle [rad]."""
+    slopes: Array
+    """(F, T) change of the angle per unit of z [rad]."""
+    weights: Array
+    """(T,) of the rows."""
+    log_likelihood: float
+    """[nats]."""
 
     @property
-    def cost(self) -> float:
-        """Sum of squares [rad²]."""
-        return float(self.error @ self.error)
+    def precision(self) -> Array:
+        """(F, F) inverse covariance of z."""
+        return (self.slopes * self.weights) @ self.slopes.T + np.eye(len(self.z))
+
+    @property
+    def evidence(self) -> float:
+        """Log evidence by Laplace's approximation [nats], but for a constant."""
+        return float(
+            self.log_likelihood - 0.5 * self.z @ self.z - 0.5 * np.linalg.slogdet(self.precision)[1]
+        )
+
+    def covariance(self) -> Array:
+        """Return (F, F) covariance of the free parameters in SI units."""
+        slope = self.coordinates.slope(self.z)
+        return np.linalg.inv(self.precision) * np.outer(slope, slope)
 
     def __getitem__(self, name: str) -> float:
         """Return a parameter by its name."""
         return float(self.parameters[INDEX[name]])
 
 
-def fit(
-    motion: JointMotion,
-    start: Array,
-    free: Sequence[str],
-    *,
-    counts: NDArray[np.bool_] | None = None,
-    iterations: int = 15,
-    low: Array = LOW,
-    high: Array = HIGH,
-) -> Fit:
-    """Fit parameters from one start.
-
-    Args:
-        motion: of the joint.
-        start: (P,) all parameters.
-        free: names of those to fit.
-        counts: (T,) rows that count; None for all.
-        iterations: at most.
-        low: (P,) lower bounds.
-        high: (P,) upper bounds.
-    """
-    at = np.array([INDEX[name] for name in free], dtype=np.int64)
-    weight = np.ones(len(motion.t)) if counts is None else counts.astype(np.float64)
-    best = np.array(start, dtype=np.float64)
-    best[at] = np.clip(best[at], low[at], high[at])
-    angle = motion.simulate(best[None])[0]
-    error = _error(motion, angle, weight)
-    cost, damping = float(error @ error), 1e-2
-    for _ in range(iterations if len(at) else 0):
-        slopes = derivatives(motion, best, at, angle) * weight
-        hessian, gradient = slopes @ slopes.T, slopes @ error
-        improved = False
-        for _ in range(3):
-            tried = _steps(best, at, hessian, gradient, damping * DAMPINGS, (low, high))
-            angles = motion.simulate(tried)
-            errors = [_error(motion, a, weight) for a in angles]
-            costs = np.array([e @ e for e in errors])
+def fit(motion: JointMotion, noise: Noise, of: Coordinates, starts: Array, iterations: int) -> Fit:
+    """Fit the free parameters from the best of (C, P) starts."""
+    z_all = np.stack([of.z(p) for p in starts])
+    angles = motion.simulate(of.parameters(z_all))
+    costs = _costs(motion, noise, angles, z_all)
+    k = int(np.argmin(costs))
+    z, angle, cost, damping = z_all[k], angles[k], float(costs[k]), 1e-2
+    slopes = derivatives(motion, of, z, angle)
+    for _ in range(iterations if len(z) else 0):
+        error = _error(motion, angle)
+        weights = noise.weights(error)
+        hessian = (slopes * weights) @ slopes.T + np.eye(len(z))
+        gradient = slopes @ (weights * error) - z
+        gained = 0.0
+        for _ in range(2):
+            tried = _steps(z, hessian, gradient, damping * DAMPINGS, of)
+            angles = motion.simulate(of.parameters(tried))
+            costs = _costs(motion, noise, angles, tried)
             k = int(np.argmin(costs))
-            if costs[k] < cost:
-                improved = True
+            gained = cost - float(costs[k])
+            if gained > 0:
                 break
             damping *= 1e3
-        if not improved:
+        if gained <= 0:
             break
-        gain = 1.0 - costs[k] / cost
-        best, angle, error, cost = tried[k], angles[k], errors[k], float(costs[k])
+        z, angle, cost = tried[k], angles[k], float(costs[k])
         damping = max(damping * DAMPINGS[k], 1e-7)
-        if gain < LEAST_GAIN:
+        slopes = derivatives(motion, of, z, angle)
+        if gained < LEAST_GAIN:
             break
-    return Fit(parameters=best, free=tuple(free), angle=angle, error=error)
+    error = _error(motion, angle)
+    return Fit(
+        coordinates=of,
+        z=z,
+        parameters=of.parameters(z[None])[0],
+        angle=angle,
+        error=error,
+        slopes=slopes,
+        weights=noise.weights(error),
+        log_likelihood=0.5 * float(z @ z) - cost,
+    )
 
 
-def derivatives(
-    motion: JointMotion, parameters: Array, at: NDArray[np.int64], angle: Array
-) -> Array:
-    """Return (F, T) change of the angle per step of the parameters ``at`` [rad]."""
-    varied = np.repeat(parameters[None], len(at), axis=0)
-    sign = np.where(parameters[at] + DIFFERENCE * STEP[at] > HIGH[at], -1.0, 1.0)
-    varied[np.arange(len(at)), at] += sign * DIFFERENCE * STEP[at]
-    change = motion.simulate(varied) - angle
-    change = np.nan_to_num(change, posinf=0.0, neginf=0.0)
+def derivatives(motion: JointMotion, of: Coordinates, z: Array, angle: Array) -> Array:
+    """Return (F, T) change of the angle per unit of z [rad]."""
+    sign = np.where(z + DIFFERENCE > of.high, -1.0, 1.0)
+    varied = z + np.diag(sign * DIFFERENCE)
+    change = motion.simulate(of.parameters(varied)) - angle
+    change = np.clip(np.nan_to_num(change, posinf=0.0, neginf=0.0), -TURN, TURN)
     return np.asarray(change * (sign / DIFFERENCE)[:, None])
 
 
-def _error(motion: JointMotion, angle: Array, weight: Array) -> Array:
+def _error(motion: JointMotion, angle: Array) -> Array:
     """Return measured less simulated angle; a joint that diverged is a turn off [rad]."""
-    return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=6.0), -6.0, 6.0) * weight)
+    return np.asarray(np.clip(np.nan_to_num(motion.q - angle, nan=TURN), -TURN, TURN))
 
 
-def _steps(
-    best: Array,
-    at: NDArray[np.int64],
-    hessian: Array,
-    gradient: Array,
-    dampings: Array,
-    bounds: tuple[Array, Array],
-) -> Array:
-    """Return one set of parameters per damping; those on a bound that push outward stay."""
-    low, high = bounds[0][at], bounds[1][at]
-    out = np.repeat(best[None], len(dampings), axis=0)
-    diagonal = np.diag(np.diag(hessian) + 1e-15)
+def _costs(motion: JointMotion, noise: Noise, angles: Array, z: Array) -> Array:
+    errors = np.stack([_error(motion, angle) for angle in angles])
+    return 0.5 * np.square(z).sum(axis=1) - noise.log_likelihood(errors)
+
+
+def _steps(z: Array, hessian: Array, gradient: Array, dampings: Array, of: Coordinates) -> Array:
+    """Return one z per damping; coordinates on a bound that push outward stay."""
+    out = np.repeat(z[None], len(dampings), axis=0)
+    diagonal = np.diag(np.diag(hessian))
     for row, damping in zip(out, dampings, strict=True):
-        moving = np.ones(len(at), dtype=bool)
-        for _ in range(len(at)):
-            x = np.zeros(len(at))
+        moving = np.ones(len(z), dtype=bool)
+        x = np.zeros(len(z))
+        for _ in range(len(z)):
             m = np.flatnonzero(moving)
+            x[:] = 0.0
             if len(m) == 0:
                 break
             x[m] = np.linalg.solve((hessian + damping * diagonal)[np.ix_(m, m)], gradient[m])
-            new = best[at] + x * STEP[at]
-            outward = (new < low) & (best[at] <= low) | (new > high) & (best[at] >= high)
+            new = z + x
+            outward = (new < of.low) & (z <= of.low) | (new > of.high) & (z >= of.high)
             if not (outward & moving).any():
                 break
             moving &= ~outward
-        row[at] = np.clip(best[at] + x * STEP[at], low, high)
+        row[:] = np.clip(z + x, of.low, of.high)
     return out

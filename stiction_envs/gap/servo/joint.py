@@ -8,7 +8,6 @@ simulated again by the plant with the whole arm.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,15 +71,10 @@ class JointMotion:
         _simulate(
             np.ascontiguousarray(parameters, dtype=np.float64),
             self.bounds,
-            self.t,
-            self.q,
-            self.command_times,
-            self.command_integral,
-            self.gravity,
-            self.slope,
-            self.inertia,
-            self.coupling,
+            np.stack([self.t, self.q, self.gravity, self.slope, self.inertia, self.coupling]),
+            np.stack([self.command_times, self.command_integral]),
             float(np.abs(self.gravity).mean()),
+            float(self.inertia.min()),
             max(1, int(np.ceil(self.step / STEP - 1e-6))),
             out,
         )
@@ -108,19 +102,6 @@ class JointMotion:
         return rows
 
 
-def speeds(motion: JointMotion, seconds: float) -> Array:
-    """Return (T,) size of the measured speed over the last ``seconds`` [rad/s].
-
-    0 in the first rows of each segment.
-    """
-    rows = motion.rows_in(seconds)
-    out = np.zeros(len(motion.t))
-    for a, b in pairwise(motion.bounds):
-        if b - a > rows:
-            out[a + rows : b] = np.abs(motion.q[a + rows : b] - motion.q[a : b - rows])
-    return out / (rows * motion.step)
-
-
 def held_integral(times: Array, command: Array) -> Array:
     """Return (R + 2,) integral [rad·s] at times of R commands, each held until the next row.
 
@@ -132,50 +113,25 @@ def held_integral(times: Array, command: Array) -> Array:
 
 
 @compiled
-def _simulate(  # type: ignore[no-untyped-def]
-    parameters,
-    bounds,
-    t,
-    q,
-    times,
-    integral,
-    gravity,
-    slope,
-    inertia,
-    coupling,
-    usual,
-    substeps,
-    out,
-):
+def _simulate(parameters, bounds, rows, nodes, usual, lightest, substeps, out):  # type: ignore[no-untyped-def]
     segments = len(bounds) - 1
     for i in range(len(parameters) * segments):
         c, s = i // segments, i % segments
         a, b = bounds[s], bounds[s + 1]
-        x, y = a + 2 * s, b + 2 * s + 2
-        _segment(
-            parameters[c],
-            t[a:b],
-            q[a:b],
-            times[x:y],
-            integral[x:y],
-            gravity[a:b],
-            slope[a:b],
-            inertia[a:b],
-            coupling[a:b],
-            usual,
-            substeps,
-            out[c, a:b],
-        )
+        own, held = rows[:, a:b], nodes[:, a + 2 * s : b + 2 * s + 2]
+        _segment(parameters[c], own, held, usual, lightest, substeps, out[c, a:b])
 
 
 @compiled
-def _segment(  # type: ignore[no-untyped-def]
-    p, t, measured, times, integral, gravity, slope, inertia, coupling, usual, substeps, out
-):
+def _segment(p, rows, nodes, usual, lightest, substeps, out):  # type: ignore[no-untyped-def]
     """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`.
 
-    The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant.
+    The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant, and is
+    one number: a stiffness that followed the length of a row or the pose would make a joint that
+    sticks creep. It holds for the ``lightest`` inertia [kg·m²].
     """
+    t, measured, gravity, slope, inertia, coupling = rows
+    times, integral = nodes
     stiffness, viscous, armature, delay, stiction, drop, stribeck, load = p[:8]
     presliding, limit, fastest, dead, offset, compensated = p[8:]
     last = len(times) - 2
@@ -192,14 +148,15 @@ def _segment(  # type: ignore[no-untyped-def]
     level = max(stiction + load * abs(weight), 1e-6)
     push = _servo(reference - angle - offset, stiffness, dead, limit) - pull
     stiffest = max(stiction + load * usual, 1e-6) / presliding
+    least = SLOWEST * STEP * STEP * stiffness
+    bristle = min(stiffest, STIFFEST * max(lightest + armature, least) / (STEP * STEP))
     # at rest the bristle carries what it can
-    deflection = max(-level, min(level, push)) / stiffest
+    deflection = max(-level, min(level, push)) / bristle
     n = len(out)
     for k in range(n - 1):
         out[k] = angle + offset
         h = (t[k + 1] - t[k]) / substeps
-        mass = max(inertia[k] + armature, SLOWEST * h * h * stiffness)
-        bristle = min(stiffest, STIFFEST * mass / (h * h))
+        mass = max(inertia[k] + armature, least)
         damping = max(2.0 * BRISTLE_DAMPING_RATIO * np.sqrt(bristle * mass), 3.0 * h * bristle)
         for j in range(substeps):
             part = j / substeps

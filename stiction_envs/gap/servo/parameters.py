@@ -13,6 +13,7 @@ from __future__ import annotations
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -34,10 +35,12 @@ class Parameter:
     unit: str
     low: float
     high: float
-    step: float
-    """A small change of it, as seen by a joint; scales the fit."""
     absent: float
     """The value at which it has no effect."""
+    size: float
+    """Usual size of its change where its cause is present: the standard deviation of its prior."""
+    scale: Literal["unit", "stiffness", "ratio"] = "unit"
+    """Whether that is in its own unit, times the servo's stiffness, or of its logarithm."""
 
 
 def _parameters() -> dict[str, Parameter]:
@@ -51,7 +54,6 @@ NAMES = tuple(PARAMETERS)
 INDEX = {name: i for i, name in enumerate(NAMES)}
 LOW = np.array([p.low for p in PARAMETERS.values()])
 HIGH = np.array([p.high for p in PARAMETERS.values()])
-STEP = np.array([p.step for p in PARAMETERS.values()])
 
 
 def absent() -> Array:

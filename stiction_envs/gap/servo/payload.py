@@ -1,14 +1,14 @@
-"""A mass at the tip that the model lacks: proposed by a regression, accepted if causes get fewer.
+"""A mass at the tip that the model lacks: proposed by a regression, judged by the joints' evidence.
 
 A body at the flange sags all joints under gravity, each as a softer servo would. One regression
 over all joints of the servos' torques K (q_cmd − q) on the torques of such a body, with friction,
-lag, and links a little off as nuisances, proposes its mass and centre. It is named only where the
-joints with it leave less error or need fewer causes than without (`explains_better`).
+lag, and links a little off as nuisances, proposes its mass and centre. It is named where it adds
+more to the evidence of the joints than its own four numbers cost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,6 @@ from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
-from stiction_envs.gap.servo.choose import JointCauses, count_named, criterion
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.parameters import INDEX
@@ -28,33 +27,24 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
-ROW_SECONDS = 0.1
-"""Time between the rows of the regression [s]; assumed."""
-BLOCK_SECONDS = 4.0
-"""Blocks of time whose scatter gives the interval [s]; assumed."""
+ROW_SECONDS, BLOCK = 0.1, 4.0
+"""Time between the rows of the regression, and blocks whose scatter gives the interval [s];
+assumed."""
 SLOW = 0.02
 """Speed at which dry friction is nearly its level [rad/s]; assumed."""
-LINKS_OFF = 0.08
-"""Usual error of a joint's gravity because links are a little off [-]; assumed."""
-ZERO_OFF = 0.02
-"""Usual error of a joint's zero [rad]; assumed."""
-USUAL_MASS = 2.0
-"""Usual mass that is not in the model [kg]; assumed."""
-ROUNDS = 4
-"""Rounds of weighing the joints by their error; assumed."""
+LINKS_OFF, ZERO_OFF = 0.08, 0.02
+"""Usual error of a joint's gravity because links are a little off [-], and of its zero [rad];
+assumed."""
+CARRIES = 1 / 3
+"""Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
+LOOKS_LIKE = 0.03
+"""Likewise of one that links a little off look like [-]; assumed."""
 REACH = 0.1
 """Usual distance of its centre from the flange [m]; assumed."""
-LEAST_T = 3.0
-"""Least mass over its standard error to be tried [-]; assumed."""
-ACTS = 0.1
-"""Least gravity of the body on a joint that it is named on, over its largest [-]; assumed."""
-LOADED = 0.2
-"""Least gravity of a loaded joint over that of the most loaded one [-]; assumed."""
-LEAST_SHARE = 0.3
-"""Gravity of the body over a loaded joint's own [-] below which it must spare causes; assumed,
-twice links_off of the selection."""
-BODY_PARAMETERS = 4
-"""Parameters of a body, each as dear as a cause [-]; mass and three coordinates."""
+ROUNDS = 4
+"""Rounds of weighing the joints by their error; assumed."""
+PROMISING = 3.0
+"""Least mass over its standard error to be judged [-]: another cause is found anew with it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,8 +61,10 @@ class Tip:
     """Lower and upper ends [m]."""
     torque: Array
     """(n,) root mean square of its gravity on each joint [N·m]."""
-    share: float
-    """Largest share of it in the own gravity of a loaded joint [-]."""
+    cost: float
+    """Log evidence that it costs against no body: by how much it narrows its prior [nats]."""
+    nats: float
+    """Log evidence for a usual body against links that are a little off [nats]."""
 
     @property
     def parameters(self) -> dict[str, Estimate]:
@@ -110,7 +102,7 @@ def proposed(
     kept = np.flatnonzero(rows)[::every]
     q = np.stack([m.q[kept] for m in motions], axis=1)
     body = gravity_of_tip(arm, q)
-    blocks = (motions[0].t[kept] // BLOCK_SECONDS).astype(int)
+    blocks = (motions[0].t[kept] // BLOCK).astype(int)
     _, block = np.unique(blocks, return_inverse=True)
     parts = []
     for j, (m, p) in enumerate(zip(motions, nominal, strict=True)):
@@ -121,7 +113,10 @@ def proposed(
     torque = np.concatenate([part[0] for part in parts])
     columns = np.concatenate([part[1] for part in parts])
     joint, block = np.repeat(np.arange(arm.n), len(kept)), np.tile(block, arm.n)
-    unit = np.diag(1.0 / np.array([1.0, *[REACH] * 3]) ** 2) / USUAL_MASS**2
+    own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
+    of_mass = np.sqrt(np.mean(body[..., 0] ** 2, axis=0)).max()
+    usual = CARRIES * own.max() / max(of_mass, 1e-12) * np.array([1.0, REACH, REACH, REACH])
+    unit = np.diag(1.0 / usual**2)
     found = np.zeros(4)
     for _ in range(ROUNDS):  # joints weigh by what the body leaves on them
         left = (torque - columns @ found) ** 2
@@ -140,10 +135,10 @@ def proposed(
     deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
     mass, moment = float(found[0]), found[1:]
     torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
-    own = np.array([np.sqrt(np.mean(m.gravity[kept] ** 2)) for m in motions])
-    loaded = own > LOADED * own.max()
-    if not 0 < mass >= LEAST_T * deviation[0]:  # nuisances may leave nothing of it
+    if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it
         return None
+    little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
+    cost = _cost(found / usual, covariance / np.outer(usual, usual))
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
     return Tip(
@@ -155,22 +150,15 @@ def proposed(
         ),
         com_ci95=(com - wide, com + wide),
         torque=torque_of_it,
-        share=float((torque_of_it / np.maximum(own, 1e-12))[loaded].max()),
+        cost=cost,
+        nats=_cost(found / little, covariance / np.outer(little, little)) - cost,
     )
 
 
-def explains_better(
-    tip: Tip,
-    without: Mapping[int, JointCauses],
-    with_it: Mapping[int, JointCauses],
-) -> bool:
-    """Return whether a body at the flange explains the joints better than their own causes.
-
-    A small body must also save causes: links that are a little off look like one.
-    """
-    if tip.share < LEAST_SHARE and count_named(with_it) >= count_named(without):
-        return False
-    return criterion(with_it, BODY_PARAMETERS) < criterion(without)
+def _cost(found: Array, covariance: Array) -> float:
+    """Return nats that four numbers in units of their priors cost by Laplace's approximation."""
+    narrowed = np.clip(np.linalg.eigvalsh(covariance), 1e-9, 1.0)
+    return 0.5 * float(found @ found - np.log(narrowed).sum())
 
 
 def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:

@@ -9,14 +9,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion, speeds
+from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
-from stiction_envs.gap.servo.spread import LAG
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+LAG = ("damping", "armature", "delay")
+"""Causes, each with a parameter of its name, whose sum, the lag, a log shows better than each."""
+SERVO_LAG = "servo_lag"
+"""The cause that is named instead of them where they cannot be told apart."""
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
@@ -24,22 +27,23 @@ GRAVITY_SEEN = 3.0
 [-]; assumed."""
 LEAST_GRAVITY = 0.02
 """Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
-CALM_ROWS = 9
-"""Rows for which a command rests where the angle's noise is taken; assumed."""
-LEAST_CALM = 20
-"""Least rows that show it; assumed."""
+LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
+"""Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
+STAMPS = 3e-3
+"""Usual error of a log's stamps [s]; assumed."""
+SERVO_OFF = 0.05
+"""Usual error of a servo's stated stiffness and damping [-]; assumed."""
+BRISTLES = 0.5
+"""Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
+CALM_ROWS, LEAST_CALM = 9, 20
+"""Rows for which a command rests where the angle's noise is taken, and the least number of such
+rows that show it; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
+PASSED = 3
+"""Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS = 10.0
 """Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
-PASSED_SECONDS = 0.1
-"""Time over which a speed counts as passed [s]; assumed."""
-PASSED_PERCENT = 99.0
-"""Percentile of such speeds that counts as the largest [%]; assumed."""
-PASSED = 0.9
-"""Least speed limit over the largest speed that was passed [-]; assumed."""
-OFTEN_PERCENT = 85.0
-"""Percentile of the distance from the command that no torque limit lies below [%]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,8 +72,7 @@ def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
     if servo.parameters is not None:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
-    known = servo.stiffness
-    out[:, INDEX["stiffness"]] = UNKNOWN_STIFFNESS if known is None else known
+    out[:, INDEX["stiffness"]] = UNKNOWN_STIFFNESS if servo.stiffness is None else servo.stiffness
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
     elif servo.stiffness is not None:
@@ -101,14 +104,35 @@ def _add_stated(out: Array, arm: Arm, motions: Sequence[JointMotion], *, known: 
         out[:, INDEX["compensation"]] = share
 
 
-def always_fitted(servo: Servo, scaled: bool) -> tuple[str, ...]:
-    """Return what is fitted and no cause: links that are a little off, unknown damping."""
-    if servo.perfect:
-        return ()
-    out = ["compensation"] if scaled else []
-    if servo.damping is None and servo.parameters is None:
-        out.append("damping")
-    return tuple(out)
+def unknown_damping(servo: Servo) -> bool:
+    """Return whether the servos' damping is fitted and not judged."""
+    return servo.damping is None and servo.parameters is None and not servo.perfect
+
+
+def always_fitted(
+    servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
+) -> dict[str, float]:
+    """Return what is fitted and no cause, with the usual size of its change [SI].
+
+    Small errors of stamps, links, bristles and stated gains; unknown damping, whose size is NaN.
+
+    Args:
+        servo: what is known.
+        motion: of the joint.
+        links: (2,) as of `links_off`.
+        damping: of the servo, as it is stated [N·m·s/rad].
+        scaled: whether gravity scales its servo's torque.
+    """
+    out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
+    out["bristle"] = BRISTLES
+    if scaled and not servo.perfect:
+        out |= zip(("compensation", "offset"), links.tolist(), strict=True)
+        out["stiffness"] = SERVO_OFF
+    if unknown_damping(servo):
+        out["damping"] = np.nan
+    elif damping > 0 and not servo.perfect:
+        out["damping"] = SERVO_OFF * damping
+    return out
 
 
 def possible_causes(
@@ -135,20 +159,72 @@ def possible_causes(
         if not servo.perfect:
             out += ["encoder_offset", "gravity_compensation_missing"]
     out += ["torque_limit", "speed_limit", "dead_zone"]
-    unknown = always_fitted(servo, scaled)
-    return tuple(cause for cause in out if cause not in unknown)
+    if unknown_damping(servo):
+        out.remove("damping")
+    return tuple(out)
 
 
-def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
+def sags(
+    motion: JointMotion,
+    resolution: float,
+    stiffness: float | None,
+) -> bool:
     """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
-    g, error = motion.gravity, motion.command - motion.q
+    g = motion.gravity
     if np.abs(g).max() < LEAST_GRAVITY:
         return False
-    sag = float(error @ g) / float(g @ g) if stiffness is None else 1 / stiffness
+    sag = sag_of(motion) if stiffness is None else 1 / stiffness
     return bool(sag * np.sqrt(np.mean(g**2)) > GRAVITY_SEEN * resolution)
+
+
+def sag_of(motion: JointMotion) -> float:
+    """Return by how much a joint sags per torque of gravity [rad/(N·m)]; below 0 if it rises."""
+    return float((motion.command - motion.q) @ motion.gravity) / float(
+        motion.gravity @ motion.gravity
+    )
+
+
+def passed_speed(motion: JointMotion) -> float:
+    """Return the least speed limit that the motion allows [rad/s].
+
+    Over some time a joint goes no further than its reference, but for how far it stood behind at
+    first and is ahead at last; the reference is no further from it than its command.
+    """
+    fastest = 0.0
+    for seconds in (0.25, 0.5, 1.0):
+        k = motion.rows_in(seconds)
+        for a, b in pairwise(motion.bounds):
+            went = motion.q[a + k : b] - motion.q[a : b - k]
+            if len(went) < PASSED:
+                continue
+            ahead = (motion.command - motion.q)[a:b]
+            before, after = np.sign(went) * ahead[:-k], -np.sign(went) * ahead[k:]
+            alone = np.abs(went) - np.maximum(before, 0.0) - np.maximum(after, 0.0)
+            fastest = max(fastest, float(np.sort(alone)[-PASSED:].mean()) / seconds)
+    return fastest
+
+
+def links_off(arm: Arm, motions: Sequence[JointMotion]) -> Array:
+    """Return (n, 2) usual error of each joint's gravity because links are off.
+
+    Of its size, over it [-], and as an angle [rad].
+    """
+    model = arm.model()
+    moment = np.zeros(arm.n)
+    for j in range(arm.n):
+        beyond, body = [], model.jnt_bodyid[j]
+        for k in range(body, model.nbody):
+            at = k
+            while at > body:
+                at = model.body_parentid[at]
+            beyond.append(model.body_mass[k] * (at == body))
+        moment[j] = LINK_CENTRES * np.linalg.norm(model.opt.gravity) * np.linalg.norm(beyond)
+    amplitude = np.array([np.sqrt(np.mean(m.gravity**2 + m.slope**2)) for m in motions])
+    angle = moment / np.maximum(amplitude, 1e-9)
+    return np.stack([np.hypot(LINK_MASSES, angle), angle], axis=1)
 
 
 def resolution_of(q: Array) -> float:
@@ -186,21 +262,3 @@ def shown(motion: JointMotion, resolution: float) -> Index:
     k = int(np.argmax(totals > most))
     head = int((most - heads[:k].sum()) / (len(heads) - k))
     return np.minimum(lengths, max(head, 1))
-
-
-def lower_bounds(motion: JointMotion, part: JointMotion, stiffness: float) -> Array:
-    """Return (P,) lower bounds: no limit lies below what was passed or needed most of the time.
-
-    Args:
-        motion: of the joint.
-        part: of it, on which causes are chosen.
-        stiffness: of its servo [N·m/rad].
-    """
-    low = LOW.copy()
-    v, rows = speeds(motion, PASSED_SECONDS), motion.rows_in(PASSED_SECONDS)
-    inside = (v[a + rows : b] for a, b in pairwise(motion.bounds) if b - a > rows)
-    passed = max((float(np.percentile(x, PASSED_PERCENT)) for x in inside), default=0.0)
-    low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], PASSED * passed)
-    stretched = float(np.percentile(np.abs(part.command - part.q), OFTEN_PERCENT))
-    low[INDEX["torque_limit"]] = max(low[INDEX["torque_limit"]], stiffness * stretched)
-    return low

@@ -264,7 +264,7 @@ class Judge:
             self.problem(start.states, start.values, tangents=False),
             list(self.effects),
             lambda _: (),
-            refresh,  # type: ignore[arg-type]
+            refresh,
             lambda _, terms, __: frozenset(self.effects[t] for t in terms) not in self._refused,
         )
         search.climb(start.terms)

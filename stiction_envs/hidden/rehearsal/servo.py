@@ -19,21 +19,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.choose import ALIKE
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
+from stiction_envs.gap.servo.findings import ALIKE
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import gravity_of_tip
 from stiction_envs.gap.servo.questions import (
+    SERVO_LAG,
     Servo,
-    always_fitted,
     nominal_parameters,
     possible_causes,
     resolution_of,
     sags,
+    unknown_damping,
 )
-from stiction_envs.gap.servo.spread import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import (
     LARGE_NOISE,
     LARGE_SHARE,
@@ -110,7 +110,7 @@ class HiddenServos:
             *("encoder_offset", "gravity_compensation_missing", "payload"),
         ):
             return "nobody said how stiff the servos are, and softer ones sag alike"
-        if name in always_fitted(self.servo, scaled):
+        if name == "damping" and unknown_damping(self.servo):
             return "nobody said what it should be, so it is fitted and not judged"
         possible = possible_causes(self.servo, motion, step, scaled)
         if not possible:

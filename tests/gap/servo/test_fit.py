@@ -1,26 +1,108 @@
+"""A fit of one joint, and the causes that the evidence names on it."""
+
 import numpy as np
 import pytest
 
 from stiction_envs.gap.servo.fit import fit
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.judged import JointFindings, JointProblem, Question, judge
+from stiction_envs.gap.servo.parameters import PARAMETERS
 from tests.gap.servo.small_arm import motion, parameters
 
+CAUSES = tuple(
+    cause
+    for cause in dict.fromkeys(p.cause for p in PARAMETERS.values())
+    if cause not in ("servo_stiffness", "load_dependent_friction", "encoder_offset")
+    and cause != "gravity_compensation_missing"
+)
+ENCODER = 2 * np.pi / 4096
 
-def _commands() -> np.ndarray:
-    t = 0.01 * np.arange(2000)
-    return 0.3 * np.sin(2 * np.pi * 0.2 * t) + 0.1 * np.sin(2 * np.pi * 1.1 * t)
+
+def _asked(log: JointMotion) -> Question:
+    return Question(
+        motion=log,
+        nominal=parameters(damping=1.0),
+        always={"delay": 3e-3, "armature": 2e-3, "bristle": 0.5},
+        candidates=CAUSES,
+        hypotheses=len(CAUSES),
+        counts=np.ones(len(log.t), dtype=bool),
+        floor=ENCODER / np.sqrt(12.0),
+    )
+
+
+def _commands(seconds: float = 40.0) -> np.ndarray:
+    """Slow waves, then fast ones on them."""
+    t = 0.02 * np.arange(round(50 * seconds))
+    slow = 0.4 * np.sin(2 * np.pi * 0.1 * t) + 0.1 * np.sin(2 * np.pi * 0.23 * t)
+    return slow + 0.1 * (t > seconds / 2) * np.sin(2 * np.pi * 1.1 * t)
+
+
+def _log(*, noise: np.ndarray | float = 0.0, **values: float) -> JointMotion:
+    command = _commands()
+    plain = motion(command, step=0.02)
+    q = plain.simulate(parameters(**{"damping": 1.0, **values})[None])[0] + noise
+    return motion(command, step=0.02, q=np.round(q / ENCODER) * ENCODER)
+
+
+def _judged(log: JointMotion) -> JointFindings:
+    return judge(_asked(log))
 
 
 def test_a_fit_recovers_what_made_a_log() -> None:
-    truth = parameters(damping=0.9, stiction=0.25, delay=0.012, armature=0.03)
-    command = _commands()
-    log = motion(command, q=motion(command).simulate(truth[None])[0])
-    found = fit(
-        log,
-        parameters(damping=0.5, stiction=0.1),
-        ("damping", "stiction", "delay", "armature"),
-        iterations=40,
-    )
-    assert np.sqrt(np.mean(found.error**2)) < 2e-4
+    truth = {"damping": 0.9, "stiction": 0.25, "delay": 0.012, "armature": 0.03}
+    log = _log(**truth)
+    problem = JointProblem(_asked(log))
+    of = problem.coordinates(frozenset({"damping", "coulomb_friction", "delay", "armature"}))
+    found = fit(log, problem.noise, of, parameters(damping=0.5, stiction=0.1)[None], 40)
+    assert np.sqrt(np.mean(found.error**2)) < ENCODER
     for name, off in (("damping", 0.03), ("stiction", 0.01), ("delay", 2e-3), ("armature", 0.01)):
-        assert found.parameters[INDEX[name]] == pytest.approx(truth[INDEX[name]], abs=off)
+        assert found[name] == pytest.approx(truth[name], abs=off)
+
+
+def test_where_nothing_is_hidden_nothing_is_found() -> None:
+    assert not _judged(_log()).causes
+
+
+@pytest.mark.parametrize(
+    ("cause", "values"),
+    [
+        ("coulomb_friction", {"stiction": 0.3}),
+        ("torque_limit", {"torque_limit": 0.9}),
+        ("speed_limit", {"speed_limit": 0.6}),
+        ("dead_zone", {"dead_zone": 0.012}),
+    ],
+)
+def test_a_hidden_cause_is_found_alone_and_inside_its_interval(
+    cause: str, values: dict[str, float]
+) -> None:
+    found = _judged(_log(**values))
+    assert set(found.causes) == {cause}
+    ((name, value),) = values.items()
+    assert found.fit[name] == pytest.approx(value, rel=0.05)
+
+
+def test_friction_that_sticks_and_slips_is_no_torque_limit() -> None:
+    """Stiction far above the friction in motion: the angle waits and jumps."""
+    found = _judged(_log(stiction=0.9, drop=0.6, stribeck_velocity=0.05))
+    assert set(found.causes) == {"coulomb_friction", "stribeck_friction"}
+
+
+def test_bursts_that_no_model_has_are_no_torque_limit() -> None:
+    """A joint that now and then stays behind by 60 mrad, whatever the torque."""
+    t = 0.02 * np.arange(len(_commands()))
+    burst = sum(np.exp(-0.5 * ((t - x) / 0.3) ** 2) for x in (6.0, 17.0, 31.0))
+    found = _judged(_log(stiction=0.3, noise=-0.06 * burst))
+    assert set(found.causes) == {"coulomb_friction"}
+
+
+def test_errors_that_last_need_more_of_them() -> None:
+    """The same friction under the same size of errors, for a fiftieth and for a second."""
+    rng = np.random.default_rng(1)
+    white = rng.normal(size=len(_commands()))
+    window = np.exp(-0.5 * (np.arange(-100, 101) / 25.0) ** 2)
+    slow = np.convolve(white, window, "same")
+    nats = []
+    for noise in (white, slow):
+        found = _judged(_log(stiction=0.2, noise=4e-3 * noise / noise.std()))
+        nats.append(found.causes["coulomb_friction"].nats)
+    assert nats[1] < 0.6 * nats[0]

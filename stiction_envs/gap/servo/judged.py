@@ -1,0 +1,450 @@
+"""The judgement of one joint: the causes with the most evidence, by the search of all data.
+
+A choice of causes is fitted from starts near it, and scored by Laplace's evidence (`fit`). What the
+search asks first (`gains`, `losses`) is promised by one simulation each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stiction_envs.gap.judge.problem import Term
+from stiction_envs.gap.judge.search import NAMED, Search
+from stiction_envs.gap.servo.evidence import Noise
+from stiction_envs.gap.servo.fit import TURN, Coordinates, Fit, fit
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS, of_cause
+from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
+
+Array = NDArray[np.float64]
+LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
+"""Causes that refine dry friction."""
+LIMITS = ("torque_limit", "speed_limit")
+"""Causes, each with a parameter of its name, that a joint shows where it reaches them."""
+TORQUES = ("damping", "armature", "stiction", "torque_limit")
+"""Parameters whose effect on the angle is that of their ratio to the servo's stiffness."""
+PERFECT = 100.0
+"""Stiffness of a servo that counts as perfect over that of the joint's own [-]; assumed."""
+REACHED = 99.5
+"""Percentile of torque and speed that counts as reached [%]; assumed."""
+SHARES = (0.12, 0.2, 0.3, 0.45, 0.65, 0.9)
+"""Limits from which fits start, over what is reached [-]; assumed."""
+STEPS = 6
+"""Most steps of a fit; assumed."""
+LIKELY = 2
+"""Number of causes whose removal is tried by a fit in each step of the search; assumed."""
+CLOSE = 8.0
+"""Nats against a rival from which on it is not fitted; assumed."""
+ROUGH = 8
+"""Most steps of the first fit, and of the last; assumed."""
+STAGES = (LAW, ("encoder_offset", "gravity_compensation_missing"), LIMITS, ("dead_zone",))
+"""Causes that are added together to the model of everything."""
+USUAL = (*LAG, "coulomb_friction", "stribeck_friction", "load_dependent_friction")
+"""Causes that every joint has, named or not: what moves the joint is fitted with all of them."""
+Causes = frozenset[str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Question:
+    """What is asked about one joint."""
+
+    motion: JointMotion
+    nominal: Array
+    """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
+    always: Mapping[str, float]
+    """Parameters that are fitted and no cause, with the usual size of their change [SI]: small
+    errors, and of the cause's size (NaN) what is unknown."""
+    candidates: tuple[str, ...]
+    """Causes that this motion could show."""
+    hypotheses: int
+    """Number of causes on all joints."""
+    counts: NDArray[np.bool_]
+    """(T,) rows that count."""
+    floor: float
+    """Error of the angle that every model leaves [rad]."""
+    last: float | None = None
+    """Time for which errors last, so that evidence is comparable [s]; None: from the residual."""
+    perfect: bool = False
+    """Whether the servo of the nominal simulation is `PERFECT` times as stiff as the joint's."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Weighed:
+    """One cause of the best model, and the models that lack it."""
+
+    nats: float
+    """Log evidence against the model without it."""
+    rivals: tuple[tuple[str, float], ...]
+    """Log evidence against models with another cause in its place, nearest first."""
+    lost: float
+    """Root mean square without it less that with it [rad]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointFindings:
+    """What was found on one joint."""
+
+    fit: Fit
+    """Of the best model."""
+    predicting: Fit
+    """Of the best model with all `USUAL` causes: what moves the joint."""
+    score: float
+    """Log evidence and log prior odds of it [nats]."""
+    causes: dict[str, Weighed]
+    lag: Fit | None
+    """Of the same causes with all parts of the lag, where the log shows the lag but not which."""
+    noise: Noise
+    """Of the rows that counted."""
+
+
+class JointProblem:
+    """The evidence of any choice of causes of one joint, as `Search` asks for it."""
+
+    scales = (1.0, 1.0)
+
+    def __init__(self, question: Question) -> None:
+        """Take the question; errors last as long as those of its model of everything."""
+        self.q = q = question
+        self.inflation = np.ones(1)
+        m = q.motion
+        self.noise = Noise.of(m.t, m.bounds, q.counts, q.floor, m.step)
+        self.stiffness = float(q.nominal[INDEX["stiffness"]])
+        """Of the nominal simulation."""
+        self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
+        """About that of the joint."""
+        stretched = np.abs(m.command - m.q)[q.counts]
+        self.error = float(np.sqrt(np.mean(stretched**2)))
+        self.reached = {
+            "torque_limit": self.own * float(np.percentile(stretched, REACHED)),
+            "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
+        }
+        self.passed = passed_speed(m)
+        self.dry = bool(q.nominal[INDEX["stiction"]] > 0)
+        """Whether the nominal simulation has dry friction."""
+        self.fits: dict[Causes, Fit] = {}
+        self._tried = set[tuple[Term, ...]]()
+
+    # ---- priors ----------------------------------------------------------------------------------
+
+    def needs(self, cause: str) -> tuple[str, ...]:
+        """Return what a cause refines, where the nominal simulation does not have it."""
+        return ("coulomb_friction",) if cause in LAW and not self.dry else ()
+
+    def odds(self, causes: Iterable[str]) -> float:
+        """Return log prior odds against causes: every joint has some friction."""
+        return sum(1.0 if c == "coulomb_friction" else math.log(self.q.hypotheses) for c in causes)
+
+    def coordinates(self, causes: Causes) -> Coordinates:
+        """Return the free parameters of a choice of causes, with their priors."""
+        dry = "coulomb_friction" in causes or self.dry
+        always = {n for n in self.q.always if n != "bristle" or dry}
+        free = [n for n in NAMES if PARAMETERS[n].cause in causes or n in always]
+        at = np.array([INDEX[n] for n in free], dtype=np.int64)
+        centre, size = self.q.nominal[at].copy(), np.empty(len(at))
+        for k, name in enumerate(free):
+            p = PARAMETERS[name]
+            size[k] = p.size * (self.own if p.scale == "stiffness" else 1.0)
+            if p.cause not in causes and not np.isnan(self.q.always[name]):
+                size[k] = self.q.always[name]
+            if name in LIMITS and centre[k] >= FAR:
+                centre[k] = self.reached[name]
+            if name == "stiffness":
+                centre[k] = self.own
+        ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
+        low = LOW.copy()
+        low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
+        if "armature" not in causes:  # of links that are lighter than in the file
+            low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
+        return Coordinates(
+            base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
+        ).within(low[at], HIGH[at])
+
+    def trials(self, cause: str, now: Array) -> list[dict[str, float]]:
+        """Return values from which the parameters of a cause are fitted, given the others (P,)."""
+        k, damping, armature, level = (
+            float(now[INDEX[n]]) for n in ("stiffness", "damping", "armature", "stiction")
+        )
+        gravity = max(float(np.abs(self.q.motion.gravity).mean()), 1e-9)
+        if cause in LIMITS:
+            return [{cause: share * self.reached[cause]} for share in SHARES]
+        return {
+            "servo_stiffness": [{"stiffness": 0.6 * k}, {"stiffness": 1.7 * k}],
+            "damping": [{"damping": damping + 0.03 * k}, {"damping": 0.5 * damping}],
+            "armature": [{"armature": armature + x * k} for x in (0.0005, 0.003)],
+            "delay": [{"delay": 0.02}],
+            "coulomb_friction": [{"stiction": x * k} for x in (0.3 * self.error, 0.01)],
+            "stribeck_friction": [{"drop": 0.3, "stiction": 1.2 * level}],
+            "load_dependent_friction": [{"load": 0.5 * level / gravity, "stiction": 0.5 * level}],
+            "presliding_hysteresis": [{"bristle": 0.005}, {"bristle": 0.02}],
+            "dead_zone": [{"dead_zone": 0.003}, {"dead_zone": 0.015}],
+            "encoder_offset": [{"offset": 0.1}, {"offset": -0.1}],
+            "gravity_compensation_missing": [{"compensation": 0.5}, {"compensation": 1.0}],
+        }[cause]
+
+    def terms(self) -> list[Term]:
+        """Return all candidates; each trial of a cause is one."""
+        return [
+            Term(cause, 0, (float(k),))
+            for cause in self.q.candidates
+            for k in range(len(self.trials(cause, self.q.nominal)))
+        ]
+
+    # ---- fits ------------------------------------------------------------------------------------
+
+    def fit(self, causes: Iterable[str], starts: Sequence[Array], steps: int = STEPS) -> Fit:
+        """Fit a choice of causes from the best of some starts; return the best fit so far."""
+        key = frozenset(causes)
+        new = fit(self.q.motion, self.noise, self.coordinates(key), np.stack(starts), steps)
+        if key not in self.fits or new.evidence > self.fits[key].evidence:
+            self.fits[key] = new
+        return self.fits[key]
+
+    def best(self, terms: Sequence[Term]) -> Fit:
+        """Return the best fit of some terms, from the trial values of those that are new."""
+        key, mark = frozenset(t.cause for t in terms), tuple(sorted(terms))
+        if mark not in self._tried:
+            self._tried.add(mark)
+            others = [k for k in self.fits if k != key]
+            if others:
+                near = min(others, key=lambda k: (len(k ^ key), -self.fits[k].evidence, sorted(k)))
+                self.fit(key, self._starts(near, terms))
+        return self.fits[key]
+
+    def score(self, terms: Sequence[Term]) -> float:
+        """Return log evidence and log prior odds of some causes [nats]."""
+        return self.best(terms).evidence - self.odds(t.cause for t in terms)
+
+    def _starts(self, near: Causes, terms: Sequence[Term]) -> list[Array]:
+        """Return starts of some terms from the fit of another choice of causes."""
+        new = [t for t in terms if t.cause not in near]
+        starts = self.without(near, near - {t.cause for t in terms})
+        for start in starts:
+            for t in new:
+                for name, x in self.trials(t.cause, start)[int(t.shape[0])].items():
+                    start[INDEX[name]] = x
+        return starts
+
+    def without(self, near: Causes, causes: Causes) -> list[Array]:
+        """Return parameters of a fit less some causes: as they are else, and adjusted for that.
+
+        A perfect servo is so stiff that gravity hardly sags it: its other torques grow with it.
+        """
+        old = self.fits[near]
+        plain, c = old.parameters.copy(), old.coordinates
+        gone = [n for cause in causes for n in of_cause(cause) if n not in self.q.always]
+        if "stiffness" in gone and self.q.perfect:
+            some = [INDEX[n] for n in TORQUES if plain[INDEX[n]] < FAR]
+            plain[some] *= self.stiffness / plain[INDEX["stiffness"]]
+        for name in gone:
+            plain[INDEX[name]] = self.q.nominal[INDEX[name]]
+        lost = np.array([NAMES[k] in gone and NAMES[k] not in LIMITS for k in c.at], dtype=bool)
+        if not lost.any() or lost.all():
+            return [plain]
+        # the likeliest values of the others given these, were the angle linear
+        kept, a = ~lost, old.precision
+        change = a[np.ix_(kept, lost)] @ (c.z(plain) - old.z)[lost]
+        z = old.z.copy()
+        z[kept] -= np.linalg.solve(a[np.ix_(kept, kept)], change)
+        moved = c.parameters(np.clip(z, c.low, c.high)[None])[0]
+        adjusted = plain.copy()
+        adjusted[c.at[kept]] = moved[c.at[kept]]
+        return [plain, adjusted]
+
+    def lasting(self, seconds: float) -> JointProblem:
+        """Return the problem whose errors last for some time; nothing is fitted yet."""
+        out = JointProblem(self.q)
+        out.noise = self.noise.lasting(seconds)
+        return out
+
+    def rms(self, of: Fit) -> float:
+        """Return the root mean square of a fit's error over the rows that count [rad]."""
+        return float(np.sqrt(np.mean(of.error[self.q.counts] ** 2)))
+
+    def lag(self, found: Mapping[str, Weighed], of: Fit) -> Fit | None:
+        """Return the fit with all parts of the lag, where another part does for each that is found.
+
+        Damping, armature and delay all make a joint late. A slow motion shows their sum, how late
+        the joint is, but not which of them it is.
+        """
+        parts = [c for c in LAG if c in found]
+        doubtful = [c for c in parts if any(x in LAG and n < NAMED for x, n in found[c].rivals)]
+        more = [c for c in LAG if c in self.q.candidates]
+        if not parts or doubtful != parts or "damping" not in more:
+            return None
+        return self.fit({*found, *more}, [of.parameters])
+
+    # ---- what the search asks --------------------------------------------------------------------
+
+    def gains(self, terms: Sequence[Term], offers: Sequence[Sequence[Term]]) -> Array:
+        """Return (K,) by how much each of K sets of terms promises to raise the score [nats].
+
+        The angle is taken to be linear between the fit and their trial values, or these to be
+        right: far from the likeliest values blocks weigh too little.
+        """
+        old, near = self.best(terms), frozenset(t.cause for t in terms)
+        trials = np.stack([self._starts(near, [*terms, *some])[0] for some in offers])
+        columns = np.clip(np.nan_to_num(self.q.motion.simulate(trials) - old.angle), -TURN, TURN)
+        weighted = old.slopes * old.weights
+        cross, force = columns @ weighted.T, weighted @ old.error - old.z
+        inverse = np.linalg.inv(old.precision)
+        along = columns @ (old.weights * old.error) - cross @ inverse @ force
+        width = (columns * old.weights * columns).sum(axis=1)
+        width -= ((cross @ inverse) * cross).sum(axis=1)
+        x = np.clip(along / np.maximum(width, 1e-9), 0.0, 2.0)
+        there = self.noise.log_likelihood(old.error - columns) - old.log_likelihood
+        odds = np.array([self.odds(t.cause for t in some) for some in offers])
+        return np.maximum(x * along - 0.5 * x**2 * width, there) - odds
+
+    def losses(self, terms: Sequence[Term]) -> Array:
+        """Return (K,) by how much the removal of each of K terms lowers the score [nats].
+
+        Only those that promise to lower it least are fitted; the others are inf.
+        """
+        now, near = self.score(terms), frozenset(t.cause for t in terms)
+        rests = [near - self._refined(t.cause, near) for t in terms]
+        promised = []
+        for rest in rests:
+            less = self.fits.get(rest) or fit(
+                self.q.motion,
+                self.noise,
+                self.coordinates(rest),
+                np.stack(self.without(near, near - rest)),
+                0,
+            )
+            promised.append(now - less.evidence + self.odds(rest))
+        out = np.full(len(terms), np.inf)
+        for k in np.argsort(promised, kind="stable")[:LIKELY]:
+            out[k] = now - self.score([t for t in terms if t.cause in rests[k]])
+        return out
+
+    def _refined(self, cause: str, causes: Causes) -> Causes:
+        """Return a cause, and those of some causes that need it."""
+        return frozenset({cause, *(x for x in causes if cause in self.needs(x))})
+
+    # ---- the model of everything -----------------------------------------------------------------
+
+    def rough(self) -> tuple[Fit, list[str]]:
+        """Return the fit of lag and plain dry friction, the best of two starts, and its causes."""
+        q = self.q
+        some = [c for c in q.candidates if c in ("servo_stiffness", *LAG, "coulomb_friction")]
+        free = {*q.always, *(n for c in some for n in of_cause(c))}
+        k = self.own
+        values = {"stiffness": k, "delay": 0.01, "stiction": 0.5 * k * self.error}
+        for lag, mass in ((0.02, 0.0003), (0.08, 0.002)):
+            start = q.nominal.copy()
+            values |= {"damping": lag * k, "armature": mass * k}
+            for name in free & set(values):
+                start[INDEX[name]] = values[name]
+            best = self.fit(some, [start], ROUGH)
+        return best, some
+
+    def everything(self) -> Fit:
+        """Return the fit of all candidates, a few more at a time, each from several starts.
+
+        One at a time the search finds nothing where two causes help together only (a softer servo
+        and a torque limit).
+        """
+        best, chosen = self.rough()
+        for stage in STAGES:
+            more = [c for c in stage if c in self.q.candidates]
+            if not more:
+                continue
+            before, chosen = best.parameters, [*chosen, *more]
+            groups = [[c] for c in more] if stage == LIMITS else [more]
+            for group in groups:
+                starts = []
+                for k in range(len(self.trials(group[0], before))):
+                    start = before.copy()
+                    for name in {*LIMITS} & {*more}:
+                        start[INDEX[name]] = 1.5 * self.reached[name]
+                    for cause in group:
+                        trials = self.trials(cause, start)
+                        for name, x in trials[min(k, len(trials) - 1)].items():
+                            start[INDEX[name]] = x
+                    starts.append(start)
+                best = self.fit(chosen, starts)
+        return best
+
+
+def judge(question: Question) -> JointFindings:
+    """Return the causes with the most evidence on one joint, and how sure each of them is."""
+    problem = JointProblem(question)
+    full = problem.everything()
+    causes = max(problem.fits, key=len)
+    last = problem.noise.lasts(full.error) if question.last is None else question.last
+    problem = problem.lasting(last)
+    full = problem.fit(causes, [full.parameters])
+    none = problem.fit((), [question.nominal])
+    terms = problem.terms()
+    plain = {t.cause: t for t in reversed(terms)}
+    search = Search(
+        problem,
+        terms,
+        problem.needs,
+        lambda _, some: problem.score(some),
+        lambda *_: True,
+    )
+    start: list[Term] = [plain[c] for c in question.candidates if c in causes]
+    # no model gains more than all causes together take off
+    least = none.log_likelihood - 0.5 * float(none.z @ none.z)
+    starts = [start, []] if full.log_likelihood - least > NAMED else [[]]
+    best = max(map(search.climb, starts), key=lambda m: m.worth)
+    while True:
+        rests = {t.cause: search.without(best.terms, t) for t in best.terms}
+        nats = {c: best.evidence - problem.score(rest) for c, rest in rests.items()}
+        poor = min(nats, key=nats.__getitem__, default="")
+        if not poor or nats[poor] >= NAMED:
+            break
+        best = search.climb(rests[poor])
+    found = problem.best(best.terms)
+    weighed = {}
+    for term in best.terms:
+        offers = search.rivals(best.terms, [term], least=best.evidence - CLOSE)
+        rivals = sorted((best.evidence - score, model[-1].cause) for score, model in offers)
+        rest = problem.best(rests[term.cause])
+        weighed[term.cause] = Weighed(
+            nats=nats[term.cause],
+            rivals=tuple((cause, x) for x, cause in rivals),
+            lost=problem.rms(rest) - problem.rms(found),
+        )
+    lag, predicting = problem.lag(weighed, found), found
+    if weighed:
+        more = [c for c in USUAL if c in question.candidates]
+        predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
+    if lag is not None:
+        others = [t for t in best.terms if t.cause not in LAG]
+        weighed = {c: x for c, x in weighed.items() if c not in LAG}
+        weighed[SERVO_LAG] = Weighed(
+            nats=best.evidence - problem.score(others),
+            rivals=tuple((part, 0.0) for part in sorted(LAG)),
+            lost=problem.rms(problem.best(others)) - problem.rms(found),
+        )
+    return JointFindings(
+        fit=found,
+        predicting=predicting,
+        score=best.evidence,
+        causes=weighed,
+        lag=lag,
+        noise=problem.noise,
+    )
+
+
+def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
+    """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
+
+    Links that lean are no offset, which would move the links beyond, and those that are lighter no
+    negative armature: such small errors are left as they are.
+    """
+    noise = Noise.of(motion.t, motion.bounds, counts, found.noise.floor, motion.step)
+    of = found.predicting.coordinates
+    if "encoder_offset" not in found.causes:
+        of = of.fixed(INDEX["offset"])
+    low = np.maximum(of.parameters(of.low[None])[0], LOW)
+    of = of.within(low[of.at], HIGH[of.at])
+    noise = noise.lasting(found.noise.last)
+    return fit(motion, noise, of, found.predicting.parameters[None], STEPS).parameters
