@@ -4,9 +4,6 @@ SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 """Samplers of a search."""
 OBJECTIVES = ("sje", "gte", "both")
 """What a search lowers: torque left to move joints, error left at the goals of a path, or both."""
-PRICES = ("shaking", "power", "torque_rate")
-"""Second objectives: displacement (SJE) [rad] or vibration (GTE) [m]; power of the dither [W], mean
-(GTE) or apparent, torque times speed (SJE); rate of its torque [N·m/s]."""
 KINDS = (
     *("feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer"),

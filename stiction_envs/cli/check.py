@@ -40,7 +40,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     )
     common.add_chain_option(parser)
     common.add_reading_options(parser)
-    common.add_drive_option(parser)
+    common.add_drive_option(parser, common.LOG_DRIVE)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 

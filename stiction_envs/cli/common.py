@@ -259,25 +259,20 @@ def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
     return {"calibration": args.calibration}
 
 
-def add_drive_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option that says what drives the joints of logs."""
-    parser.add_argument(
-        "--drive",
-        choices=("torque", "position"),
-        help="what drives the joints: torque (tau1..n), or a servo that is told positions "
-        "(q_cmd1..n) (default: what the log has; torque where it has both)",
-    )
+LOG_DRIVE = (
+    "what drives the joints: torque (tau1..n), or a servo that is told positions (q_cmd1..n) "
+    "(default: what the log has; torque where it has both)"
+)
+SERVO_DRIVE = (
+    "what drives the joints: torques, gravity compensated; or the position servos of --friction, a "
+    "model.toml of servo logs: dither is a sine on the commanded angle (default: position where "
+    "that file has [servo])"
+)
 
 
-def add_servo_option(parser: Parser) -> None:
-    """Add the option that says what drives the joints of an experiment."""
-    parser.add_argument(
-        "--drive",
-        choices=("torque", "position"),
-        help="what drives the joints: torques, gravity compensated; or the position servos of "
-        "--friction, a model.toml of servo logs: dither is a sine on the commanded angle "
-        "(default: position where that file has [servo])",
-    )
+def add_drive_option(parser: argparse.ArgumentParser, what: str) -> None:
+    """Add the option that says what drives the joints; ``what`` is its help."""
+    parser.add_argument("--drive", choices=("torque", "position"), help=what)
 
 
 def add_mounting_options(parser: Parser) -> None:

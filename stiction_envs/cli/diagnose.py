@@ -42,7 +42,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="LOG",
         help="logs that take no part: does the model that is found hold there?",
     )
-    common.add_drive_option(parser)
+    common.add_drive_option(parser, common.LOG_DRIVE)
     parser.add_argument(
         "--servo-stiffness",
         nargs="+",

@@ -27,7 +27,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser)
-    common.add_servo_option(parser)
+    common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)
     parser.add_argument(
         "--joint", nargs="+", type=common.whole(1), metavar="N", help="joints from 1 (default: all)"

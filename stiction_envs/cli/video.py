@@ -15,19 +15,13 @@ if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
     from stiction_envs.reporting.output_folder import OutputFolder
 
-IN_FOLDER = Path("in --out")
-"""Value of ``--video`` without a file."""
-
 
 def add_video_option(parser: Parser, what: str) -> None:
-    """Add ``--video [FILE.mp4]``; ``what`` is the beginning of its help."""
+    """Add ``--video``; ``what`` is the beginning of its help."""
     parser.add_argument(
         "--video",
-        nargs="?",
-        const=IN_FOLDER,
-        type=Path,
-        metavar="FILE.mp4",
-        help=f"{what} as an mp4 (default: COMMAND.mp4 in --out; needs OpenGL and the extra video)",
+        action="store_true",
+        help=f"{what} as COMMAND.mp4 in --out (needs OpenGL and the extra video)",
     )
 
 
@@ -35,22 +29,14 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
     """Return where the video goes, None for no video; nothing is written yet.
 
     Raises:
-        StictionError: no video can be made here, or not at this place.
+        StictionError: no video can be made here.
     """
-    if args.video is None:
+    if not args.video:
         return None
     from stiction_envs.envs.render.video import check_video
-    from stiction_envs.reporting.output_folder import check_file
 
-    path: Path = args.video
-    if path == IN_FOLDER:
-        path = folder.path / f"{args.command}.mp4"
-    else:
-        check_file(path, ".mp4", force=args.force)
-        if not path.parent.is_dir():
-            raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
     check_video()
-    return path
+    return folder.path / f"{args.command}.mp4"
 
 
 def write_video(

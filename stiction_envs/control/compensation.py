@@ -139,12 +139,7 @@ class Compensation:
 
     @classmethod
     def from_friction(
-        cls,
-        kind: str,
-        friction: FrictionParameters,
-        factor: float = 1.0,
-        *,
-        load: ArrayLike = 0.0,
+        cls, kind: str, friction: FrictionParameters, factor: float = 1.0, *, load: ArrayLike = 0.0
     ) -> Compensation:
         """Return the compensation that takes ``friction`` for true.
 

@@ -62,10 +62,7 @@ class Batches:
             start = stop
 
     def reset(
-        self,
-        ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Options | None],
+        self, ids: Index, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> None:
         """Start an episode in simulations ``ids``; see `Episodes.reset`."""
         batches = list(self._split(ids))

@@ -207,10 +207,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         self._ended = np.zeros(num_envs, dtype=bool)
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: AnyOptions = None,
+        self, *, seed: int | Sequence[int | None] | None = None, options: AnyOptions = None
     ) -> tuple[Observation, Info]:
         """Start episodes in all environments, or in those of ``options["reset_mask"]``."""
         ids, per_env = self._targets(options)

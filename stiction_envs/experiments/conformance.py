@@ -290,9 +290,7 @@ class _Bench:
 
 
 def _read(
-    model: str | Path | mujoco.MjModel | StickingModel,
-    engine: Engine,
-    chain: Sequence[str] | None,
+    model: str | Path | mujoco.MjModel | StickingModel, engine: Engine, chain: Sequence[str] | None
 ) -> tuple[mujoco.MjModel, str | Path | None]:
     """Return a compiled model, and its MJCF for an engine that reads MJCF itself.
 

@@ -250,10 +250,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     # ---- episodes ----------------------------------------------------------------------------
 
     def reset(
-        self,
-        ids: Index,
-        rngs: Sequence[np.random.Generator],
-        options: Sequence[Options | None],
+        self, ids: Index, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> None:
         """Start an episode in simulations ``ids``, each drawn from its own generator.
 

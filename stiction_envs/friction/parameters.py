@@ -284,9 +284,7 @@ def friction_text(robot: str | Path | None) -> Table:
         raise StictionError(f"friction file {error}") from None
 
 
-def friction_sources(
-    given: str | Path | FrictionParameters | None,
-) -> tuple[dict[str, str], Table]:
+def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dict[str, str], Table]:
     """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
     Args:

@@ -35,11 +35,7 @@ INDENT = " " * 5
 
 
 def plain_mjcf(
-    sticking: StickingModel,
-    *,
-    friction_name: str,
-    kind: Kind = "dcmotor",
-    motor: MotorInput = "ff",
+    sticking: StickingModel, *, friction_name: str, kind: Kind = "dcmotor", motor: MotorInput = "ff"
 ) -> str:
     """Return MJCF from which stock MuJoCo compiles the same model.
 

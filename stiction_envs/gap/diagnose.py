@@ -271,10 +271,7 @@ def _drive(data: Sequence[Log], asked: str | None, naming: Naming) -> str:
 
 
 def _read(
-    given: Sequence[Log],
-    poses: Sequence[str | Path],
-    arm: Arm,
-    naming: Naming,
+    given: Sequence[Log], poses: Sequence[str | Path], arm: Arm, naming: Naming
 ) -> list[JointLog]:
     """Return the logs in their order, then the poses."""
     n, limits = arm.n, arm.limits

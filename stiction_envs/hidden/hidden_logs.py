@@ -195,11 +195,7 @@ def _visible_size(w: World, q: Array, effect: Array) -> Array:
 
 
 def _hide(
-    world: World,
-    name: str,
-    joint: int | None,
-    size: float,
-    rng: np.random.Generator,
+    world: World, name: str, joint: int | None, size: float, rng: np.random.Generator
 ) -> Hidden:
     """Hide one cause in a world; the truth."""
     effect = EFFECTS[name]

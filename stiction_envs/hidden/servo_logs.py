@@ -155,12 +155,7 @@ def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
 
 
 def commands(
-    arm: Arm,
-    t: Array,
-    rng: np.random.Generator,
-    start: Array | None,
-    *,
-    only_slow: bool = False,
+    arm: Arm, t: Array, rng: np.random.Generator, start: Array | None, *, only_slow: bool = False
 ) -> Array:
     """Return (T, n) commands: slow waves, steps with rests between them, fast waves."""
     low, high = np.clip(arm.limits.position, -np.pi, np.pi).T

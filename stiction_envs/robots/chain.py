@@ -228,10 +228,7 @@ def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def _move_to_rest(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    joint: mujoco.MjsJoint,
-    rest: NDArray[np.float64],
+    spec: mujoco.MjSpec, model: mujoco.MjModel, joint: mujoco.MjsJoint, rest: NDArray[np.float64]
 ) -> None:
     """Move a joint's link to where the joint rests, before the joint is deleted."""
     body, found = joint.parent, model.joint(joint.name)

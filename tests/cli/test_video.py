@@ -57,19 +57,6 @@ def test_results_are_the_same_bytes_with_and_without(cli, work, written, dither,
     assert before["arguments_sha256"] == after["arguments_sha256"]
 
 
-@pytest.mark.parametrize(
-    ("video", "says"),
-    [
-        ("a.gif", "expected a path to a .mp4"),
-        ("there.mp4", "exists"),
-        ("nowhere/a.mp4", "expected a folder that is there"),
-    ],
-)
-def test_bad_places_are_said_before_the_work(refused, work, written, video, says):
-    (work / "there.mp4").write_text("mine")
-    assert says in refused(*SJE, "--out", "a", "--video", video)
-
-
 def test_no_encoder_is_said_before_the_work(refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert "pip install 'stiction-envs[video]'" in refused(*SJE, "--out", "a", "--video")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
-from tuning.names import OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
+from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
@@ -36,7 +36,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser)
-    common.add_servo_option(parser)
+    common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)
     parser.add_argument(
         "--protocol",
@@ -103,11 +103,8 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--pareto",
-        nargs="?",
-        const=PRICES[0],
-        choices=PRICES,
-        help="a second objective (pareto.csv): shaking, which is no constraint then (default), "
-        "power, or torque_rate",
+        action="store_true",
+        help="shaking is a second objective and no constraint (pareto.csv)",
     )
     group.add_argument(
         "--treatment",
@@ -174,7 +171,7 @@ def _check_options(args: argparse.Namespace) -> None:
             raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
     if args.ask is not None or args.tell is not None:
         for name in SEARCH_ONLY:
-            if name not in WITH_A_ROBOT and getattr(args, name) is not None:
+            if name not in WITH_A_ROBOT and getattr(args, name) not in (None, False):
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
         if args.sensing != common.IDEAL:
             raise StictionError("--sensing: not with --ask or --tell")

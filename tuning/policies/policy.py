@@ -135,12 +135,7 @@ class Policy:
         return action.reshape(*x.shape[:-1], len(self.low)), None
 
     def check(
-        self,
-        *,
-        robot: str,
-        environment: str,
-        observation_names: Sequence[str],
-        interval: float,
+        self, *, robot: str, environment: str, observation_names: Sequence[str], interval: float
     ) -> None:
         """Raise a StictionError that names the difference if this policy is for something else.
 

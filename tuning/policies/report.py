@@ -30,9 +30,7 @@ COLUMNS = {
 """Means that are shown: heading, factor, digits."""
 
 
-def means_table(
-    summary: Mapping[str, Mapping[str, float]],
-) -> tuple[list[str], list[list[str]]]:
+def means_table(summary: Mapping[str, Mapping[str, float]]) -> tuple[list[str], list[list[str]]]:
     """Return header and rows of `Evaluated.summary`, one row per policy."""
     shown = [c for c in COLUMNS if c in next(iter(summary.values()))]
     rows = [

@@ -75,7 +75,7 @@ class BreakawayObjective:
         *,
         iterations: int,
         limits: Sequence[AmplitudeRow] = (),
-        pareto: str | None = None,
+        pareto: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Measure the base torques.
@@ -86,7 +86,7 @@ class BreakawayObjective:
             frictions: frictions under which every setting is measured.
             iterations: repeats per configuration and friction.
             limits: a table whose displacement no setting may pass, where ``bounds`` has none.
-            pareto: second objective, of `names.PRICES`; None for one objective only.
+            pareto: whether displacement is a second objective, and no constraint.
             progress: called with simulated seconds.
 
         Raises:
@@ -155,25 +155,20 @@ class BreakawayObjective:
         limit = self.displacement[row.joint - 1]
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
-            none = (1.0,) if self.pareto is None else (1.0, 0.0)
+            none = (1.0, 0.0) if self.pareto else (1.0,)
             return Outcome(values=none, constraints=(0.0, *forbidden))
         shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
         rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
-        prices = {
-            "shaking": found.displacement,
-            # apparent power, rms torque times rms speed: the motion is not in phase
-            "power": rate * found.displacement / np.sqrt(2),
-            "torque_rate": rate,
-        }
-        price = () if self.pareto is None else (prices[self.pareto],)
+        price = (found.displacement,) if self.pareto else ()
         return Outcome(
             values=(found.left, *price) if np.isfinite(found.left) else None,
-            constraints=(0.0 if self.pareto == "shaking" else shaken, *forbidden),
+            constraints=(0.0 if self.pareto else shaken, *forbidden),
             measures={
                 **asdict(row),
                 "left": found.left,
                 "displacement_rad": found.displacement,
-                "power_w": prices["power"],
+                # apparent power, rms torque times rms speed: the motion is not in phase
+                "power_w": rate * found.displacement / np.sqrt(2),
                 "torque_rate_nm_s": rate,
                 "tau": found.tau.tolist(),
                 "ratio": found.ratio.tolist(),

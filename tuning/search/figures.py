@@ -90,9 +90,8 @@ def landscape(
     save_full(figure, path)
 
 
-def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> None:
+def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
     """Draw both objectives of all trials, and the Pareto front."""
-    scale = 1e3 if price == "shaking" else 1.0
     group = [(stage, k, r) for stage, found in records.items() for k, r in enumerate(found, 1)]
     figure, axes = _joints(len(group))
     for axis, (stage, k, record) in zip(axes, group, strict=False):
@@ -102,16 +101,11 @@ def pareto(records: Mapping[str, Sequence[Record]], price: str, path: Path) -> N
             (front(record.trials), COLOURS[0], "none is better"),
         ):
             left = [100 * (t.values[0] if sje else np.exp(t.values[0])) for t in trials]
-            x = [scale * t.values[1] for t in trials]
+            x = [1e3 * t.values[1] for t in trials]
             axis.plot(x, left, "o", color=colour, ms=4, label=label)
-        label = {
-            "shaking": "displacement, rms [mrad]" if sje else "vibration, rms [mm]",
-            "power": "apparent power [W]" if sje else "power of the dither, mean [W]",
-            "torque_rate": "torque rate [N·m/s]",
-        }[price]
         axis.set(
             title=f"joint {k}" if sje else "GTE",
-            xlabel=label,
+            xlabel="displacement, rms [mrad]" if sje else "vibration, rms [mm]",
             ylabel="torque left [%]" if sje else "error left [%]",
         )
         axis.grid(alpha=0.3)

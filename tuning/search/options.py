@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from stiction_envs.errors import StictionError, unknown
-from tuning.names import OBJECTIVES, PRICES, SAMPLERS, TREATMENTS
+from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,7 +14,7 @@ class Options:
 
     objective: str = "sje"
     sampler: str | None = None
-    pareto: str | None = None
+    pareto: bool = False
     treatment: str | None = None
     evaluations: int | None = None
 
@@ -22,16 +22,12 @@ class Options:
         for name, choices in (
             ("objective", OBJECTIVES),
             ("sampler", (None, *SAMPLERS)),
-            ("pareto", (None, *PRICES)),
             ("treatment", (None, *TREATMENTS)),
         ):
             if getattr(self, name) not in choices:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
         if self.treatment is not None and self.objective != "gte":
             raise StictionError("treatment: expected objective gte")
-        still = self.treatment is not None and "dither" not in TREATMENTS[self.treatment]
-        if self.pareto == "power" and still:
-            raise StictionError("pareto power, of the dither: expected dither to be searched")
         if self.evaluations is not None and self.evaluations < 1:
             raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
         paths = self.objective != "sje"
@@ -48,11 +44,6 @@ class Options:
     def searched(self) -> tuple[str, ...]:
         """Names of the treatments that are searched one after the other."""
         return ("",) if self.treatment is None else TREATMENTS[self.treatment]
-
-    @property
-    def objectives(self) -> int:
-        """Number of objectives."""
-        return 1 if self.pareto is None else 2
 
     def sampler_of(self, objective: str) -> str:
         """Return the sampler of a stage."""

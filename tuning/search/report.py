@@ -73,7 +73,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
             not allowed(t) for g in found.records.values() for r in g for t in complete(r.trials)
         ),
         landscape="sje" in found.records,
-        pareto=found.options.pareto is not None,
+        pareto=found.options.pareto,
         draws=found.search.verify_draws,
         spread=found.search.spread,
     )
@@ -158,8 +158,8 @@ def _draw(found: Stages, folder: Path, verified: Verified) -> None:
             {**found.tables, **found.others},
             folder / "landscape.png",
         )
-    if found.options.pareto is not None:
-        figures.pareto(found.records, found.options.pareto, folder / "pareto.png")
+    if found.options.pareto:
+        figures.pareto(found.records, folder / "pareto.png")
     if verified.tracking:
         figures.tables(verified, folder / "comparison.png")
 

@@ -43,7 +43,7 @@ def search(
     *,
     objective: str | None = None,
     sampler: str | None = None,
-    pareto: str | None = None,
+    pareto: bool = False,
     treatment: str | None = None,
     evaluations: int | None = None,
     bounds: str | Path | None = None,
@@ -70,8 +70,7 @@ def search(
         objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
             "both": the second starts from the table of the first. None: "gte" for a treatment.
         sampler: one of `names.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
-        pareto: second objective, of `names.PRICES`; None for one objective. Shaking is a constraint
-            unless it is this objective.
+        pareto: whether shaking is a second objective, and no constraint.
         treatment: one of `names.TREATMENTS`: each is searched alone with the same budget and
             under the same limits on vibration and torque rate, and the best on other paths that
             does not shake at rest is recommended.

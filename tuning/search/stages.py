@@ -135,7 +135,7 @@ class Stages:
         stage, study = "sje", "sje-joint1"
         if self.options.objective == "gte":
             stage, study = "gte", _study(self.options.searched[0])
-        self.run.record(study, self.options.objectives, self.options.sampler_of(stage))
+        self.run.record(study, 1 + self.options.pareto, self.options.sampler_of(stage))
 
     def _progress(self, stage: str) -> Callable[[float, float], None] | None:
         return None if self.progress is None else partial(self.progress, stage)
@@ -162,7 +162,7 @@ class Stages:
             population = len(begin)
             evaluations = min(options.evaluations or population, population)
         return Search(
-            record=self.run.record(study, options.objectives, name),
+            record=self.run.record(study, 1 + options.pareto, name),
             space=space,
             sampler=sampler(
                 name,

@@ -118,7 +118,7 @@ class TrackingObjective:
         compensation: str = "none",
         limits: Table = (),
         penalty: float = 0.0,
-        pareto: str | None = None,
+        pareto: bool = False,
         settings: BoundsSettings | None = None,
         rest_margin: float | None = None,
     ) -> None:
@@ -135,7 +135,7 @@ class TrackingObjective:
                 controller assumes, times a factor.
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint, for samplers without constraints.
-            pareto: second objective, of `names.PRICES`; None for one objective only.
+            pareto: whether vibration in motion is a second objective, and no constraint.
             settings: range of the compensation; None for those of ``settings.toml``.
             rest_margin: how much more than an untreated arm any may vibrate at rest [m]; torque
                 may then change no faster than with ``limits``, and a push has a load gain. None
@@ -257,15 +257,6 @@ class TrackingObjective:
             for k in range(len(treatments))
         ]
 
-    def _price(self, found: Tracking) -> tuple[float, ...]:
-        """Return the second objective, if there is one."""
-        prices = {
-            "shaking": float(found.shaking[0]),
-            "power": float(found.power.mean()),
-            "torque_rate": float(found.torque_rate.max()),
-        }
-        return () if self.pareto is None else (prices[self.pareto],)
-
     def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
         treatments = [self.treatment(parameters) for _, parameters in asked]
@@ -282,7 +273,7 @@ class TrackingObjective:
         """Return what is stored of a table; ``found`` is None in a forbidden band."""
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
-            values = (self.penalty * depth, *self._price(self.plain))
+            values = (self.penalty * depth, *self.plain.shaking[: self.pareto])
             calm = (0.0, 0.0, *forbidden, *([0.0] if np.isfinite(self.torque_rate) else []))
             return Outcome(values=values, constraints=calm)
         position, orientation = found.left(self.plain)
@@ -293,14 +284,14 @@ class TrackingObjective:
             shaken / limit - 1.0 if np.isfinite(limit) else -1.0
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
         ]
-        constraints = (*([0.0, 0.0] if self.pareto == "shaking" else over), *forbidden)
+        constraints = (*([0.0, 0.0] if self.pareto else over), *forbidden)
         if np.isfinite(self.torque_rate):
             over.append(float(found.torque_rate.max()) / self.torque_rate - 1.0)
             constraints = (*constraints, over[-1])
         moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
         return Outcome(
-            values=(penalised, *self._price(found)),
+            values=(penalised, *found.shaking[: self.pareto]),
             constraints=constraints,
             measures={
                 "objective": value,

@@ -233,13 +233,7 @@ def _drawing(
 ) -> Callable[[float], Picture]:
     """Return a function that draws the first iteration of a run at a time [s].
 
-    Args:
-        experiment: that was run.
-        run: of one case.
-        positions: (K, n) joint angles, one per `_SAMPLE` [rad].
-        path: (goals + 1, 3) start and goals [m].
-        end: of the undithered run [s].
-        renderer: of the arm.
+    Joint angles are (K, n), one per `_SAMPLE` [rad]; the undithered run ends at ``end`` [s].
     """
     arm, case, e = experiment.sticking.arm, run.case, experiment
     stiction = largest_stiction(e.sticking.parameters, find_poses(arm))

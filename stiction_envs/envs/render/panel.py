@@ -27,10 +27,7 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 
 
 def draw_panel(
-    width: int,
-    height: int,
-    lines: list[str],
-    plot: Callable[[ImageDraw.ImageDraw], None],
+    width: int, height: int, lines: list[str], plot: Callable[[ImageDraw.ImageDraw], None]
 ) -> NDArray[np.uint8]:
     """Return a panel (height, width, 3): a title, some lines, the last as a state, and plots."""
     image = Image.new("RGB", (width, height), PAPER)

@@ -37,8 +37,6 @@ class PushView:
         self.push = push
         self.time = 0.0
         """Simulated [s]."""
-        self.base: float | None = None
-        """Torque at which this joint last broke away without dither [N·m]."""
         self.arm = ArmScene(push.plant.sticking.arm)
         self.arm.pose(push.plant.position[0])
 
@@ -55,17 +53,13 @@ class PushView:
             push.reset()
         elif 1 <= joint <= min(push.n, 9):
             push.choose(joint)
-            self.base = None
 
     def advance(self, seconds: float) -> float:
         """Simulate some time; returns how much it was, a multiple of the push's block [s]."""
         push, block = self.push, self.push.block * CONTROL_DT
         passed = max(1, round(seconds / block)) * block
-        before = push.let_go
         push.advance(passed)
         self.time += passed
-        if push.let_go is not None and push.let_go != before and push.row is None:
-            self.base = push.let_go
         return passed
 
     # ---- words and scene ---------------------------------------------------------------------
@@ -79,10 +73,7 @@ class PushView:
             text = "slips"
         if push.let_go is None:
             return text
-        change, base = "", self.base
-        if push.row is not None and base is not None and base * push.let_go > 0:
-            change = f", {signed(100 * (push.let_go / base - 1), 0)} %"
-        return f"{text} (let go at {signed(push.let_go, 2)} N·m{change})"
+        return f"{text} (let go at {signed(push.let_go, 2)} N·m)"
 
     @property
     def lines(self) -> list[str]:

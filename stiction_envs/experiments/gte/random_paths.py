@@ -95,10 +95,7 @@ def path_number(name: str) -> int | None:
 
 
 def random_paths(
-    sticking: StickingModel,
-    start: Array,
-    tool: Array,
-    numbers: Iterable[int],
+    sticking: StickingModel, start: Array, tool: Array, numbers: Iterable[int]
 ) -> dict[int, RandomPath]:
     """Return the random paths of an arm by number; which others are asked for does not matter.
 
@@ -185,11 +182,7 @@ def _draw(k: int, rng: np.random.Generator, s: RandomPathSettings) -> RandomPath
 
 
 def can_follow(
-    sticking: StickingModel,
-    start: Array,
-    tool: Array,
-    paths: Sequence[Path],
-    s: RandomPathSettings,
+    sticking: StickingModel, start: Array, tool: Array, paths: Sequence[Path], s: RandomPathSettings
 ) -> Bools:
     """Return which paths (P,) of constant orientation an arm can follow from its start.
 

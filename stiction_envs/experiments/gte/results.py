@@ -135,11 +135,7 @@ MILLI = 1e3
 
 
 def write_report(
-    folder: Path,
-    rows: Sequence[ErrorRow],
-    runs: Sequence[RunRow],
-    *,
-    note: str = "",
+    folder: Path, rows: Sequence[ErrorRow], runs: Sequence[RunRow], *, note: str = ""
 ) -> None:
     """Write both pages; cases are compared with the first, without dither and compensation."""
     from stiction_envs.reporting.templates import write_md_and_html

@@ -130,10 +130,7 @@ class Calibration:
 
 
 def with_levels(
-    parameters: FrictionParameters,
-    poses: Poses,
-    friction: Array,
-    offset: Array,
+    parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
 ) -> FrictionParameters:
     """Return parameters whose law passes through both poses of every joint.
 

@@ -246,10 +246,7 @@ class SingleJointExperiment(SJESetup):
         )
 
     def base_torques(
-        self,
-        *,
-        iterations: int | None = None,
-        progress: Callable[[float], None] | None = None,
+        self, *, iterations: int | None = None, progress: Callable[[float], None] | None = None
     ) -> BreakawayTorques:
         """Measure the torque at which every joint breaks away without dither.
 

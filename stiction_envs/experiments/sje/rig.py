@@ -45,13 +45,7 @@ class SJESetup(Experiment):
 class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
-    def __init__(
-        self,
-        setup: SJESetup,
-        nsim: int,
-        *,
-        dither_all: bool = False,
-    ) -> None:
+    def __init__(self, setup: SJESetup, nsim: int, *, dither_all: bool = False) -> None:
         """Make the rig; all simulations are idle.
 
         Args:

@@ -45,8 +45,6 @@ SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Sizes of the small errors over their tolerance that are tried [-]; assumed."""
 FOLDS = 4
 """Parts of the logs that are held out in turn [-]."""
-BOUND = 1e-9
-"""Distance from a bound, over the prior's size, up to which a coefficient is on it [-]."""
 
 
 class TorquePredictor:

@@ -143,16 +143,7 @@ def _blueprint(s: Series) -> Rerun:
 
 
 def _send_arm(recording: Rerun, path: str, arm: Arm, time: Rerun, q: Array, colour: Colour) -> None:
-    """Send an arm as a line from its base through all links to its flange, over time.
-
-    Args:
-        recording: Rerun's stream.
-        path: entity of the arm.
-        arm: the arm.
-        time: column of (T,) times.
-        q: (T, n) joint angles [rad].
-        colour: of the line.
-    """
+    """Send an arm at angles (T, n) [rad] as a line from base to flange."""
     import rerun as rr
 
     line = skeleton(arm, q)

@@ -1,15 +1,8 @@
 """How likely a joint's residual is: errors last, and some stretches of time are worse than others.
 
-Time is cut into blocks. The error of a block is Gaussian, of a size of its own; the sizes scatter
-about a usual one as an inverse gamma distribution does, so that the likelihood of a block is
-Student's t:
-
-    ln p = Σ_b lnΓ((ν + n_b)/2) − lnΓ(ν/2) − n_b/2 ln(ν s²) − (ν + n_b)/2 ln(1 + n_b m_b / ν s²)
-
-with the mean square m_b of the block's residual and its number n_b of independent observations,
-its length over twice the time for which errors last. The usual size s is that of the largest
-likelihood. A burst of errors (a joint that sticks and slips) is one block of many: what takes the
-burst off gains the logarithm of its size only, and a limit must be reached in several.
+Time is cut into blocks, whose errors are Gaussian, of sizes that scatter: the likelihood of a block
+is Student's t (docs/theory.md). A burst of errors (a joint that sticks and slips) is one block of
+many: what takes the burst off gains the logarithm of its size only.
 """
 
 from __future__ import annotations

@@ -179,11 +179,7 @@ def named_causes(
 
 
 def with_payload(
-    causes: Sequence[NamedCause],
-    tip: Tip,
-    lost: Array,
-    nominal_rms: Array,
-    nats: float,
+    causes: Sequence[NamedCause], tip: Tip, lost: Array, nominal_rms: Array, nats: float
 ) -> tuple[NamedCause, ...]:
     """Return the causes with a body at the flange among them.
 
@@ -213,12 +209,7 @@ def with_payload(
     return tuple(sorted([*causes, body], key=lambda c: -c.gain_percent))
 
 
-def verdict_of(
-    causes: Sequence[NamedCause],
-    nominal: Array,
-    extended: Array,
-    noise: Array,
-) -> str:
+def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:
     """Return the verdict; errors and noise floor are (n,) [rad]."""
     if not causes:
         enough = CLEAN * noise

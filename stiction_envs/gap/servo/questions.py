@@ -136,10 +136,7 @@ def always_fitted(
 
 
 def possible_causes(
-    servo: Servo,
-    motion: JointMotion,
-    resolution: float,
-    scaled: bool,
+    servo: Servo, motion: JointMotion, resolution: float, scaled: bool
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
@@ -164,11 +161,7 @@ def possible_causes(
     return tuple(out)
 
 
-def sags(
-    motion: JointMotion,
-    resolution: float,
-    stiffness: float | None,
-) -> bool:
+def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
     """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.

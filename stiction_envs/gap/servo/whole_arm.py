@@ -107,10 +107,7 @@ def touching(logs: Sequence[ServoLog], touched: NDArray[np.bool_]) -> list[list[
 
 
 def check_model(
-    logs: Sequence[ServoLog],
-    plain: Sequence[Array],
-    model: Sequence[Array],
-    fitted_rms: Array,
+    logs: Sequence[ServoLog], plain: Sequence[Array], model: Sequence[Array], fitted_rms: Array
 ) -> ServoCheck:
     """Return the errors of both models on logs that took no part.
 

@@ -177,10 +177,7 @@ def _both_ways(x: Array, sos: Array, steady: Array, pad: int) -> Array:
 
 
 def prepare(
-    logs: Sequence[JointLog],
-    *,
-    cutoff_hz: float | None = None,
-    most_samples: int = MOST_ROWS,
+    logs: Sequence[JointLog], *, cutoff_hz: float | None = None, most_samples: int = MOST_ROWS
 ) -> Signals:
     """Compute evenly sampled, filtered and differentiated signals of ``logs``.
 

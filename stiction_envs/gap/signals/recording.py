@@ -188,13 +188,7 @@ class Recording:
         return out[self.path_rows] if fine else out
 
 
-def join(
-    arm: Arm,
-    signals: Signals,
-    *,
-    torque: str,
-    link_factor: Array | None = None,
-) -> Recording:
+def join(arm: Arm, signals: Signals, *, torque: str, link_factor: Array | None = None) -> Recording:
     """Put the segments of all logs of an arm into one piece.
 
     ``torque`` is the side of the gear on which torque was measured, "motor" or "link",

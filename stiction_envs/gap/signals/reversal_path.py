@@ -66,10 +66,7 @@ def zigzag(x: Array, band: float) -> Array:
 
 
 def reversal_path(
-    q: Array,
-    rate_hz: float,
-    cutoff_hz: float,
-    lowpass: Callable[[Array, float, float], Array],
+    q: Array, rate_hz: float, cutoff_hz: float, lowpass: Callable[[Array, float, float], Array]
 ) -> Array:
     """Return (K,) the angles of a joint without overshoot and reversals caused by noise [rad].
 

@@ -51,10 +51,7 @@ class Spectra:
     """Spectra of angles and torques over all segments of some logs."""
 
     def __init__(
-        self,
-        logs: Sequence[JointLog],
-        steps: Sequence[float],
-        mover_ratio: float,
+        self, logs: Sequence[JointLog], steps: Sequence[float], mover_ratio: float
     ) -> None:
         self.rate = 1 / max(steps)
         self.effective = effective_rate(logs)
@@ -241,10 +238,7 @@ def _spread_power(v: Array, rate: float) -> tuple[Array, Array]:
 
 
 def _motion(
-    pieces: Sequence[tuple[Array, Array]],
-    most: Sequence[float],
-    mover_ratio: float,
-    share: float,
+    pieces: Sequence[tuple[Array, Array]], most: Sequence[float], mover_ratio: float, share: float
 ) -> tuple[NDArray[np.int64], float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 

@@ -138,11 +138,7 @@ def sort_columns(
 
 
 def _check_joints(
-    where: str,
-    found: dict[str, dict[int, int]],
-    n_joints: int,
-    required: tuple[str, ...],
-    may: str,
+    where: str, found: dict[str, dict[int, int]], n_joints: int, required: tuple[str, ...], may: str
 ) -> None:
     counts = {max(found[channel]) for channel in required if channel in found}
     if len(counts) == 1 and counts != {n_joints}:

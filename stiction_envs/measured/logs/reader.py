@@ -110,11 +110,7 @@ def read_servo_logs(
 
 
 def read_poses(
-    path: Path,
-    n_joints: int,
-    *,
-    limits: Limits | None = None,
-    naming: Naming | None = None,
+    path: Path, n_joints: int, *, limits: Limits | None = None, naming: Naming | None = None
 ) -> JointLog:
     """Read poses at rest without time: ``q1..qn,tau1..taun``, one pose in a row.
 

@@ -26,11 +26,6 @@ if TYPE_CHECKING:
 
 Path = str | os.PathLike[str]
 Array = NDArray[np.float64]
-Checks = tuple[
-    Callable[[RawLog, "Limits | None"], list[str]],
-    Callable[[RawLog], list[str]],
-]
-"""Checks of units and of channels; they return warnings."""
 LogT = TypeVar("LogT", bound=RobotLog)
 
 LEAST_SECONDS = 1.0
@@ -71,7 +66,7 @@ def read_each(given: Sequence[Path | LogT], read: Callable[[Path], LogT]) -> lis
 def corrected(
     rows: RawLog,
     limits: Limits | None,
-    checks: Checks,
+    checks: tuple[Callable[..., list[str]], Callable[[RawLog], list[str]]],
     *,
     correct: Sequence[Callable[[RawLog], list[Correction]]] = (),
     slowest: float = SLOWEST,

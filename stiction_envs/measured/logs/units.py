@@ -161,12 +161,7 @@ def to_radians(
 
 
 def _scale(
-    where: str,
-    unit: str,
-    q: Array,
-    name: str,
-    j: int,
-    calibration: Mapping[str, MotorRange] | None,
+    where: str, unit: str, q: Array, name: str, j: int, calibration: Mapping[str, MotorRange] | None
 ) -> tuple[float, float, str]:
     """Return radians of one unit, where zero is in that unit, and a sentence about both."""
     step = 2 * np.pi / TURN

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 
 import pytest
 
@@ -80,17 +79,13 @@ def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
         assert one.read_bytes() == other.read_bytes(), name
 
 
-@pytest.mark.parametrize("price", ["shaking", pytest.param("power", marks=pytest.mark.slow)])
-def test_two_objectives_make_a_front(small, tmp_path, price):
-    small("out", pareto=price, sampler="random", evaluations=8)
+def test_two_objectives_make_a_front(small, tmp_path):
+    small("out", pareto=True, sampler="random", evaluations=8)
     front = rows(tmp_path / "out" / "pareto.csv")
     assert front
     for one in front:
         same = [r for r in front if r["study"] == one["study"]]
-        rate = 2 * math.pi * float(one["frequency_hz"]) * float(one["amplitude_nm"])
-        shaking = float(one["displacement_rad"])
-        prices = {"shaking": shaking, "power": rate * shaking / math.sqrt(2)}
-        assert float(one["value_1"]) == pytest.approx(prices[price])
+        assert float(one["value_1"]) == pytest.approx(float(one["displacement_rad"]))
         assert not any(
             float(r["value_0"]) < float(one["value_0"])
             and float(r["value_1"]) <= float(one["value_1"])
@@ -105,9 +100,7 @@ def test_two_objectives_make_a_front(small, tmp_path, price):
         ({"sampler": "annealing"}, "sampler"),
         ({"evaluations": 0}, "1 or more"),
         ({"sampler": "nsga2"}, "pareto"),
-        ({"sampler": "gp", "pareto": "power"}, "two objectives"),
-        ({"pareto": "weight"}, "torque_rate"),
-        ({"pareto": "power", "objective": "gte", "treatment": "push"}, "dither to be searched"),
+        ({"sampler": "gp", "pareto": True}, "two objectives"),
         ({"sampler": "grid", "objective": "gte"}, "objective sje"),
         ({"objective": "gte", "treatment": "pull"}, "'pull': expected one of dither"),
         ({"treatment": "push", "objective": "sje"}, "expected objective gte"),
