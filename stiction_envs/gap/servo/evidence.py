@@ -101,7 +101,7 @@ class Noise:
         """
         usual = np.sqrt(self.squares(error[None])[0])[self.block]
         u = np.where(self.counts, error / usual, 0.0)
-        power = float(u @ u)
+        power = max(float(u @ u), 1e-12)  # a joint that rests may have no error
         total = 0.5
         for k in range(1, min(len(u), round(BLOCK / self.step))):
             part = float(u[k:] @ u[:-k]) / power
