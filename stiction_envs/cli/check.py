@@ -6,7 +6,7 @@ import argparse
 from dataclasses import asdict, replace
 from pathlib import Path
 
-from stiction_envs.cli import common
+from stiction_envs.cli import common, log_options
 from stiction_envs.errors import StictionError
 
 EXIT_CODES = (
@@ -39,8 +39,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help=f"whose logs these are, for units and limits: {common.robot_help()}",
     )
     common.add_chain_option(parser)
-    common.add_reading_options(parser)
-    common.add_drive_option(parser, common.LOG_DRIVE)
+    log_options.add_reading_options(parser)
+    common.add_drive_option(parser, log_options.LOG_DRIVE)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
 
 
@@ -51,10 +51,14 @@ def run(args: argparse.Namespace) -> common.Answer:
     folder = None
     if args.out is not None:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
-        inputs |= common.calibration_input(args)
+        inputs |= log_options.calibration_input(args)
         folder = common.output_folder(args, "", inputs)
     result = check(
-        *args.files, robot=args.robot, chain=args.chain, drive=args.drive, **common.reading(args)
+        *args.files,
+        robot=args.robot,
+        chain=args.chain,
+        drive=args.drive,
+        **log_options.reading(args),
     )
     pages, more = [], []
     if args.robot is not None and result.logs:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-from stiction_envs.cli import common
+from stiction_envs.cli import common, log_options
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
@@ -25,7 +25,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         interrupted="run the same command again",
         run=run,
     )
-    common.add_log_options(parser, logs="*", metavar="LOG|TABLE")
+    log_options.add_log_options(parser, logs="*", metavar="LOG|TABLE")
     parser.add_argument(
         "--poses",
         nargs="+",
@@ -42,7 +42,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="LOG",
         help="logs that take no part: does the model that is found hold there?",
     )
-    common.add_drive_option(parser, common.LOG_DRIVE)
+    common.add_drive_option(parser, log_options.LOG_DRIVE)
     parser.add_argument(
         "--servo-stiffness",
         nargs="+",
@@ -145,12 +145,12 @@ def _inputs(args: argparse.Namespace) -> dict[str, Path]:
     from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.robots.registry import robot_files
 
-    logs = common.log_inputs("log", [*args.logs, *args.poses])
-    logs |= common.log_inputs("check", args.check)
+    logs = log_options.log_inputs("log", [*args.logs, *args.poses])
+    logs |= log_options.log_inputs("check", args.check)
     if args.nominal is None:
         args.nominal = default_nominal(args.logs, args.robot, args.chain)
     files = {**robot_files(args.robot), "nominal": Path(args.nominal)}
-    return common.calibration_input(args) | logs | files
+    return log_options.calibration_input(args) | logs | files
 
 
 def _options(args: argparse.Namespace) -> LogOptions:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from stiction_envs.cli import common
+from stiction_envs.cli import common, log_options
 from stiction_envs.cli.progress import Progress
 
 
@@ -18,7 +18,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         interrupted="run the same command again",
         run=run,
     )
-    common.add_log_options(parser, logs="+")
+    log_options.add_log_options(parser, logs="+")
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 
 
@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.robots.registry import robot_files
 
     arm = load_arm(args.robot, chain=args.chain)
-    inputs = common.log_inputs("log", args.logs) | common.calibration_input(args)
+    inputs = log_options.log_inputs("log", args.logs) | log_options.calibration_input(args)
     folder = common.output_folder(args, arm.name, {**inputs, **robot_files(args.robot)})
 
     from stiction_envs.identification.identify import identify
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> common.Answer:
             arm,
             torque=args.torque,
             cutoff_hz=args.cutoff,
-            **common.reading(args),
+            **log_options.reading(args),
             progress=lambda stage, part: progress.set(stage, 100 * part, 100),
         )
         with common.working(), folder:

@@ -1,0 +1,116 @@
+"""Options of the commands that read logs, and what they read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+from stiction_envs.cli import common
+from stiction_envs.errors import StictionError
+
+if TYPE_CHECKING:
+    from stiction_envs.measured.logs.joint_names import Reading
+
+LOG_DRIVE = (
+    "what drives the joints: torque (tau1..n), or a servo that is told positions (q_cmd1..n) "
+    "(default: what the log has; torque where it has both)"
+)
+
+
+def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str = "LOG") -> None:
+    """Add the joint logs, their robot and how to read them; ``logs`` is their nargs."""
+    parser.add_argument(
+        "logs",
+        nargs=logs,
+        type=Path,
+        metavar=metavar,
+        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; a CSV of "
+        "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); one robot",
+    )
+    parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.robot_help())
+    common.add_chain_option(parser)
+    parser.add_argument(
+        "--torque",
+        choices=("motor", "link"),
+        help="side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
+        "log says, else motor)",
+    )
+    add_reading_options(parser)
+    parser.add_argument(
+        "--cutoff",
+        type=common.number(0, above=True),
+        metavar="HZ",
+        help="of the zero-phase filter of all signals (default: chosen from the data)",
+    )
+
+
+def add_reading_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of how logs are read: fields of `Reading`."""
+    parser.add_argument(
+        "--joints",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="names of joints 1 to n in a log that names them (default: the robot's, or by their "
+        "numbers)",
+    )
+    parser.add_argument(
+        "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
+    )
+    parser.add_argument(
+        "--units",
+        choices=("rad", "deg", "percent", "ticks"),
+        help="what angles are measured in; percent is of the calibrated range, ticks are encoder "
+        "steps (default: rad, or what a log itself shows)",
+    )
+    parser.add_argument(
+        "--calibration",
+        type=Path,
+        metavar="FILE",
+        help="lerobot's JSON with the ranges of the motors, for percent and ticks",
+    )
+    parser.add_argument(
+        "--columns",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="names of a log's columns: all in their order, as t q1..q6 tau1..tau6 for .npy, or "
+        "some of them, as t=Zeit q1=Winkel (default: ours, or well-known ones)",
+    )
+
+
+def reading(args: argparse.Namespace) -> Reading:
+    """Return how logs are read: the options of `add_reading_options`."""
+    from stiction_envs.measured.logs.joint_names import Reading
+
+    return cast("Reading", {name: getattr(args, name) for name in Reading.__annotations__})
+
+
+def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
+    """Return the calibration file by the name of its argument, where one is given.
+
+    Raises:
+        StictionError: it is not there.
+    """
+    if args.calibration is None:
+        return {}
+    if not args.calibration.is_file():
+        raise StictionError(f"{args.calibration}: no such file: expected lerobot's calibration")
+    return {"calibration": args.calibration}
+
+
+def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
+    """Return logs by the names of inputs, such as ``log1``.
+
+    Raises:
+        StictionError: one that is not there.
+    """
+    from stiction_envs.measured.logs.files import is_log, no_log
+
+    found = {f"{name}{k}": log for k, log in enumerate(logs, 1)}
+    for log in found.values():
+        if not is_log(log):
+            raise no_log(log, "a log file")
+    return found
