@@ -19,7 +19,7 @@ from tests.gap.small_logs import RATE, dry, found, hidden, motion, only, panda, 
 from tests.robots.arms import chain
 
 NOISE = 0.01
-SPRING = np.array([3.0, 0.0])
+SPRING, STIFF = np.array([3.0, 0.0]), np.array([-60.0, 0.0])
 
 
 def dry_and_sprung(q, dq, ddq):
@@ -49,6 +49,15 @@ def test_a_right_model_holds_down_to_the_noise(two, friction):
     (cause,) = check.transfers
     np.testing.assert_allclose(cause.without, check.nominal_rms, rtol=0.05)
     assert "holds" in str(check)
+
+
+def test_a_model_that_leaves_most_of_the_torque_does_not_hold(two, friction):
+    """A stiff spring is in neither model: the found one is no worse than the nominal, and wrong."""
+    check = held(friction, hidden(two, lambda q, dq, ddq: dry(q, dq, ddq) + STIFF * q, seed=7))
+    share = check.extended_rms[0] / np.sqrt(np.mean(check.data.tau[:, 0] ** 2))
+    assert 0.5 < share < 1.0
+    assert check.extended_rms[0] < 1.05 * check.nominal_rms[0]
+    assert check.worse_joints == (1,)
 
 
 def test_a_cause_that_was_only_in_the_diagnosed_log_is_named(two, sprung):
