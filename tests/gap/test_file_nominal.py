@@ -13,10 +13,14 @@ from stiction_envs.gap.diagnose import default_nominal, diagnose
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.model_file import dump, nominal_of, read
+from stiction_envs.gap.servo.motion import joint_motions
+from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.questions import Servo, nominal_parameters
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import passive_torque
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import motion
 
@@ -156,6 +160,24 @@ def test_the_arm_of_a_rigid_model_has_rotors(tmp_path: Path):
     model = mujoco.MjModel.from_xml_string(made.xml)
     np.testing.assert_array_equal(model.dof_armature, arm.stated.armature)
     assert not model.jnt_stiffness.any()
+
+
+def test_a_servo_s_nominal_carries_what_the_file_s_gravcomp_does(tmp_path: Path):
+    """Half of the only link's weight, along a motion that no joint's zero matters for."""
+    path = tmp_path / "one.xml"
+    path.write_text(
+        '<mujoco><compiler angle="radian"/><worldbody><body gravcomp="0.5">'
+        '<joint name="a" axis="0 1 0" range="-2 2"/><geom pos="0.2 0 0" size="0.05" mass="2"/>'
+        "</body></worldbody></mujoco>",
+        "utf-8",
+    )
+    arm, t = load_arm(path), np.arange(0.0, 2.0, 0.02)
+    q = 0.5 * np.sin(3.0 * t)[:, None]
+    log = ServoLog(source="x", t=t, q=q, dq=None, breaks=(), q_cmd=q)
+    found = nominal_parameters(
+        Servo(stiffness=np.array([20.0]), arm=arm), joint_motions(arm, [log])
+    )
+    assert found[0, INDEX["compensation"]] == pytest.approx(0.5)
 
 
 @pytest.mark.slow

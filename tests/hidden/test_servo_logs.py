@@ -9,6 +9,7 @@ from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
 from stiction_envs.hidden.servo_logs import ENCODER, commands, hide
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -103,3 +104,13 @@ def test_friction_that_grows_with_gravity_is_found_on_its_joint() -> None:
     assert h.hidden == (("load_dependent_friction", 2),)
     named = {(c.name, c.joints) for c in diagnose_servo([h.log], arm, h.servo).causes}
     assert ("load_dependent_friction", (2,)) in named
+
+
+def test_a_hidden_coulomb_friction_is_said_as_that_of_motion() -> None:
+    """A joint that breaks away at 1.0 N·m and slides at 0.6, and 0.5 N·m more at rest."""
+    p = np.array(parameters(stiction=1.0, drop=0.4))
+    p[INDEX["stiffness"]] = 100.0
+    joint = ServoJoint(
+        parameters=p, friction=1.0, gravity=1.0, torque=1.0, speed=1.0, inertia=1.0, above=1.0
+    )
+    assert EFFECTS["coulomb_friction"].shown(joint, 0.005) == pytest.approx(0.9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.joint_names import Naming, with_held
+from stiction_envs.measured.logs.joint_names import Naming, find_joints, with_held
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 
@@ -56,3 +56,10 @@ def test_a_slide_that_moves_is_refused(tmp_path: Path):
 def test_the_names_of_a_log_with_a_held_joint():
     naming = Naming(robot=("a", "b"), held=((0, "lift"), (2, "reach")))
     assert with_held(naming).robot == ("lift", "a", "reach", "b")
+
+
+def test_without_a_robot_the_longest_series_of_names_is_the_arm():
+    names = ["finger_1", "finger_2", *(f"arm_joint_{j}" for j in range(1, 7))]
+    assert find_joints("log", names, None, Naming()) == tuple(names[2:])
+    assert find_joints("log", names, 2, Naming()) == ("finger_1", "finger_2")
+    assert find_joints("log", ["left", "right"], None, Naming()) == ("left", "right")
