@@ -137,7 +137,7 @@ def test_mujoco_wants_the_torque_that_the_cause_says(data, name):
 @pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
 @pytest.mark.parametrize("body", ["on the flange", "only in the model"])
 def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
-    """Of all that changes the arm at once, level on level, read back from the file."""
+    """All that changes the arm at once, level on level, is read back from the file."""
     load = (1.2, *COM) if body == "only in the model" else None
     arm = load_arm(robot, payload=load)
     log = hidden(load_arm(robot), seconds=3.0)

@@ -18,7 +18,7 @@ from stiction_envs.hidden.hidden_logs import Hidden, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS
 
 LAG = 1e-3
-"""Of logged torques [s]; it is really there, so it may be named."""
+"""Delay of logged torques [s]; it is really there, so it may be named."""
 DELAY = "actuator_delay"
 SURE = 2.58 / 1.96
 """Half width of a 99 % interval over that of a 95 % one: of 22 of the latter one misses."""

@@ -19,7 +19,7 @@ from stiction_envs.robots.stretched import tolerances
 from tests.gap.small_logs import data_of, hidden, panda
 
 SIZE = 0.3
-"""Of the errors over the tolerance of CAD [-]."""
+"""Size of the errors over the tolerance of CAD [-]."""
 NOMINAL = inertial_parameters(panda().pinocchio())
 
 

@@ -15,7 +15,7 @@ from tests.tuning.study.postgres import Server
 from tuning.study.storage import open_storage
 
 NUMBERS = itertools.count()
-"""Of databases."""
+"""Names of databases."""
 
 
 def small(folder: Path) -> tuple[Arm, Protocol]:

@@ -49,6 +49,7 @@ from stiction_envs.gap.servo.questions import (
     sag_of,
     sags,
     shown,
+    unmodelled,
 )
 from stiction_envs.gap.servo.whole_arm import (
     WORSE,
@@ -66,9 +67,6 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
-LEFT = 0.02
-"""Part of a servo's torque that no model has, but for that of gravity, whose small errors are in
-every model [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,8 +172,7 @@ class _Joints:
         motions: list[JointMotion] | None = None,
     ) -> _Joints:
         """Return the joints of another arm, or along other motions; errors last as in ``found``."""
-        arm = self.arm if arm is None else arm
-        other = _Joints(self.logs, arm, self.servo, self.workers, motions)
+        other = _Joints(self.logs, arm or self.arm, self.servo, self.workers, motions)
         other.lasts = {j: r.noise.last for j, r in found.items()}
         return other
 
@@ -189,9 +186,6 @@ class _Joints:
             for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
         m = self.chosen[j]
-        stretched, weight = m.command - m.q, np.stack([m.gravity, m.slope], axis=1)
-        stretched = stretched - weight @ np.linalg.lstsq(weight, stretched, rcond=None)[0]
-        left = LEFT * np.sqrt(np.mean(stretched[counts] ** 2))
         return Question(
             motion=m,
             nominal=nominal,
@@ -201,7 +195,7 @@ class _Joints:
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
-            floor=float(np.hypot(self.noise[j], left)),
+            floor=float(np.hypot(self.noise[j], unmodelled(m, counts))),
             last=self.lasts.get(j),
             perfect=perfect,
         )

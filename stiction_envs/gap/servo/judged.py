@@ -90,16 +90,16 @@ class JointFindings:
     """What was found on one joint."""
 
     fit: Fit
-    """Of the best model."""
+    """The best model."""
     predicting: Fit
-    """Of the best model with all `USUAL` causes: what moves the joint."""
+    """The best model with all `USUAL` causes: what moves the joint."""
     score: float
     """Log evidence and log prior odds of it [nats]."""
     causes: dict[str, Weighed]
     lag: Fit | None
-    """Of the same causes with all parts of the lag, where the log shows the lag but not which."""
+    """The same causes with all parts of the lag, where the log shows the lag but not which."""
     noise: Noise
-    """Of the rows that counted."""
+    """Likelihood of the rows that counted."""
 
 
 class JointProblem:
@@ -114,7 +114,7 @@ class JointProblem:
         m = q.motion
         self.noise = Noise.of(m.t, m.bounds, q.counts, q.floor, m.step)
         self.stiffness = float(q.nominal[INDEX["stiffness"]])
-        """Of the nominal simulation."""
+        """Stiffness of the nominal simulation [N·m/rad]."""
         self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
         """About that of the joint."""
         stretched = np.abs(m.command - m.q)[q.counts]

@@ -33,6 +33,9 @@ STAMPS = 3e-3
 """Usual error of a log's stamps [s]; assumed."""
 SERVO_OFF = 0.05
 """Usual error of a servo's stated stiffness and damping [-]; assumed."""
+LEFT = 0.02
+"""Part of a servo's torque that no model has, but for that of gravity, whose small errors are in
+every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
@@ -178,6 +181,16 @@ def sag_of(motion: JointMotion) -> float:
     return float((motion.command - motion.q) @ motion.gravity) / float(
         motion.gravity @ motion.gravity
     )
+
+
+def unmodelled(motion: JointMotion, counts: NDArray[np.bool_]) -> float:
+    """Return the error of a joint's angle that no model explains [rad]: `LEFT` of its distance from
+    the command over rows (T,) that count, less what gravity explains.
+    """
+    stretched = motion.command - motion.q
+    weight = np.stack([motion.gravity, motion.slope], axis=1)
+    stretched = stretched - weight @ np.linalg.lstsq(weight, stretched, rcond=None)[0]
+    return LEFT * float(np.sqrt(np.mean(stretched[counts] ** 2)))
 
 
 def passed_speed(motion: JointMotion) -> float:

@@ -16,6 +16,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.report import rerun_file
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.servo_result import ServoResult
+from tests.gap.servo.small_arm import two_links
 
 Array = NDArray[np.float64]
 
@@ -117,3 +118,11 @@ def test_what_cannot_be_written_is_refused(
     with pytest.raises(StictionError, match=re.escape("pip install 'stiction-envs[rerun]'")):
         torques.write_rrd(tmp_path / "x.rrd")
     assert list(tmp_path.iterdir()) == [there]
+
+
+def test_an_arm_is_drawn_where_it_is(tmp_path: Path) -> None:
+    """Two links that lie flat, then the second hanging down."""
+    drawn = rerun_file.skeleton(two_links(tmp_path), np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
+    np.testing.assert_allclose(drawn[:, 1:3], 2 * [[[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]]], atol=1e-9)
+    flange = drawn[:, -1] - drawn[:, 2]
+    np.testing.assert_allclose(flange[1], flange[0][[2, 1, 0]] * [1, 1, -1], atol=1e-9)

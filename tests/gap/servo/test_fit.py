@@ -1,12 +1,14 @@
 """A fit of one joint, and the causes that the evidence names on it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.judged import JointFindings, JointProblem, Question, judge
-from stiction_envs.gap.servo.parameters import PARAMETERS
+from stiction_envs.gap.servo.parameters import NAMES, PARAMETERS
 from tests.gap.servo.small_arm import motion, parameters
 
 CAUSES = tuple(
@@ -54,7 +56,7 @@ def test_a_fit_recovers_what_made_a_log() -> None:
     problem = JointProblem(_asked(log))
     of = problem.coordinates(frozenset({"damping", "coulomb_friction", "delay", "armature"}))
     found = fit(log, problem.noise, of, parameters(damping=0.5, stiction=0.1)[None], 40)
-    assert np.sqrt(np.mean(found.error**2)) < ENCODER
+    assert np.sqrt(np.mean(found.error**2)) < 0.4 * ENCODER  # rounding leaves 0.29
     for name, off in (("damping", 0.03), ("stiction", 0.01), ("delay", 2e-3), ("armature", 0.01)):
         assert found[name] == pytest.approx(truth[name], abs=off)
 
@@ -106,3 +108,28 @@ def test_errors_that_last_need_more_of_them() -> None:
         found = _judged(_log(stiction=0.2, noise=4e-3 * noise / noise.std()))
         nats.append(found.causes["coulomb_friction"].nats)
     assert nats[1] < 0.6 * nats[0]
+
+
+def test_a_stated_gain_that_is_a_little_off_is_no_cause() -> None:
+    """Nor is it lost: the fit has most of it. One that is far off is named, as it is unless stated
+    gains may be off.
+    """
+    late = {"damping"}
+    for truth, off, named in ((0.84, 0.05, set()), (0.84, 0.0, late), (0.6, 0.05, late)):
+        asked = _asked(_log(damping=truth))
+        stated = {"damping": off} if off else {}
+        found = judge(replace(asked, always={**asked.always, **stated}))
+        assert set(found.causes) == named
+        assert abs(found.fit["damping"] - truth) < 0.5 * (1.0 - truth)
+
+
+def test_what_moves_the_joint_has_more_than_what_is_named() -> None:
+    """Friction that falls a little with speed is not named, and yet in the motion elsewhere."""
+    rng = np.random.default_rng(3)
+    log = _log(stiction=0.2, drop=0.12, noise=2e-3 * rng.standard_normal(2000))
+    found = _judged(log)
+    assert set(found.causes) == {"coulomb_friction"}
+    assert found.fit["drop"] == 0.0
+    names = {NAMES[k] for k in found.predicting.coordinates.at}
+    assert {"stiction", "drop", "damping", "armature", "delay"} <= names
+    assert found.predicting.log_likelihood > found.fit.log_likelihood

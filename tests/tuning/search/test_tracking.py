@@ -107,7 +107,7 @@ def test_forbidden_bands_are_not_simulated(make, monkeypatch):
 @pytest.mark.usefixtures("measured")
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_compensation_is_searched(make, kind):
-    """Its parameters are within its space, and the middle of it is a treatment."""
+    """The parameters of a kind are within its space, whose middle is a treatment."""
     objective = make(joints=(), compensation=kind, rest_margin=1.0)
     space, parameters = objective.space(), objective.parameters(())
     assert set(space) == set(parameters)
