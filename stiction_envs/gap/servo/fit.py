@@ -23,7 +23,7 @@ DIFFERENCE = 0.02
 DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])
 """Damping of the steps that are tried at once, over the last one [-]; assumed."""
 TURN = 6.0
-"""Error of a joint that diverged: about a turn [rad]."""
+"""Error of a joint that diverged: about a turn [rad]; assumed."""
 LEAST_GAIN = 0.05
 """A fit ends when a step gains less [nats]; assumed."""
 

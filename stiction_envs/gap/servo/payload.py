@@ -44,7 +44,7 @@ REACH = 0.1
 ROUNDS = 4
 """Rounds of weighing the joints by their error; assumed."""
 PROMISING = 3.0
-"""Least mass over its standard error to be judged [-]: another cause is found anew with it."""
+"""Least mass over its standard error for the joints to be judged anew with it [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
