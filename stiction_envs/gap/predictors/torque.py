@@ -35,6 +35,8 @@ assumed: such a log hardly shows how far the joint sprang back, so that its torq
 0.2 of its friction, five times the noise of a good log."""
 STEADY = 0.9
 """Part of the steady level above which friction counts as steady [-]; assumed."""
+CELL = 0.1
+"""Angle within which an arm is in the same place again [rad]; assumed."""
 MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
@@ -73,6 +75,7 @@ class TorquePredictor:
         self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
         channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
+        self.repeats = repeats(data, self.rows)
         self.problem = Problem(channels, np.full(data.n, self.rows))
         self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
         self._resting = resting(data)
@@ -99,7 +102,8 @@ class TorquePredictor:
         count = problem.counts()
         model = problem.model(terms)
         left = problem.errors(model, problem.fit(model)) / np.maximum(count, 1.0)
-        problem.given(self.rows * np.maximum(left, 1.0))
+        beyond = np.maximum(left, 1.0) - 1
+        problem.given(self.rows * (1 + self.repeats * beyond))
         for k in range(2):
             if (k == 0 and self.links_known) or not resizes:
                 continue
@@ -111,18 +115,20 @@ class TorquePredictor:
                 found.append(problem.score(terms))
             tried[k] = SCALES[int(np.argmax(found))]
             problem.given(scales=(tried[0], tried[1]))
-        spread = 0.5 * float(np.sum(count * np.log(problem.inflation / self.rows))) / self.rows
+        spread = 0.5 * float(np.sum(count * np.log(problem.inflation / self.rows)))
+        spread /= self.rows * self.repeats
         return problem.score(terms) - spread + self.volume
 
     def expected(self, model: Model) -> tuple[float, float]:
         """Return the δ and T with which a model has the most evidence."""
         alone = self.problem.only(self.problem.model(model.terms))
         found, now, volume = {}, self.expects, self.volume
+        often, self.repeats = self.repeats, 1.0
         for share in SHARES:
             for delay in DELAYS:
                 self.expect(alone, share, delay)
                 found[share, delay] = self.refresh(alone, model.terms)
-        self.expects, self.volume = now, volume
+        self.expects, self.volume, self.repeats = now, volume, often
         return max(found, key=lambda x: found[x])
 
     # ---- candidates --------------------------------------------------------------------------
@@ -266,6 +272,17 @@ class TorquePredictor:
         """Return (n,) number of independent observations over their variance [1/(N·m)²]."""
         weight = np.array([float(x.weight[self.fold >= 0].sum()) for x in self.problem.channels])
         return weight / self.problem.inflation
+
+
+def repeats(data: Data, rows: float) -> float:
+    """Return how often, in the mean, the arm is in the same place and moves the same way [-].
+
+    ``rows`` are those of one independent observation.
+    """
+    kept = data.block >= 0
+    way = np.where(np.abs(data.dq[kept]) < REST_SPEED, 0, np.sign(data.dq[kept]))
+    place = np.concatenate([np.round(data.q[kept] / CELL), way], axis=1).astype(np.int16)
+    return max(1.0, float(kept.sum()) / rows / len(np.unique(place, axis=0)))
 
 
 def resting(data: Data) -> NDArray[np.bool_]:

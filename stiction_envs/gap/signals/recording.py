@@ -21,6 +21,8 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 BLOCKS = 12
 """Blocks of time, over all logs, that are held out in turn: enough to see their spread; assumed."""
+LEAST_BLOCKS = 4
+"""The same of short logs: one of each fold [-]."""
 GUARD = 0.25
 """Time between two blocks that belongs to neither [s]; assumed."""
 Derived = TypeVar("Derived", bound=NDArray[np.floating])
@@ -270,13 +272,17 @@ def _blocks(
     Blocks are never random rows: neighbours share noise, filter and friction state.
     """
     logs = np.unique(log)
-    each = max(1, -(-count // len(logs)))
+    least, most = (max(1, -(-x // len(logs))) for x in (LEAST_BLOCKS, count))
     block = np.empty(len(log), dtype=np.int64)
     guard = round(GUARD / dt) if np.isfinite(dt) else 0
-    for i, number in enumerate(logs):
+    first = 0
+    for number in logs:
         rows = np.flatnonzero(log == number)
+        room = len(rows) // max(4 * guard, 1)  # of a shorter block, guards would leave too little
+        each = max(least, min(most, room))
         part = np.minimum(np.arange(len(rows)) * each // len(rows), each - 1)
-        block[rows] = i * each + part
+        block[rows] = first + part
+        first += each
         for edge in np.flatnonzero(np.diff(part)) + 1:
             if segment[rows[edge]] != segment[rows[edge - 1]]:
                 continue  # another recording or pose: not neighbours in time
