@@ -20,7 +20,7 @@ from stiction_envs.gap.causes.base import ALL_LINKS, LINK
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.causes.log.encoder_offset import EncoderOffset
 from stiction_envs.gap.doubt import earlier_factor, found_factor, with_earlier
-from stiction_envs.gap.judge.judgement import Judgement, percent_gained
+from stiction_envs.gap.judge.judgement import WIDTH, Judgement, percent_gained
 from stiction_envs.gap.judge.problem import ARM, LINKS, Term
 from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, nominal_of
@@ -28,6 +28,7 @@ from stiction_envs.gap.predictors.judged import Judged, draws, gains, held_out, 
 from stiction_envs.gap.predictors.named import named_causes, not_shown, shares
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.signals.loads import SURE
 from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
@@ -41,8 +42,6 @@ SAME_GAIN = 0.005
 """Error of a torque's factor that is not worth another search [-]; assumed."""
 OTHER_GAIN = 0.1
 """Error of a gain from which on logs are converted by it, too [-]; assumed."""
-LEAST_GAIN = 0.02
-"""Gain below which nothing is measured [-]; assumed."""
 DRAWS = 1000
 """Number of draws of the posterior for intervals [-]; assumed."""
 NEGLIGIBLE = 0.1
@@ -189,14 +188,26 @@ def diagnose_logs(
     if signals.zero_off is not None:
         causes = [c.near(signals.zero_off) if isinstance(c, EncoderOffset) else c for c in causes]
     judged = judge(data, causes, say)
-    gain = gains(judged.predictor, judged.terms, judged.coefficients)
-    off = np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN)
-    if (off & (gain > LEAST_GAIN)).any():  # friction was measured with the same gain
-        gain = np.where(gain > LEAST_GAIN, gain, 1.0)
-        read, signals = converted(read, signals, signals.torque_unit * gain)
-        base = compare(signals)
-        judged = judge(baseline.extend(base), causes, say)
+    gain, known = _gains(judged)
+    off = known & (np.abs(gain - 1) > (SAME_GAIN if data.converted else OTHER_GAIN))
+    if off.any():  # friction was measured with the same gain
+        unit = signals.torque_unit * np.where(known, gain, 1.0)
+        other_read, other_signals = converted(read, signals, unit)
+        other_base = compare(other_signals)
+        again = judge(baseline.extend(other_base), causes, say)
+        if _gains(again)[1][off].all():  # else, something takes the gain's place
+            judged, read, signals, base = again, other_read, other_signals, other_base
     return _conclude(baseline, base, read, signals, judged, seed, say)
+
+
+def _gains(judged: Judged) -> tuple[Array, NDArray[np.bool_]]:
+    """Return (n,) gains of the joints' torques, and (n,) whether they are well known."""
+    predictor, terms, c = judged.predictor, judged.terms, judged.coefficients
+    slopes = gains(predictor, terms, np.eye(len(c))) - 1
+    covariance = predictor.problem.covariance(terms)
+    width = WIDTH * np.sqrt(np.einsum("np,pq,nq->n", slopes, covariance, slopes))
+    gain = gains(predictor, terms, c)
+    return gain, width < SURE * gain
 
 
 def _conclude(

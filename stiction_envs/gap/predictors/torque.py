@@ -275,14 +275,17 @@ class TorquePredictor:
 
 
 def repeats(data: Data, rows: float) -> float:
-    """Return how often, in the mean, the arm is in the same place and moves the same way [-].
+    """Return one over the part of the time at which the arm is where it was not before [-].
 
-    ``rows`` are those of one independent observation.
+    It is where it was if its joints are in the same place and move the same way. ``rows`` are those
+    of one independent observation.
     """
-    kept = data.block >= 0
+    kept = np.flatnonzero(data.block >= 0)
     way = np.where(np.abs(data.dq[kept]) < REST_SPEED, 0, np.sign(data.dq[kept]))
     place = np.concatenate([np.round(data.q[kept] / CELL), way], axis=1).astype(np.int16)
-    return max(1.0, float(kept.sum()) / rows / len(np.unique(place, axis=0)))
+    _, first, number = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    new = kept - kept[first[number.ravel()]] < rows
+    return 1 / float(new.mean()) if len(kept) else 1.0
 
 
 def resting(data: Data) -> NDArray[np.bool_]:

@@ -1,6 +1,7 @@
 """The search for the best model of joint logs."""
 
 import numpy as np
+import pytest
 
 from stiction_envs.gap.causes import TOLERANCES, registered
 from stiction_envs.gap.predictors.judged import best_of, plain_friction, search_of
@@ -8,6 +9,7 @@ from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.robots import load_arm
+from tests.gap.small_logs import hidden
 from tests.gap.test_cases import recorded
 
 
@@ -29,3 +31,27 @@ def test_large_errors_do_not_hide_among_small_ones_whose_size_they_raised() -> N
     assert offsets(search_of(predictor).climb(start).terms) < {3, 6}
     predictor.problem.given(np.full(arm.n, predictor.rows), usual)
     assert offsets(best_of(predictor, [start]).terms) == {3, 6}
+
+
+def test_errors_that_come_back_with_the_motion_count_once() -> None:
+    """The motion has a period of ten seconds; no cause has the torque of two joints' angles."""
+    arm = load_arm("panda")
+
+    def of_two_angles(q, dq, ddq):
+        out = 0.4 * dq
+        out[:, 2] += 0.3 * np.sin(5 * q[:, 2] + 4 * q[:, 3])
+        return out
+
+    gained, repeats = [], []
+    for seconds in (11.0, 41.0):
+        log = hidden(arm, of_two_angles, seconds=seconds, noise=0.002)
+        data = assemble(arm, prepare([log], cutoff_hz=10.0))
+        causes = [c for c in registered() if c.name == "viscous_friction"]
+        predictor = TorquePredictor(data, causes)
+        slope = [t for t in predictor.candidates if t.joint == 2 and t.part == 1.0]
+        predictor.refresh(predictor.problem, slope)
+        gained.append(predictor.problem.score(slope) - predictor.problem.score([]))
+        repeats.append(predictor.repeats)
+    assert repeats == pytest.approx([1.0, 3.6], rel=0.15)
+    assert gained[0] > 1
+    assert gained[1] < 1.5 * gained[0]

@@ -147,7 +147,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
             "no discrepancy",
             "The simulation agrees with the logs; no cause is significant. The rigid",
         ),
-        ("cannot tell", "they cannot tell what it gets wrong. The rigid model is off by 0.496 N·m"),
+        ("cannot tell", "they cannot tell what it gets wrong. The rigid model is off by 0.49"),
         ("explained", "Errors of links and set-up explain what it gets wrong. The extended model"),
     ],
 )
