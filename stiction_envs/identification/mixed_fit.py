@@ -91,7 +91,7 @@ def _predictor(data: Data) -> TorquePredictor:
     predictor = TorquePredictor(data, [TOLERANCES, *own])
     predictor.problem.always = [t for t in predictor.problem.always if t.joint == ARM]
     predictor.candidates = [t for t in predictor.candidates if t.part == 1.0]
-    predictor.expect(predictor.problem, 0.0, 0.0)  # the noise alone
+    predictor.expect(predictor.problem, np.zeros((data.n, 2)))  # the noise alone
     predictor.problem.given(scales=(SCALES[-1], 1.0))
     return predictor
 

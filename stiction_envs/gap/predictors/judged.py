@@ -180,9 +180,9 @@ def _refined(predictor: TorquePredictor, model: Model) -> Model:
 def _expected(predictor: TorquePredictor, model: Model) -> Model:
     """Return the model with the likeliest size of what no model has, and what is best then."""
     expected = predictor.expected(model)
-    if expected == predictor.expects:
+    if np.array_equal(expected, predictor.expects):
         return model
-    predictor.expect(predictor.problem, *expected)
+    predictor.expect(predictor.problem, expected)
     return best_of(predictor, [model.terms, plain_friction(predictor)])
 
 
@@ -251,7 +251,7 @@ def _given(
         shape = own[t.cause].resized(t.shape, shares[t], float(level[t.joint]))
         after.offer(own[t.cause], t.joint, [shape])
         start.append(t._replace(shape=tuple(float(x) for x in shape)))
-    after.expect(after.problem, *predictor.expects)
+    after.expect(after.problem, predictor.expects)
     after.problem.given(model.inflation, model.scales)
     return after, [t for t in start if t in after.problem.numbers]
 

@@ -11,6 +11,7 @@ in time: rows within `APART` count as one. δ, T and s_j are those of the larges
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +42,10 @@ MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
 """δ that are tried [-]; assumed."""
-DELAYS = (0.002, 0.01, 0.05)
+DELAYS = (0.0, 0.002, 0.01)
 """T that are tried [s]; assumed."""
+LATEST = 0.02
+"""Largest T √s_j [s]; assumed: clocks and filters shift torques by no more."""
 SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Sizes of the small errors over their tolerance that are tried [-]; assumed."""
 FOLDS = 4
@@ -53,8 +56,8 @@ class TorquePredictor:
     """The equations of joint logs: candidates, their columns and sums."""
 
     problem: Problem
-    expects: tuple[float, float]
-    """δ [-] and T [s]."""
+    expects: Array
+    """(n, 2) δ [-] and T [s] of each joint."""
 
     def __init__(
         self, data: Data, causes: Sequence[Cause], found: Mapping[Term, Array] | None = None
@@ -80,19 +83,25 @@ class TorquePredictor:
         self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
         self._resting = resting(data)
         self._usual = np.sqrt(np.mean(np.square(data.nominal), axis=0))
-        self.expect(self.problem, SHARES[1], DELAYS[1])
+        self.expect(self.problem, np.tile((SHARES[1], DELAYS[1]), (data.n, 1)))
         self._add_candidates()
 
     # ---- what no model has -------------------------------------------------------------------
 
-    def expect(self, problem: Problem, share: float, delay: float) -> None:
-        """Take δ [-] and T [s]: rows weigh one over their variance."""
-        data, self.expects = self.data, (share, delay)
-        variance = data.noise**2 + (share * self._usual) ** 2 + (delay * self._slope) ** 2
-        variance[self._resting] *= RESTING
-        problem.reweigh(1 / variance)
+    def _variance(self, joint: int, share: float, delay: float) -> Array:
+        """Return (T,) variance of a joint's rows for δ [-] and T [s]."""
+        out = self.data.noise[joint] ** 2 + (share * self._usual[joint]) ** 2
+        out = out + (delay * self._slope[:, joint]) ** 2
+        out[self._resting[:, joint]] *= RESTING
+        return out
+
+    def expect(self, problem: Problem, expects: Array) -> None:
+        """Take δ and T (n, 2) of the joints: rows weigh one over their variance."""
+        self.expects = expects
+        each = [self._variance(j, *x) for j, x in enumerate(expects)]
+        problem.reweigh(np.stack([1 / x for x in each], axis=1))
         kept = self.fold >= 0
-        self.volume = -0.5 * float(np.log(variance[kept]).sum()) / self.rows
+        self.volume = -0.5 * float(np.sum([np.log(x[kept]).sum() for x in each])) / self.rows
 
     def refresh(self, problem: Problem, terms: Sequence[Term], *, resizes: bool = True) -> float:
         """Set noise, and with ``resizes`` sizes of the small errors, by what a model leaves.
@@ -119,17 +128,24 @@ class TorquePredictor:
         spread /= self.rows * self.repeats
         return problem.score(terms) - spread + self.volume
 
-    def expected(self, model: Model) -> tuple[float, float]:
-        """Return the δ and T with which a model has the most evidence."""
-        alone = self.problem.only(self.problem.model(model.terms))
-        found, now, volume = {}, self.expects, self.volume
-        often, self.repeats = self.repeats, 1.0
-        for share in SHARES:
-            for delay in DELAYS:
-                self.expect(alone, share, delay)
-                found[share, delay] = self.refresh(alone, model.terms)
-        self.expects, self.volume, self.repeats = now, volume, often
-        return max(found, key=lambda x: found[x])
+    def expected(self, model: Model) -> Array:
+        """Return (n, 2) δ and T of each joint with which what a model leaves is most likely.
+
+        The shape of the variance over the rows is judged as if the arm never came back.
+        """
+        terms, kept = self.problem.model(model.terms), self.fold >= 0
+        c, out = self.problem.fit(terms), np.empty((self.data.n, 2))
+        for j in range(self.data.n):
+            square = np.square(self.data.residual[:, j] - self.torque(terms, c, j))[kept]
+            best = -np.inf
+            for share, delay in product(SHARES, DELAYS):
+                variance = self._variance(j, share, delay)[kept]
+                mean = float((square / variance).mean())
+                size = max(mean, 1.0)
+                likely = -float(np.log(variance).mean()) - np.log(size) - mean / size
+                if delay * np.sqrt(size) <= LATEST and likely > best:
+                    best, out[j] = likely, (share, delay)
+        return out
 
     # ---- candidates --------------------------------------------------------------------------
 
