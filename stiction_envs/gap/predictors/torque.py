@@ -2,10 +2,10 @@
 
     τ_j(t) = nominal + Σ small errors + Σ named causes + e_j(t)
 
-e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ τ_j)² + (T dτ_j/dt)²): σ_j is
-the noise floor, δ a share of the joint's usual torque that no model has, T the time by which
-clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. e_j is correlated
-in time: rows within `APART` count as one. δ, T and s_j are those of the largest evidence.
+e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)² + (T_j dτ_j/dt)²): σ_j
+is the noise floor, δ_j a share of the joint's usual torque that no model has, T_j the time by which
+clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within `APART`
+count as one, and errors of the model come back with the motion (`repeats`).
 """
 
 from __future__ import annotations
