@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 from scipy.optimize import lsq_linear
 
 Array = NDArray[np.float64]
@@ -30,7 +30,8 @@ def solve(a: Array, b: Array, low: Array, high: Array) -> Array:
     for _ in range(3 * len(b) + 1):
         free = ~held
         target = b[free] - a[np.ix_(free, held)] @ c[held]
-        c[free] = cho_solve(cho_factor(a[np.ix_(free, free)]), target) if free.any() else 0.0
+        if free.any():
+            _, c[free], _ = dposv(a[np.ix_(free, free)], target)
         left = (c < low) | (c > high)
         if left.any():
             held |= left

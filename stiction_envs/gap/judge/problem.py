@@ -17,6 +17,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from stiction_envs.gap.judge.bounded_fit import solve
 
@@ -327,8 +328,10 @@ class Problem:
         xx, xr = self.sums_of(terms)
         a = xx * np.outer(sd, sd) + np.eye(len(sd))
         b = xr * sd
-        root = np.asarray(np.linalg.cholesky(a), dtype=np.float64)
-        c = solve_triangular(root, solve_triangular(root, b, lower=True), lower=True, trans=1)
+        root, failed = dpotrf(a, lower=True)  # scipy's wrappers take longer than the work
+        if failed:
+            raise np.linalg.LinAlgError("the posterior precision is not positive definite")
+        c, _ = dpotrs(root, b, lower=True)
         each = [self._bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
         if ((c < low) | (c > high)).any():

@@ -4,8 +4,8 @@
 
 e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)² + (T_j dτ_j/dt)²): σ_j
 is the noise floor, δ_j a share of the joint's usual torque that no model has, T_j the time by which
-clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within `APART`
-count as one, and errors of the model come back with the motion (`repeats`).
+clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within
+`APART` count as one, and errors of the model come back with the motion (`repeats`).
 """
 
 from __future__ import annotations
@@ -114,19 +114,27 @@ class TorquePredictor:
         beyond = np.maximum(left, 1.0) - 1
         problem.given(self.rows * (1 + self.repeats * beyond))
         for k in range(2):
-            if (k == 0 and self.links_known) or not resizes:
-                continue
-            found = []
-            for scale in SCALES:
-                tried = list(problem.scales)
-                tried[k] = scale
-                problem.given(scales=(tried[0], tried[1]))
-                found.append(problem.score(terms))
-            tried[k] = SCALES[int(np.argmax(found))]
-            problem.given(scales=(tried[0], tried[1]))
+            if resizes and not (k == 0 and self.links_known):
+                self._resize(problem, terms, k)
         spread = 0.5 * float(np.sum(count * np.log(problem.inflation / self.rows)))
         spread /= self.rows * self.repeats
         return problem.score(terms) - spread + self.volume
+
+    def _resize(self, problem: Problem, terms: Sequence[Term], kind: int) -> None:
+        """Give small errors of a kind the size of the most evidence, from the present one on."""
+
+        def score(at: int) -> float:
+            sizes = list(problem.scales)
+            sizes[kind] = SCALES[at]
+            problem.given(scales=(sizes[0], sizes[1]))
+            return problem.score(terms)
+
+        at = SCALES.index(problem.scales[kind])
+        best = score(at)
+        for step in (1, -1):
+            while 0 <= at + step < len(SCALES) and (more := score(at + step)) > best:
+                at, best = at + step, more
+        score(at)
 
     def expected(self, model: Model) -> Array:
         """Return (n, 2) δ and T of each joint with which what a model leaves is most likely.
