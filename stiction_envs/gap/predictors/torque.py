@@ -2,7 +2,7 @@
 
     τ_j(t) = nominal + Σ small errors + Σ named causes + e_j(t)
 
-e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)² + (T_j dτ_j/dt)²): σ_j
+e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)²) + (T_j dτ_j/dt)²: σ_j
 is the noise floor, δ_j a share of the joint's usual torque that no model has, T_j the time by which
 clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within
 `APART` count as one, and errors of the model come back with the motion (`repeats`).
@@ -15,6 +15,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import ALL_LINKS, ALL_OF_ONE, DRY, PLAIN, limits
@@ -42,10 +43,10 @@ MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
 """δ that are tried [-]; assumed."""
-DELAYS = (0.0, 0.002, 0.01)
-"""T that are tried [s]; assumed."""
-LATEST = 0.02
-"""Largest T √s_j [s]; assumed: clocks and filters shift torques by no more."""
+DELAYS = (0.002, 0.006)
+"""T that are tried [s]; assumed: no clock is better, no filter that is left worse."""
+SIZED = 0.01
+"""Relative error of s [-]."""
 SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Sizes of the small errors over their tolerance that are tried [-]; assumed."""
 FOLDS = 4
@@ -57,7 +58,7 @@ class TorquePredictor:
 
     problem: Problem
     expects: Array
-    """(n, 2) δ [-] and T [s] of each joint."""
+    """(n, 2) δ [-] and T/√s [s] of each joint."""
 
     def __init__(
         self, data: Data, causes: Sequence[Cause], found: Mapping[Term, Array] | None = None
@@ -89,14 +90,14 @@ class TorquePredictor:
     # ---- what no model has -------------------------------------------------------------------
 
     def _variance(self, joint: int, share: float, delay: float) -> Array:
-        """Return (T,) variance of a joint's rows for δ [-] and T [s]."""
+        """Return (T,) variance of a joint's rows over s, for δ [-] and T/√s [s]."""
         out = self.data.noise[joint] ** 2 + (share * self._usual[joint]) ** 2
         out = out + (delay * self._slope[:, joint]) ** 2
         out[self._resting[:, joint]] *= RESTING
         return out
 
     def expect(self, problem: Problem, expects: Array) -> None:
-        """Take δ and T (n, 2) of the joints: rows weigh one over their variance."""
+        """Take δ and T/√s (n, 2) of the joints: rows weigh one over their variance, over s."""
         self.expects = expects
         each = [self._variance(j, *x) for j, x in enumerate(expects)]
         problem.reweigh(np.stack([1 / x for x in each], axis=1))
@@ -137,9 +138,9 @@ class TorquePredictor:
         score(at)
 
     def expected(self, model: Model) -> Array:
-        """Return (n, 2) δ and T of each joint with which what a model leaves is most likely.
+        """Return (n, 2) δ and T/√s of each joint with which what a model leaves is most likely.
 
-        The shape of the variance over the rows is judged as if the arm never came back.
+        As if the arm never came back: only the variance's shape over the rows matters here.
         """
         terms, kept = self.problem.model(model.terms), self.fold >= 0
         c, out = self.problem.fit(terms), np.empty((self.data.n, 2))
@@ -147,12 +148,19 @@ class TorquePredictor:
             square = np.square(self.data.residual[:, j] - self.torque(terms, c, j))[kept]
             best = -np.inf
             for share, delay in product(SHARES, DELAYS):
-                variance = self._variance(j, share, delay)[kept]
-                mean = float((square / variance).mean())
-                size = max(mean, 1.0)
-                likely = -float(np.log(variance).mean()) - np.log(size) - mean / size
-                if delay * np.sqrt(size) <= LATEST and likely > best:
-                    best, out[j] = likely, (share, delay)
+                steady = self._variance(j, share, 0.0)[kept]
+                late = np.square(delay * self._slope[kept, j])
+
+                def left(
+                    size: float, square: Array = square, steady: Array = steady, late: Array = late
+                ) -> float:
+                    return float((square / (size * steady + late)).mean()) - 1
+
+                most = float((square / steady).mean())
+                size = brentq(left, 1.0, most, rtol=SIZED) if left(1.0) > 0 else 1.0
+                likely = -float(np.log(size * steady + late).mean()) - left(size)
+                if likely > best:
+                    best, out[j] = likely, (share, delay / np.sqrt(size))
         return out
 
     # ---- candidates --------------------------------------------------------------------------
