@@ -61,9 +61,6 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
         cls: keyword-only dataclass of numbers, flags, words, tuples of these, and more dataclasses.
         path: the file.
         table: dotted name of the table that holds ``cls``; its nested dataclasses are tables in it.
-
-    Raises:
-        StictionError: no such file or table, or a key that is unknown, missing or mistyped.
     """
     node: object = _read(path)
     for part in filter(None, table.split(".")):
@@ -78,14 +75,13 @@ def override(settings: T, changes: T | Changes | None) -> T:
     """Return settings with some values changed; the others stay.
 
     Args:
-        settings: what to start from.
-        changes: ``{"search.draws": 4}``, ``{"search": {"draws": 4}}``, or a TOML file
-            of tables with plain values or ``{ value = … }``; settings of the same kind are taken as
-            they are.
+        settings: the values that are changed.
+        changes: ``{"search.draws": 4}``, ``{"search": {"draws": 4}}``, a TOML file of tables with
+            plain values or ``{ value = … }``, or settings of the same kind.
 
     Raises:
-        StictionError: a file that cannot be read, a name that is none, or a value of another kind
-            or out of range.
+        StictionError: a file that cannot be read, an unknown name, or a value of another kind or
+            out of range.
     """
     if changes is None:
         return settings

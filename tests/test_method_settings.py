@@ -14,14 +14,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.identification.settings import excitation_settings
-from stiction_envs.method_settings import (
-    Count,
-    Positive,
-    Share,
-    flat,
-    load_settings,
-    override,
-)
+from stiction_envs.method_settings import Count, Positive, Share, flat, load_settings, override
 from tuning.policies.settings import policy_settings
 from tuning.settings import tuning_settings
 

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         drive=args.drive,
         **log_options.reading(args),
     )
-    pages, more = [], []
+    pages, remarks = [], []
     if args.robot is not None and result.logs:
         from stiction_envs.gap.overview import overview
         from stiction_envs.robots import load_arm
@@ -71,15 +71,14 @@ def run(args: argparse.Namespace) -> common.Answer:
                 pages.append(overview(log, arm, torque=log.side or "motor"))
             except StictionError as error:
                 text = str(error).removeprefix(log.source).lstrip(":, ")
-                more.append(Finding(log.source, "", "warning", text))
+                remarks.append(Finding(log.source, "", "warning", text))
                 continue
-            more += [Finding(log.source, "", *x) for x in pages[-1].findings]
-        result = replace(result, findings=(*result.findings, *more))
+            remarks += [Finding(log.source, "", *x) for x in pages[-1].findings]
+        result = replace(result, findings=(*result.findings, *remarks))
     if folder is not None:
         with common.working(), folder:
             result.write(folder.path)
     count = len(result.defects)
     failed = f"{count} defect{'s' * (count > 1)} found" if count else None
-    values = {"logs": [asdict(page) for page in pages], "failed": failed}
-    text = "\n\n".join(map(str, [*pages, result]))
-    return common.answer(args, result, more=values, text=text)
+    more = {"logs": [asdict(page) for page in pages], "failed": failed}
+    return common.Answer(result=result, more=more, text="\n\n".join(map(str, [*pages, result])))

@@ -65,4 +65,4 @@ def run(args: argparse.Namespace) -> common.Answer:
     if result.refused:
         failed = f"{result.engine} refused: {result.refused}"
     more = {"robot": args.robot, "failed": failed}
-    return common.answer(args, result, folder.path, more, files="conformance.csv")
+    return common.Answer(result=result, out=folder.path, more=more, files="conformance.csv")

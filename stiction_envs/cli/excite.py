@@ -73,4 +73,4 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
         with folder:
             motion.write(folder.path)
-    return common.answer(args, motion, folder.path, files="trajectory.csv")
+    return common.Answer(result=motion, out=folder.path, files="trajectory.csv")

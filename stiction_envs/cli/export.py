@@ -78,7 +78,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         "kind": result.kind,
     }
     text = f"{result}\nfriction: {result.kind}\nwritten to {model}"
-    return common.answer(args, result, folder.path, more, text=text)
+    return common.Answer(result=result, out=folder.path, more=more, text=text)
 
 
 def _friction(given: list[str]) -> tuple[Path | None, str | None]:

@@ -45,4 +45,4 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
         with common.working(), folder:
             result.write(folder.path)
-    return common.answer(args, result, folder.path, files="model.xml, report.html")
+    return common.Answer(result=result, out=folder.path, files="model.xml, report.html")

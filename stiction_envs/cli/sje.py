@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.cli.video import add_video_option, video_file, write_video
+from stiction_envs.errors import ExperimentError
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
@@ -97,7 +98,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
     stuck = result.describe_stuck()
     if not result.rows:
-        raise common.Failed(f"{stuck}: nothing was written")
+        raise ExperimentError(f"{stuck}: nothing was written")
 
     def make_video() -> Video:
         from stiction_envs.envs.render.sje_frames import sje_video
@@ -109,4 +110,5 @@ def run(args: argparse.Namespace) -> common.Answer:
         filmed, no_video = write_video(video, make_video, progress)
     left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
     failed = "; ".join(filter(None, [left_out, no_video])) or None
-    return common.answer(args, result, folder.path, {"seed": args.seed, **filmed, "failed": failed})
+    more = {"seed": args.seed, **filmed, "failed": failed}
+    return common.Answer(result=result, out=folder.path, more=more)

@@ -48,10 +48,7 @@ class Agent(ABC):
     """Reads the spaces of its environment, and the places of speeds and torques in observations."""
 
     def __init__(self, env: AnyEnv) -> None:
-        """Read the environment.
-
-        Args:
-            env: an environment of this package, single or native batch, wrapped or not.
+        """Read an environment of this package, single or native batch, wrapped or not.
 
         Raises:
             StictionError: another environment.
@@ -73,13 +70,9 @@ class Agent(ABC):
         episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], State | None]:
-        """Return the actions, and the state as it was given: agents have none.
+        """Return the actions for observations (observations,) or (M, observations).
 
-        Args:
-            observation: (observations,) or (M, observations).
-            state: not used.
-            episode_start: not used.
-            deterministic: not used.
+        The other arguments are Stable-Baselines3's; agents have no state, and return the given one.
         """
         rows = np.atleast_2d(observation)
         actions = np.clip(self._act(rows), self.low, self.high).astype(np.float32)
@@ -122,11 +115,7 @@ class ConstantTable(Agent):
     """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
     def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
-        """Read the environment.
-
-        Args:
-            env: the environment.
-            table: file, or rows; None for `usual_table`.
+        """Read the environment, and a table: a file, or rows; None for `usual_table`.
 
         Raises:
             StictionError: another environment, or a table that cannot be read or is outside the
@@ -188,16 +177,10 @@ class GatedTable(ConstantTable):
     def __init__(
         self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
     ) -> None:
-        """Read the environment.
+        """Read environment and table as `ConstantTable`.
 
-        Args:
-            env: the environment.
-            table: as for `ConstantTable`.
-            speed: v_gate of joints for which the table has none [rad/s]; inf for none, None for the
-                default.
-
-        Raises:
-            StictionError: as `ConstantTable`, or a speed that is not above 0.
+        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate,
+        None for the default.
         """
         super().__init__(env, table)
         speed = GATE_SPEED if speed is None else speed

@@ -10,7 +10,7 @@ nor on the threads.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -30,13 +30,7 @@ class Batches:
     """
 
     def __init__(self, make_core: type[Episodes], num_envs: int, **arguments: Any) -> None:
-        """Make the simulations.
-
-        Args:
-            make_core: makes a batch of a number of simulations and ``arguments``.
-            num_envs: number of simulations N.
-            arguments: of the experiment's `Episodes`.
-        """
+        """Make simulations, ``make_core(M, **arguments)`` for each batch of M."""
         threads = arguments.get("threads") or os.cpu_count() or 1
         count = max(1, -(-num_envs // make_core.arms_per_batch))
         sizes = [num_envs // count + (k < num_envs % count) for k in range(count)]
@@ -88,17 +82,20 @@ class Batches:
 
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
-        parts = [core.describe(mine) for core, mine, _ in self._split(ids)]
-        return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+        return _rows([core.describe(mine) for core, mine, _ in self._split(ids)])
 
 
 def _joined(parts: Sequence[Outcome]) -> Outcome:
     if len(parts) == 1:
         return parts[0]
-
     return Outcome(
-        terms={name: np.concatenate([p.terms[name] for p in parts]) for name in parts[0].terms},
+        terms=_rows([p.terms for p in parts]),
         terminated=np.concatenate([p.terminated for p in parts]),
         truncated=np.concatenate([p.truncated for p in parts]),
-        measures={k: np.concatenate([p.measures[k] for p in parts]) for k in parts[0].measures},
+        measures=_rows([p.measures for p in parts]),
     )
+
+
+def _rows(parts: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return arrays of all parts by name."""
+    return {name: np.concatenate([p[name] for p in parts]) for name in parts[0]}

@@ -140,12 +140,7 @@ def evaluate(
 
 
 def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows as CSV with the columns of the first; floats read back bit for bit.
-
-    Args:
-        path: the file; there in full or not at all.
-        rows: one or more, all with the same names.
-    """
+    """Write rows, all with the columns of the first, as CSV; floats read back bit for bit."""
     columns = tuple(rows[0])
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 

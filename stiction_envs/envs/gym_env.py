@@ -178,13 +178,10 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        """Make the environments.
+        """Make ``num_envs`` environments; the class of the single one explains the arguments.
 
-        Args:
-            num_envs: how many.
-            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
-            render_mode: one frame per environment; `human` is for the single environment.
-            arguments: as for the single environment.
+        ``autoreset_mode`` is `NextStep` (Gymnasium's default), `SameStep` or `Disabled`; the render
+        mode `human` is for the single environment.
         """
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -229,21 +226,18 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
 
     def _targets(self, options: AnyOptions) -> tuple[Index, list[Options | None]]:
         """Return which environments to reset, and the options of every one."""
-        everyone = np.arange(self.num_envs)
-        if options is None or isinstance(options, Mapping):
-            options = dict(options or {})
-            mask = options.pop("reset_mask", None)
-            if mask is None:
-                return everyone, [options] * self.num_envs
-            mask = np.asarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-                raise StictionError(
-                    f"reset_mask: expected a bool array of shape ({self.num_envs},), one True"
-                )
-            return np.flatnonzero(mask), [options] * self.num_envs
         if isinstance(options, str):
             raise StictionError("reset options are a str: expected a dict, or a list of dicts")
-        return everyone, list(options)
+        if not (options is None or isinstance(options, Mapping)):
+            return np.arange(self.num_envs), list(options)
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        mask = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise StictionError(
+                f"reset_mask: expected a bool array of shape ({self.num_envs},), one True"
+            )
+        return np.flatnonzero(mask), [options] * self.num_envs
 
     def _restart(self, ids: Index, options: Sequence[Options | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]

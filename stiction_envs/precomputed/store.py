@@ -52,9 +52,7 @@ _memory: dict[str, Values] = {}
 
 
 def digest(*parts: object) -> str:
-    """Return a hash of numbers, strings, arrays (by their bits) and containers of them.
-
-    Dataclasses count by the values of their fields.
+    """Return a hash of numbers, strings, arrays (by their bits), dataclasses and containers.
 
     Raises:
         TypeError: anything else, whose content cannot be told from its `repr`.
@@ -88,9 +86,7 @@ def _feed(add: Callable[[bytes], None], part: object) -> None:
 def recall(kind: str, of: str) -> Values:
     """Return the stored part of a result, by name; empty where all must be computed.
 
-    Args:
-        kind: of result, such as ``poses``.
-        of: `digest` of everything that it depends on.
+    A result has a kind, such as ``poses``, and the `digest` of everything that it depends on.
     """
     name = file_name(kind, of)
     if name not in _memory:
@@ -102,13 +98,7 @@ def recall(kind: str, of: str) -> Values:
 
 
 def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
-    """Add values to a stored result, in this process and in the user's cache.
-
-    Args:
-        kind: as in `recall`.
-        of: as in `recall`.
-        found: `Values`.
-    """
+    """Add `Values` to a stored result, in this process and in the user's cache; see `recall`."""
     name = file_name(kind, of)
     known = _memory.setdefault(name, {})
     known.update(found)
@@ -130,13 +120,7 @@ def forget() -> None:
 def write(path: Path, values: Mapping[str, object], code: str = "") -> None:
     """Write one result at once; floats keep all their digits.
 
-    Args:
-        path: the file.
-        values: `Values`.
-        code: `code_digest` of a result in the user's cache.
-
-    Raises:
-        OSError: the file cannot be written.
+    ``code`` is the `code_digest` of a result in the user's cache.
     """
     lines = [f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
     head = {"code": code, "sha256": digest(values)}

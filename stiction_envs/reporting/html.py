@@ -35,11 +35,6 @@ def to_html(lines: Sequence[str], folder: Path, title: str) -> str:
 
     The page includes the pictures that are below the folder; other image links stay text. Headings
     have GitHub's anchors. HTML, which a report may quote from names in a file, is escaped.
-
-    Args:
-        lines: of Markdown.
-        folder: where the pictures are.
-        title: of the page.
     """
     body = _markdown().render("\n".join(lines), {"folder": folder})
     return (

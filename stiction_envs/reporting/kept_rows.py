@@ -29,12 +29,7 @@ class KeptRows:
     """Rows of a file, and those that are added to it."""
 
     def __init__(self, path: Path | None, code: str = "") -> None:
-        """Read the rows that a code made.
-
-        Args:
-            path: of the file, which need not exist; None keeps rows in memory only.
-            code: what tells this code's rows from those of other code.
-        """
+        """Read the rows that a code made; a ``path`` of None keeps rows in memory only."""
         self._path, self._code = path, code
         self.every: dict[str, Any] = {}
         """All rows, by key."""
@@ -71,13 +66,13 @@ class KeptRows:
         tell: Tell | None = None,
         begin: Callable[[], None] | None = None,
     ) -> dict[str, Any]:
-        """Measure what is missing; return the rows of the jobs, in their order.
+        """Measure the jobs whose key has no row; return the rows of all jobs, in their order.
 
         Args:
             jobs: by the keys of their rows.
             measure: returns the row of a job; with more than one process a function of a module.
-            processes: which measure at the same time, each in one thread of linear algebra.
-            minutes: no row is begun after this time, and the rows that are missing are left out.
+            processes: number of processes, each with one thread of linear algebra.
+            minutes: no row is begun after this time, and missing rows are left out.
             tell: called after each job.
             begin: called in each new process.
         """

@@ -13,7 +13,7 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import load_arm
-from tests.gap.small_logs import hidden, sliding, write_csv
+from tests.gap.small_logs import dry, hidden, sliding, write_csv
 from tests.robots.arms import chain
 
 PARAMETERS = {c.name: {p.name for p in c.parameters} for c in CAUSES}
@@ -207,10 +207,6 @@ KEYS = {
 def sprung(q, dq, ddq):
     """Friction, and a cable on joint 1 that another day is not there."""
     return 0.5 * sliding(q) + np.array([3.0, 0.0]) * q
-
-
-def dry(q, dq, ddq):
-    return 0.5 * sliding(q)
 
 
 @pytest.fixture

@@ -17,8 +17,6 @@ from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.formats.base import ColumnFile
 from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.reader import read_logs
-from stiction_envs.robots import load_arm
-from tests.gap.small_logs import hidden, sliding, write_csv
 from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.ros_bags import joint_states, write_bag
 
@@ -27,14 +25,6 @@ from tests.measured.logs.ros_bags import joint_states, write_bag
 def clean(inputs):
     path = inputs / "sje.csv"
     write_sje(path, sje(np.random.default_rng(0)))
-    return path
-
-
-@pytest.fixture
-def log(inputs, two):
-    """A log of the small arm with dry friction."""
-    path = inputs / "log.csv"
-    write_csv(path, hidden(load_arm(two), lambda q, dq, ddq: 0.5 * sliding(q)))
     return path
 
 

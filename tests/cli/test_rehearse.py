@@ -11,18 +11,9 @@ import pytest
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
-from tests.gap.small_logs import dry, hidden, write_csv
 
 FILES = {"rehearsal.csv", "rehearsal_runs.jsonl", "provenance.json"}
 COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
-
-
-@pytest.fixture
-def log(two, inputs):
-    """A log of the small arm with dry friction."""
-    path = inputs / "log.csv"
-    write_csv(path, hidden(load_arm(two), dry, seconds=10.0))
-    return path
 
 
 @pytest.fixture

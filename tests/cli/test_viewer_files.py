@@ -7,17 +7,7 @@ import sys
 
 import pytest
 
-from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
-from tests.gap.small_logs import dry, hidden, write_csv
-
-
-@pytest.fixture
-def log(two, inputs):
-    """A log of the small arm with dry friction."""
-    path = inputs / "log.csv"
-    write_csv(path, hidden(load_arm(two), dry, seconds=8.0))
-    return path
 
 
 @pytest.mark.slow

@@ -6,13 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs.agents import (
-    AGENTS,
-    RULE_FACTOR,
-    ConstantTable,
-    GatedTable,
-    TorqueRule,
-)
+from stiction_envs.envs.agents import AGENTS, RULE_FACTOR, ConstantTable, GatedTable, TorqueRule
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 

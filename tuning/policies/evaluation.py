@@ -20,8 +20,10 @@ from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
+from stiction_envs.reporting.markdown import aligned
 from tuning.names import EPISODES, POLICIES
 from tuning.policies.policy import Policy
+from tuning.policies.report import means_table
 from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
@@ -35,6 +37,8 @@ Progress = Callable[[str, float, float], None]
 class Evaluated:
     """Rows and means of every policy."""
 
+    environment: str
+    """Name of the environment."""
     rows: tuple[dict[str, object], ...]
     """One per policy and episode; `stiction_envs.envs.evaluation.evaluate` explains the columns."""
 
@@ -65,6 +69,15 @@ class Evaluated:
             out[policy] |= {n: float(self.values(policy, n).mean()) for n in measures}
         return out
 
+    def to_json(self) -> dict[str, object]:
+        """Return the environment and the means."""
+        return {"environment": self.environment, "summary": self.summary()}
+
+    def __str__(self) -> str:
+        means = self.summary()
+        title = f"{self.environment}, {next(iter(means.values()))['episodes']} episodes"
+        return f"{title}\n{aligned(*means_table(means))}"
+
 
 def evaluate_all(
     task: Task,
@@ -84,9 +97,6 @@ def evaluate_all(
         seed: seed of the first episode; the others have those that follow.
         options: reset options of all episodes; random paths are those that training never draws.
         progress: see `Progress`.
-
-    Raises:
-        StictionError: an unknown policy, one for another purpose, or unknown options.
     """
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
@@ -104,7 +114,7 @@ def evaluate_all(
         if progress is not None:
             progress(name, episodes, episodes)
     env.close()
-    return Evaluated(rows=tuple(rows))
+    return Evaluated(environment=task.name, rows=tuple(rows))
 
 
 def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | None = None) -> None:
@@ -119,12 +129,7 @@ def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | N
 
 
 def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
-    """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
-
-    Args:
-        name: one of `POLICIES`, a ``policy.zip``, or an amplitude table (its gates are used).
-        task: the environment.
-        env: an instance of it.
+    """Return the agent of one of `POLICIES`, a ``policy.zip``, or a table with its gates.
 
     Raises:
         StictionError: an unknown policy, one for another purpose, or a table that the environment

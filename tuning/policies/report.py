@@ -44,14 +44,7 @@ POLICY, NONE = "#1f5fa8", "#d1701a"
 
 
 def draw_curve(path: Path, points: Sequence[CurvePoint], *, title: str, experiment: str) -> None:
-    """Draw returns over steps; the shade is the standard deviation over the evaluation's episodes.
-
-    Args:
-        path: path of the PNG.
-        points: the evaluations.
-        title: title of the plot.
-        experiment: one of `envs.registration.EXPERIMENTS`.
-    """
+    """Draw returns over steps; the shade is the standard deviation over the episodes."""
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     axes = figure.subplots()
     steps = np.array([p.steps for p in points])

@@ -17,7 +17,7 @@ import os
 import shutil
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -112,13 +112,9 @@ class Training:
             )
 
     def run(self, out: Path, progress: Progress | None = None) -> Trained:
-        """Train, or go on from the last checkpoint in the folder.
+        """Train in an existing folder, or go on from the last checkpoint there.
 
         ``policy.zip`` and ``curve.csv`` are there from the first evaluation on.
-
-        Args:
-            out: an existing folder; what is in it was made by the same training.
-            progress: see `Progress`.
 
         Raises:
             StictionError: a checkpoint that cannot be read.
@@ -263,17 +259,8 @@ def far_seed(seed: int, which: int) -> int:
 
 
 def _write_curve(path: Path, evaluations: Iterable[tuple[int, list[float]]]) -> None:
-    rows = [
-        asdict(
-            CurvePoint(
-                steps=steps,
-                evaluation_return=float(np.mean(returns)),
-                evaluation_std=float(np.std(returns)),
-            )
-        )
-        for steps, returns in evaluations
-    ]
-    write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    rows = [(steps, float(np.mean(x)), float(np.std(x))) for steps, x in evaluations]
+    write_lines(path, ("steps", "evaluation_return", "evaluation_std"), rows)
 
 
 def _read_curve(path: Path) -> tuple[CurvePoint, ...]:

@@ -87,10 +87,7 @@ class Tuning(Result):
         lines: list[str] = []
         final = self.summary["final"]
         if gains := self.summary.get("compensation"):
-            columns = {name: x for name, x in gains.items() if name != "kind"}
-            rows = enumerate(zip(*columns.values(), strict=True), 1)
-            cells = [[f"{j}", *(f"{x:.4g}" for x in numbers)] for j, numbers in rows]
-            lines += [f"{gains['kind']}:", aligned(["joint", *columns], cells)]
+            lines += [f"{gains['kind']}:", aligned(*gains_table(gains))]
         if final or not gains:
             header = ["joint", "frequency [Hz]", "amplitude [N·m]"]
             cells = [
@@ -109,6 +106,13 @@ class Tuning(Result):
             words = f"recommended: {best['name']}, which leaves {best['left_percent']:.0f} %"
             lines.append(f"{words} of the error on paths that were not searched on")
         return "\n".join(lines)
+
+
+def gains_table(gains: JsonRecord) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of a compensation's numbers, one row per joint."""
+    columns = {name: x for name, x in gains.items() if name != "kind"}
+    rows = enumerate(zip(*columns.values(), strict=True), 1)
+    return ["joint", *columns], [[f"{j}", *(f"{x:.4g}" for x in row)] for j, row in rows]
 
 
 def tune(
@@ -158,7 +162,7 @@ def tune(
         protocol: protocol of the experiment; None for the robot's.
         threads: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
-        settings: constants of the protocol that differ from ``settings.toml``: by name
+        settings: constants that differ from ``settings.toml``: by name
             (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
 
     Raises:
@@ -257,15 +261,8 @@ def _calibrated(
             experiment,
             progress=None if progress is None else lambda k, e: progress("calibrate", k, 10),
         )
-        write_text_atomic(
-            path,
-            calibrated_toml(
-                result,
-                origin,
-                f"base torques of {table.robot}",
-                repr(table.tau.tolist()).encode(),
-            ),
-        )
+        name, content = f"base torques of {table.robot}", repr(table.tau.tolist()).encode()
+        write_text_atomic(path, calibrated_toml(result, origin, name, content))
     arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
     sticking = build(arm, load_friction(path, arm.n), timestep=timestep)
     return experiment.replace(sticking=sticking)

@@ -29,11 +29,9 @@ from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
-from tuning.search.bounds import Bounds, bounds_of
-from tuning.search.options import Options
-from tuning.search.reference_tables import reference_tables
+from tuning.search.bounds import Bounds, bounds_of, reference_tables
 from tuning.search.report import write_search_report
-from tuning.search.stages import Progress, Stages
+from tuning.search.stages import Options, Progress, Stages
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.tuning_run import open_run
 
@@ -82,16 +80,10 @@ def search(
         out: output folder: trials.csv, final.csv (dither, or else gains), final.yaml (both, for
             ROS 2), compensation.csv, a folder for each of several treatments, verification.csv,
             comparison.csv, report.md, plots, study.db. None for ``runs/search-ROBOT``.
-        force: whether the files of another run in it are replaced.
-        seed: of scatter, drawn frictions and samplers.
-        storage: URL of the study; None for a SQLite file in ``out``.
-        study: prefix of the studies' names; None for the arm's name.
-        friction: of the arm, or its TOML; None for the robot's own.
-        sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
-        protocol: of the SJE; None for the robot's.
-        threads: threads, 0 for all processors.
+        seed: seed of scatter, drawn frictions and samplers.
         progress: called with (stage, done, total).
-        settings: constants that differ from ``settings.toml``.
+
+    All other arguments are those of `tune`.
 
     Raises:
         StictionError: bad input, or a folder or study of another run; nothing was written.
@@ -158,7 +150,7 @@ def search(
         limits=limits,
         options=options,
         settings=s,
-        progress=progress,
+        progress=progress or (lambda *_: None),
     )
     if storage is not None:
         stages.reach()

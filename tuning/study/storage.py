@@ -24,46 +24,41 @@ OPENINGS = 5
 def open_storage(storage: str, settings: SharedSettings | None = None) -> RDBStorage:
     """Return a storage by its URL (``sqlite:///FILE``, ``postgresql+psycopg://…``).
 
-    Args:
-        storage: the URL.
-        settings: time limits for a shared database; None for the defaults.
-
     Raises:
         StictionError: no URL, or one that cannot be reached or read; passwords are not shown.
     """
-    url = _parse(storage)
-    shared = is_shared(storage)
-    s = settings or tuning_settings().shared
+    url = parse(storage)
     try:
-        for left in range(OPENINGS - 1, -1, -1):
+        if not is_shared(url):
+            return RDBStorage(_template(url))
+        s = settings or tuning_settings().shared
+        for _ in range(OPENINGS - 1):
             try:
-                return _shared_database(url, s) if shared else RDBStorage(_template(url))
-            except OperationalError:
+                return _shared_database(url, s)
+            except OperationalError:  # no connection: further tries would take as long
                 raise
             except SQLAlchemyError:
-                if left == 0 or not shared:
-                    raise
-        raise AssertionError
+                continue
+        return _shared_database(url, s)
     except (SQLAlchemyError, ImportError, optuna.exceptions.OptunaError) as error:
         raise _cannot_open(url, error) from None
 
 
-def is_shared(storage: str) -> bool:
+def is_shared(url: URL) -> bool:
     """Return whether machines can share a storage: a database server, not a file."""
-    return _parse(storage).get_backend_name() != "sqlite"
+    return url.get_backend_name() != "sqlite"
 
 
-def storage_file(storage: str) -> Path | None:
+def storage_file(url: URL) -> Path | None:
     """Return the file of a storage, None for a database server or one in memory."""
-    url = _parse(storage)
-    if url.get_backend_name() != "sqlite" or url.database in (None, "", ":memory:"):
+    if is_shared(url) or url.database in (None, "", ":memory:"):
         return None
     return Path(str(url.database))
 
 
-def shown(storage: str) -> str:
-    """Return a storage without password and options, for printing."""
-    return _shown(_parse(storage))
+def shown(url: URL) -> str:
+    """Return a URL without password and options, for printing."""
+    return url.set(query={}).render_as_string(hide_password=True)
 
 
 @contextmanager
@@ -86,13 +81,9 @@ def only_writer(file: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(place: str) -> Iterator[None]:
-    """Replace the errors of a study that cannot be written or read by one line (a full disk, say).
+    """Raise an ExperimentError in place of what Optuna, SQLAlchemy or the system raises.
 
-    Args:
-        place: the storage as it may be printed (`shown`).
-
-    Raises:
-        ExperimentError: in place of what Optuna, SQLAlchemy or the system raised.
+    The message has one line; ``place`` is the storage as it may be printed (`shown`).
     """
     try:
         yield
@@ -100,7 +91,7 @@ def writing(place: str) -> Iterator[None]:
         raise ExperimentError(f"storage {place}: {reason_of(error)}") from error
 
 
-def _parse(text: str) -> URL:
+def parse(text: str) -> URL:
     """Return the parts of a URL; PostgreSQL's driver is psycopg unless another one is named."""
     expected = "expected a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
     if text.partition("://")[2].count("@") > 1:
@@ -114,10 +105,6 @@ def _parse(text: str) -> URL:
     if url.drivername in ("postgres", "postgresql"):
         url = url.set(drivername="postgresql+psycopg")
     return url
-
-
-def _shown(url: URL) -> str:
-    return url.set(query={}).render_as_string(hide_password=True)
 
 
 @cache
@@ -156,7 +143,7 @@ def _template(url: URL) -> str:
 
 def _cannot_open(url: URL, error: BaseException) -> StictionError:
     """Return one line about a database that cannot be opened, without its password."""
-    place = f"storage {_shown(url)}"
+    place = f"storage {shown(url)}"
     if isinstance(error, NoSuchModuleError):
         return StictionError(f"{place}: unknown kind: expected sqlite or postgresql+psycopg")
     if isinstance(error, ImportError):

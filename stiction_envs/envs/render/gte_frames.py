@@ -197,9 +197,6 @@ def gte_video(experiment: GeneratedTrajectoryExperiment, cases: Sequence[Case]) 
     """Return the first iteration of every case of one path.
 
     Runs do not keep joint angles: the iteration is run again, which is the same bits.
-
-    Raises:
-        ExperimentError: a simulation that the engine stopped.
     """
     poses: list[Array] = []
     paths: list[Array] = []

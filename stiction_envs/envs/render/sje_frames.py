@@ -115,14 +115,9 @@ class JointRenderer(Renderer[Ramp]):
 def draw_joint(
     scene: mujoco.MjvScene, arm: ArmScene, joint: int, angle: float, threshold: float
 ) -> None:
-    """Draw a ring about a joint's axis, with an arrow along its push and a pointer.
+    """Draw a ring about the axis of a joint (from 0), with an arrow along its push and a pointer.
 
-    Args:
-        scene: the scene.
-        arm: the posed arm.
-        joint: from 0.
-        angle: since the joint rested [rad].
-        threshold: angle at which it has broken away, signed [rad].
+    ``angle`` is the joint's since it rested, ``threshold`` that of breakaway, signed [rad].
     """
     arm.draw_chain(scene)
     index = arm.joints[joint]

@@ -91,12 +91,9 @@ def check_video() -> None:
 
 
 def write_frames(frames: Iterable[Picture], path: Path, *, size: tuple[int, int]) -> None:
-    """Write frames (height, width, 3) as an mp4; a failure leaves what was there before.
+    """Write frames (height, width, 3) as an mp4 of a size, width and height, even numbers [pixel].
 
-    Args:
-        frames: are drawn while they are written.
-        path: the mp4.
-        size: width and height, even numbers [pixel].
+    A failure leaves the file that was there before.
 
     Raises:
         StictionError: no encoder, or no OpenGL.

@@ -5,18 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.tuning.robot.made_up import (
-    S,
-    joint,
-    may_stop,
-    next_settings,
-    posterior_of,
-    read,
-)
-from tuning.robot.next_setting import (
-    best_measured,
-    chance_of_better,
-)
+from tests.tuning.robot.made_up import S, joint, may_stop, next_settings, posterior_of, read
+from tuning.robot.next_setting import best_measured, chance_of_better
 from tuning.robot.posterior import Posterior, discrepancy_kernel
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])

@@ -3,15 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.tuning.robot.made_up import (
-    NOTHING,
-    S,
-    joint,
-    posterior_of,
-    read,
-)
-from tuning.robot.candidates import Readings
-from tuning.robot.posterior import discrepancy_kernel
+from tests.tuning.robot.made_up import NOTHING, S, joint, posterior_of, read
+from tuning.robot.posterior import Readings, discrepancy_kernel
 
 PREDICTED = np.array([0.9, 0.8, 0.85, 0.95, 0.7])
 

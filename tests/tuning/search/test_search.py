@@ -10,8 +10,8 @@ from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje
 from tuning.names import TREATMENTS
-from tuning.search.options import Options
 from tuning.search.search import search
+from tuning.search.stages import Options
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
 
