@@ -47,12 +47,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "it too, the joint under test dithered by its row",
     )
     common.add_experiment_options(parser)
-    parser.add_argument(
-        "--ramp-rate",
-        type=common.number(0, above=True),
-        metavar="NM_S",
-        help="growth of the commanded torque [N·m/s]",
-    )
     add_video_option(
         parser,
         "show the first iteration of the first configuration that is dithered, or of the first,",
@@ -83,9 +77,6 @@ def run(args: argparse.Namespace) -> common.Answer:
         seed=args.seed,
         threads=args.threads,
     )
-    if args.ramp_rate is not None:
-        protocol = experiment.protocol.replace(ramp_rate=args.ramp_rate)
-        experiment = experiment.replace(protocol=protocol)
     jobs = experiment.jobs(
         args.joint, loads=args.load, directions=args.direction, dither=args.dither
     )

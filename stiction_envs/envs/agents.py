@@ -38,14 +38,10 @@ USUAL_FREQUENCY = 30.0
 GATE_SPEED = 0.05
 """v_gate, at which dither fades where a table has no gate [rad/s]; assumed: a quarter of the speed
 along the paths."""
-RULE_FACTOR = 3.0
-"""Largest amplitude over the table's, see `TorqueRule` [-]; assumed: as the rule was asked for."""
-RULE_SHARE = 0.5
-"""Torque from which that amplitude is the largest, over the stiction [-]; assumed likewise."""
 
 
 class Agent(ABC):
-    """Reads the spaces of its environment, and the places of speeds and torques in observations."""
+    """Reads the spaces of its environment, and the places of speeds in observations."""
 
     def __init__(self, env: AnyEnv) -> None:
         """Read an environment of this package, single or native batch, wrapped or not.
@@ -58,9 +54,7 @@ class Agent(ABC):
         self.n = n = int(base.core.n)
         space = base.core.action_space
         self.low, self.high = space.low.astype(float), space.high.astype(float)
-        joints = range(1, n + 1)
-        self._speed = np.array([names.index(f"velocity_{j}") for j in joints])
-        self._torque = np.array([names.index(f"torque_{j}") for j in joints])
+        self._speed = np.array([names.index(f"velocity_{j}") for j in range(1, n + 1)])
         self._speed_unit = float(base.core.speed_unit)
 
     def predict(
@@ -87,10 +81,6 @@ class Agent(ABC):
     def speed(self, observation: Observation) -> Array:
         """Return the joints' speeds (M, n) [rad/s]."""
         return observation[:, self._speed].astype(float) * self._speed_unit
-
-    def torque(self, observation: Observation) -> Array:
-        """Return the joints' torques without dither (M, n), over the stiction [-]."""
-        return observation[:, self._torque].astype(float)
 
 
 class NoDither(Agent):
@@ -192,25 +182,11 @@ class GatedTable(ConstantTable):
         return np.exp(-((self.speed(observation) / self.gate) ** 2))
 
 
-class TorqueRule(GatedTable):
-    """Dithers joints that are loaded and do not move.
-
-    The amplitude is factor · A · min(1, |τ| / (share · stiction)), faded as in `GatedTable`, with
-    the table's A and the torque τ that the controller asks for without dither: a joint that is
-    where it should be is not dithered.
-    """
-
-    def _factor(self, observation: Observation) -> Array:
-        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / RULE_SHARE)
-        return RULE_FACTOR * pushed * super()._factor(observation)
-
-
 AGENTS: dict[str, type[Agent]] = {
     "none": NoDither,
     "random": RandomDither,
     "constant": ConstantTable,
     "gated": GatedTable,
-    "rule": TorqueRule,
 }
 """Agents by name; each needs no argument but the environment."""
 

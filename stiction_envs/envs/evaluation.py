@@ -27,7 +27,6 @@ from stiction_envs.measured.csv_text import write_lines
 
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
-"""Memory of an agent."""
 Row = dict[str, Any]
 """Numbers and words of an episode, by column."""
 

@@ -30,7 +30,6 @@ from stiction_envs.plant.copies import dumps
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 Info = dict[str, Any]
-"""Info of a step, as Gymnasium has it."""
 AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
 
@@ -43,13 +42,11 @@ class _Experiment:
     """The part that a single environment and a batch have in common."""
 
     episodes: ClassVar[type[Episodes]]
-    """Episodes of the experiment."""
     renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
     core: Episodes
     """Episodes of the environment, or of the first of several batches, whose spaces are equal."""
     _cores: list[Episodes]
-    """Episodes of all batches."""
     _renderers: dict[int, Renderer]
     """Renderers by the number of their batch."""
 

@@ -46,7 +46,6 @@ class Registered:
 
 
 EXPERIMENTS: dict[str, Registered] = {}
-"""Experiments by name."""
 
 
 def register_experiment(new: Registered) -> None:

@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,6 @@ import numpy as np
 from stiction_envs.reporting.atomic import write_text_atomic
 
 SHIPPED = Path(__file__).parent
-"""Folder of the results that come with the package."""
 MADE_BY = (
     "compiled.py",
     "plant",
@@ -92,7 +92,7 @@ def recall(kind: str, of: str) -> Values:
     if name not in _memory:
         found = {}
         if (folder := cache_folder()) is not None:
-            found = read(folder / name, code=code_digest) | read(SHIPPED / name)
+            found = read(folder / name, code_digest()) | read(SHIPPED / name)
         _memory[name] = found
     return _memory[name]
 
@@ -105,11 +105,9 @@ def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
     folder = cache_folder()
     if folder is None:
         return
-    try:
+    with suppress(OSError):  # of a folder that cannot be written: it is computed again
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / name, known, code=code_digest())
-    except OSError:  # the folder cannot be written: the next process computes the result again
-        pass
 
 
 def forget() -> None:
@@ -158,14 +156,11 @@ def file_name(kind: str, of: str) -> str:
     return f"{kind}-{digest(mujoco.__version__, of)[:16]}.json"
 
 
-def read(path: Path, *, code: Callable[[], str] | None = None) -> Values:
+def read(path: Path, code: str | None = None) -> Values:
     """Return the values of a file, none of one that is missing, damaged or made by other code."""
     try:
         found = json.loads(path.read_text("utf-8"))
-        values = found["values"]
-        good = found["sha256"] == digest(values)
-        if good and code is not None:
-            good = found["code"] == code()
+        good = found["sha256"] == digest(found["values"]) and code in (None, found.get("code"))
+        return dict(found["values"]) if good else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    return dict(values) if good else {}

@@ -44,7 +44,8 @@ class KeptRows:
             if one["code"] == code:
                 self.every[one["key"]] = one["row"]
         if not text.endswith("\n"):
-            path.write_text(text + "\n", "utf-8")
+            with path.open("a", encoding="utf-8") as file:
+                file.write("\n")
 
     def add(self, key: str, row: Any) -> None:
         """Keep a row."""

@@ -5,7 +5,6 @@ Only ``mujoco.mj_step`` runs the models here.
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from stiction_envs.friction.parameters import (
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.model_files import in_folder
 from stiction_envs.robots.stated import STICTION
+from tests.command_line import csv_rows
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import differences
 
@@ -164,8 +164,7 @@ def test_a_model_that_sticks_and_one_that_creeps(cli, work, inputs):
     assert ran.code == 0
     assert "1 of 1 joints stick" in ran.out
     assert ran.out.endswith("written to runs/conformance-good: conformance.csv\n")
-    with open(work / "runs/conformance-good/conformance.csv", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = csv_rows(work / "runs/conformance-good/conformance.csv")
     assert (row["holds"], row["goes"], row["stiction_nm"]) == ("yes", "yes", "0.6")
 
     ran = cli("conformance", bad, "--json", "--out", "bad")

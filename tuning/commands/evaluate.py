@@ -105,8 +105,11 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
         arguments["compensation"] = read_compensation(given, None, n)
     if any(args.tilt):
         arguments["tilt"] = tuple(args.tilt)
+    fixed = arguments.get("fixed_options", {})
+    if not isinstance(fixed, dict):
+        raise StictionError(f"--env fixed_options={fixed}: expected a JSON object")
     if options := read_options(args):
-        arguments["fixed_options"] = {**options, **arguments.get("fixed_options", {})}
+        arguments["fixed_options"] = {**options, **fixed}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
     )

@@ -38,7 +38,6 @@ class Evaluated:
     """Rows and means of every policy."""
 
     environment: str
-    """Name of the environment."""
     rows: tuple[dict[str, object], ...]
     """One per policy and episode; `stiction_envs.envs.evaluation.evaluate` explains the columns."""
 

@@ -41,15 +41,12 @@ class Card:
     """Description of a policy, besides its numbers."""
 
     robot: str
-    """Name of the arm."""
     environment: Annotated[str, msgspec.Meta(pattern="^[^-]+-[^-]+$")]
     """End of the environment's identifier with its version: ``GTE-v0``."""
     observation_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
-    """Names of all elements, in order."""
     interval: Positive
     """Time between two actions [s]."""
     activation: Literal["tanh", "relu"]
-    """Activation of the hidden layers."""
     output: Literal["tanh", "clip"]
     """How an action is limited to [-1, 1] of its range."""
     clip: Positive
@@ -85,7 +82,6 @@ class Policy:
     low: Array
     """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
     high: Array
-    """(2n,) highest action."""
     mean: Array
     """(observations,) mean of the observations in training."""
     variance: Array

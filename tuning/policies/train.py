@@ -57,7 +57,6 @@ class CurvePoint:
     evaluation_return: float
     """Mean return of the evaluation's episodes, without exploration."""
     evaluation_std: float
-    """Standard deviation of these returns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,6 @@ class Trained:
     policy: Policy
     """Policy of the best evaluation."""
     points: tuple[CurvePoint, ...]
-    """The curve."""
     resumed_at: int | None
     """Steps of the checkpoint from which it went on, None for none."""
 
@@ -83,21 +81,18 @@ class Training:
 
     task: Task
     algorithm: str
-    """One of `algorithms.ALGORITHMS`."""
     steps: int
     """Steps of all arms together; the last rollout may exceed it."""
     seed: int = 0
-    """Seed of all random numbers."""
     checkpoint_every: int = CHECKPOINT_EVERY
-    """Steps between two checkpoints."""
     settings: PolicySettings
 
     def check(self) -> None:
         """Raise a StictionError if the training cannot be run; nothing is written."""
-        least, why = least_steps(settings_of(self.algorithm, self.settings))
+        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        least, why = least_steps(own)
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        own, run = settings_of(self.algorithm, self.settings), self.settings.run
         env = make_env(self.task, min(2, own.envs), run, own)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of fewer arms than there will be

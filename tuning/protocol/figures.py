@@ -15,9 +15,7 @@ from stiction_envs.reporting.png import save_full
 from tuning.protocol.stages import ThesisTuner, change
 
 Final = Mapping[Configuration, Measurement]
-"""Measurements with the final amplitudes."""
 Look = dict[str, Any]
-"""Options of `Axes.bar`."""
 SIMULATED, MEASURED = "#1f5fa8", "#d1701a"
 SCALE_STYLE = [":", "-", "--", "-."]
 

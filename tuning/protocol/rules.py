@@ -31,7 +31,6 @@ class Choice:
     intermediate: Array
     """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
     reason: str
-    """Reason for the final amplitude."""
 
 
 def final_amplitude(

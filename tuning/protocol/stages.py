@@ -39,10 +39,9 @@ from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
 from tuning.study.record import Outcome, Parameters, Search
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import TuningRun
+from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import fill
 
-Progress = Callable[[str, float, float], None]
 Cell = tuple[float, float]
 """Frequency [Hz] and scale [-]."""
 Verified = dict[str, dict[Configuration, Measurement]]

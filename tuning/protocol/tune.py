@@ -35,9 +35,9 @@ from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from tuning.protocol.report import write_report
 from tuning.protocol.rules import frequencies_of
-from tuning.protocol.stages import Progress, ThesisTuner
+from tuning.protocol.stages import ThesisTuner
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.tuning_run import open_run
+from tuning.study.tuning_run import Progress, open_run
 
 
 def _check(
@@ -63,7 +63,6 @@ class Tuning(Result):
     final: tuple[AmplitudeRow, ...]
     """Dither of every joint, the rows of ``final.csv``."""
     folder: Path
-    """Where its tables, report and plots are."""
     provenance: Provenance
 
     @property

@@ -26,7 +26,6 @@ class MeasuredRow:
     """One measured torque."""
 
     joint: int
-    """Number of the joint, from 1."""
     load: str
     direction: str
     frequency_hz: float
@@ -36,7 +35,6 @@ class MeasuredRow:
     tau_nm: float
     """Signed torque [N·m]; NaN: the joint stuck, or the run failed."""
     where: str
-    """File and line."""
 
     @property
     def is_base(self) -> bool:

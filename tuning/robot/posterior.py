@@ -171,7 +171,6 @@ class Posterior:
     cell_mean: Array
     """(S, 4) mean of each configuration [-]."""
     eligible: Bools
-    """(S,) as in the candidates."""
 
     @property
     def sd(self) -> Array:

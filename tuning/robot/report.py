@@ -86,7 +86,6 @@ class State:
     told: int = 0
     """Number of settings that were new in the last table."""
     note: str = ""
-    """Shown at the top of the report."""
 
     @property
     def asked(self) -> list[dict[str, float]]:

@@ -32,9 +32,7 @@ from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record
-from tuning.study.tuning_run import open_run
-
-Progress = Callable[[str, float, float], None]
+from tuning.study.tuning_run import Progress, open_run
 
 
 class Session:

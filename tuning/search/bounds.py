@@ -209,16 +209,18 @@ def reference_tables(
 def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) -> Bounds:
     """Return bounds changed by a user's file; a joint's own table overrides ``[all]``."""
     table = read_toml(file)
-    joints, arm = table.get("joint", {}), table.get("arm", {})
+    every, joints, arm = (table.get(name, {}) for name in ("all", "joint", "arm"))
     numbers = tuple(str(j + 1) for j in range(bounds.n))
     _check_names(table, f"{file}: ", "table", ("all", "joint", "arm"))
+    _check_names(every, f"{file}: [all]: ", "key", PER_JOINT)
     _check_names(joints, f"{file}: ", "[joint]", numbers)
     _check_names(arm, f"{file}: [arm]: ", "key", WHOLE_ARM)
     amplitude, frequency = bounds.amplitude_nm.copy(), bounds.frequency_hz.copy()
     displacement, forbidden = bounds.displacement_rad.copy(), list(bounds.forbidden_hz)
     for j, name in enumerate(numbers):
-        mine = {**table.get("all", {}), **joints.get(name, {})}
-        _check_names(mine, f"{file}: ", "key", PER_JOINT)
+        own = joints.get(name, {})
+        _check_names(own, f"{file}: [joint.{name}]: ", "key", PER_JOINT)
+        mine = {**every, **own}
         where = f"{file}: joint {name}: "
         if "amplitude_nm" in mine:
             amplitude[j] = _pair(mine["amplitude_nm"], f"{where}amplitude_nm")
@@ -257,7 +259,9 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
     )
 
 
-def _check_names(table: Mapping[str, object], where: str, kind: str, known: Sequence[str]) -> None:
+def _check_names(table: object, where: str, kind: str, known: Sequence[str]) -> None:
+    if not isinstance(table, Mapping):
+        raise StictionError(f"{where}is {table!r}: expected a table of {', '.join(known)}")
     for name in table:
         if name not in known:
             raise StictionError(f"{where}{unknown(kind, name, known)}")

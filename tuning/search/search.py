@@ -31,9 +31,9 @@ from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import Bounds, bounds_of, reference_tables
 from tuning.search.report import write_search_report
-from tuning.search.stages import Options, Progress, Stages
+from tuning.search.stages import Options, Stages
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.tuning_run import open_run
+from tuning.study.tuning_run import Progress, open_run
 
 
 def search(

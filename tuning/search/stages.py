@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -32,14 +32,12 @@ from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Search, Space
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import TuningRun
+from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import Evaluate, fill
 
-Progress = Callable[[str, float, float], None]
 TUNED = TRAJECTORIES[:1]
 """Paths on which a table is tuned; it is verified on others too."""
 SEARCHED = "search gte"
-"""Name of what was searched on paths."""
 BELIEVED = ("feedforward", "push", "momentum_observer")
 """Compensations with the gains of the model, to compare with; the last leaves least error."""
 UNSEEN = 7919
@@ -98,7 +96,6 @@ class Stages:
     sje: SingleJointExperiment
     bounds: Bounds
     others: dict[str, Table]
-    """Tables to compare with, by name."""
     limits: Table
     """Table whose displacement and vibration may not be exceeded."""
     options: Options
@@ -107,9 +104,7 @@ class Stages:
     records: dict[str, list[Record]] = dataclasses.field(default_factory=dict)
     """Studies per stage, ``sje`` and ``gte``."""
     tables: dict[str, Table] = dataclasses.field(default_factory=dict)
-    """Tables of the finished stages."""
     compensation: Compensation | None = None
-    """Compensation that was found."""
     treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
     """What was found on paths, by the name of its treatment, or ``search gte``."""
     chosen: str = ""

@@ -39,7 +39,6 @@ class Treatment:
     """A measure against friction: dither, compensation, both or nothing."""
 
     dither: Table = ()
-    """Rows of the dithered joints."""
     compensation: Compensation | None = None
     """Added to the controller's torque."""
 

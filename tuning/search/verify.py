@@ -25,7 +25,6 @@ from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.workers import Progress
 
-PATHS = TRAJECTORIES
 NOTHING = "no dither"
 LEFT = ("position", "orientation", "resting_position", "resting_orientation")
 """Errors that are compared with those without dither."""
@@ -44,11 +43,8 @@ class PathResult:
     resting_orientation: tuple[float, float, float]
     """Orientation error left there [-]."""
     vibration_m: float
-    """Vibration during the motion [m]."""
     vibration_at_rest_m: float
-    """Vibration at rest [m]."""
     power_w: float
-    """Power of the dither [W]."""
     torque_rate_nm_s: float
     """Largest change of torque on any joint [N·m/s]."""
 
@@ -58,7 +54,6 @@ class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    """Per table and joint."""
     tracking: Mapping[str, Mapping[str, PathResult]]
     """Per table and path; empty where only the SJE was searched."""
 
@@ -116,7 +111,7 @@ class Unseen:
     ) -> dict[str, dict[str, PathResult]]:
         """Run every treatment on the path used for tuning and on others, random ones if wanted."""
         treatments = {NOTHING: Treatment(), **treatments}
-        groups: dict[str, Sequence[str]] = {path: (path,) for path in PATHS}
+        groups: dict[str, Sequence[str]] = {path: (path,) for path in TRAJECTORIES}
         if random:
             groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(self.settings.verify_random)]
         every = self.kept.every

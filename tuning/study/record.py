@@ -50,7 +50,6 @@ class Outcome:
     values: tuple[float, ...] | None
     """Objectives, all minimised; None where nothing could be measured (a joint that stuck)."""
     constraints: tuple[float, ...] = ()
-    """Feasible where all are at most 0."""
     measures: JsonRecord = field(default_factory=dict)
     """Other results to store: numbers, strings, lists of them."""
 
@@ -158,7 +157,6 @@ class Search:
     sampler: Callable[[int], BaseSampler]
     """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
     evaluations: int
-    """Total number of trials."""
     batch: int = 1
     """Trials proposed together; none of them knows the outcomes of the others."""
     first: tuple[Parameters, ...] = ()

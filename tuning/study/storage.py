@@ -12,11 +12,12 @@ from pathlib import Path
 import optuna
 from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 
 from stiction_envs.errors import ExperimentError, StictionError, missing_extra
 from tuning.settings import SharedSettings, tuning_settings
 
+POSTGRES = "postgresql+psycopg"
 OPENINGS = 5
 """Tries to create the tables (assumed): machines that start together can block each other."""
 
@@ -46,7 +47,7 @@ def open_storage(storage: str, settings: SharedSettings | None = None) -> RDBSto
 
 def is_shared(url: URL) -> bool:
     """Return whether machines can share a storage: a database server, not a file."""
-    return url.get_backend_name() != "sqlite"
+    return url.drivername == POSTGRES
 
 
 def storage_file(url: URL) -> Path | None:
@@ -92,37 +93,37 @@ def writing(place: str) -> Iterator[None]:
 
 
 def parse(text: str) -> URL:
-    """Return the parts of a URL; PostgreSQL's driver is psycopg unless another one is named."""
-    expected = "expected a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
+    """Return the parts of a URL of SQLite or of PostgreSQL, whose driver is psycopg."""
     if text.partition("://")[2].count("@") > 1:
         # what follows the first one would be taken for the host, and printed
         raise StictionError("storage: more than one @ in the URL: expected %40 in a password")
     try:
         url = make_url(text)
-        url.get_backend_name()
     except (ArgumentError, ValueError):
-        raise StictionError(f"storage: {expected}") from None
+        expected = "a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
+        raise StictionError(f"storage: expected {expected}") from None
     if url.drivername in ("postgres", "postgresql"):
-        url = url.set(drivername="postgresql+psycopg")
+        url = url.set(drivername=POSTGRES)
+    if url.drivername not in ("sqlite", POSTGRES):
+        raise StictionError(
+            f"storage {shown(url)}: unknown kind: expected sqlite or postgresql+psycopg"
+        )
     return url
 
 
 @cache
 def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
     """Return the storage of a database server, one for all studies to use few connections."""
-    connect: dict[str, object] = {}
-    if url.get_backend_name() == "postgresql":
-        connect = {"connect_timeout": int(settings.connect_s)}
-        if url.get_driver_name() == "psycopg":
-            # a host that disappears is noticed within two probes 5 s apart (assumed);
-            # heartbeats of all machines are in one time zone
-            connect |= {
-                "keepalives_idle": int(settings.connect_s),
-                "keepalives_interval": 5,
-                "keepalives_count": 2,
-                "tcp_user_timeout": int(2000 * settings.connect_s),
-                "options": "-c timezone=UTC",
-            }
+    connect = {
+        "connect_timeout": int(settings.connect_s),
+        # a host that disappears is noticed within two probes 5 s apart (assumed)
+        "keepalives_idle": int(settings.connect_s),
+        "keepalives_interval": 5,
+        "keepalives_count": 2,
+        "tcp_user_timeout": int(2000 * settings.connect_s),
+        # heartbeats of all machines are in one time zone
+        "options": "-c timezone=UTC",
+    }
     connect = {k: v for k, v in connect.items() if k not in url.query}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
@@ -144,13 +145,8 @@ def _template(url: URL) -> str:
 def _cannot_open(url: URL, error: BaseException) -> StictionError:
     """Return one line about a database that cannot be opened, without its password."""
     place = f"storage {shown(url)}"
-    if isinstance(error, NoSuchModuleError):
-        return StictionError(f"{place}: unknown kind: expected sqlite or postgresql+psycopg")
     if isinstance(error, ImportError):
-        driver = url.get_driver_name()
-        if driver == "psycopg":
-            return missing_extra(place, driver, "postgres")
-        return StictionError(f"{place}: Python package of {driver} is missing")
+        return missing_extra(place, "psycopg", "postgres")
     text = reason_of(error)
     for secret in (url.password, *url.query.values()):
         if secret:

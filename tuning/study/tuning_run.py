@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +22,9 @@ from tuning.study.record import Record
 from tuning.study.samplers import installed
 from tuning.study.storage import parse, shown
 
+Progress = Callable[[str, float, float], None]
+"""Called with the name of a stage, how much of it is done, and how much there is."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TuningRun:
@@ -29,13 +32,10 @@ class TuningRun:
 
     folder: OutputFolder
     about: Mapping[str, object]
-    """Definition of the run."""
     storage: str
-    """URL of the studies."""
     study: str
     """Prefix of the studies' names."""
     settings: SharedSettings
-    """Time limits of a shared database."""
 
     def record(self, stage: str, objectives: int = 1, sampler: str | None = None) -> Record:
         """Open the study of a stage; errors as of `Record`."""

@@ -79,6 +79,8 @@ def test_bounds_that_are_met_are_named(panda):
         ("[all\n", "TOML"),
         ("[joints]\n", "table 'joints'"),
         ("[joint.9]\n", "'9'"),
+        ("all = 5\n", r"\[all\]: is 5: expected a table"),
+        ("[joint]\n1 = 3\n", r"\[joint.1\]: is 3: expected a table"),
         ("[all]\namplitude = [0, 1]\n", "'amplitude'"),
         ("[arm]\nvibration = 1\n", "'vibration'"),
         ("[all]\nfrequency_hz = [50, 20]\n", "low < high"),

@@ -41,7 +41,6 @@ def refused(storage, settings=None):
         ("study.txt", "expected a URL such as sqlite:///study.db"),
         (f"postgresql://tuner:p@{SECRET}@host/name", "more than one @ in the URL"),
         (f"nix://tuner:{SECRET}@host/name", "unknown kind: expected sqlite or postgresql"),
-        (f"mysql+pymysql://tuner:{SECRET}@host/name", "Python package of pymysql is missing"),
         (f"postgresql://tuner:{SECRET}@127.0.0.1:1/name", "cannot be opened: Connection refused"),
         (f"postgresql://tuner@127.0.0.1:1/name?password={SECRET}", "tuner@127.0.0.1:1/name: cann"),
         ("sqlite:////nowhere/study.db", "cannot be opened: unable to open database file"),
