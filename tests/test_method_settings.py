@@ -51,7 +51,7 @@ class Inner:
 
 @dataclass(frozen=True, kw_only=True)
 class Outer:
-    """Of a room."""
+    """Settings of a room."""
 
     rows: Count
     speed: Positive

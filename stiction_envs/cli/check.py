@@ -9,11 +9,6 @@ from pathlib import Path
 from stiction_envs.cli import common, log_options
 from stiction_envs.errors import StictionError
 
-EXIT_CODES = (
-    "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
-    "2 bad usage: no such file, or neither a torque table nor a log"
-)
-
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
@@ -22,10 +17,13 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "check",
         summary="Show what a log is and what it can show; list what is wrong in logs and tables.",
         example="stiction check base.csv log.csv --robot panda",
-        interrupted="run the same command again",
         run=run,
     )
-    parser.epilog = f"{parser.epilog}\n{EXIT_CODES}"
+    parser.epilog = (
+        f"{parser.epilog}\n"
+        "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
+        "2 bad usage: no such file, or neither a torque table nor a log"
+    )
     parser.add_argument(
         "files",
         nargs="+",

@@ -118,8 +118,8 @@ def add_command(
     *,
     summary: str,
     example: str,
-    interrupted: str,
     run: Callable[[argparse.Namespace], Answer],
+    interrupted: str = "run the same command again",
 ) -> Parser:
     """Add a command's parser; ``interrupted`` says what Ctrl-C leaves, and how to go on."""
     parser = subparsers.add_parser(

@@ -16,7 +16,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         summary="Test that each joint holds under its stiction for a minute, and goes over it; "
         "exit code 1 if one does not.",
         example="stiction conformance panda",
-        interrupted="run the same command again",
         run=run,
     )
     parser.add_argument(

@@ -22,7 +22,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         summary="Name what a simulation gets wrong about measured joint logs, servo logs or torque "
         "tables, and correct it.",
         example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
-        interrupted="run the same command again",
         run=run,
     )
     log_options.add_log_options(parser, logs="*", metavar="LOG|TABLE")

@@ -18,7 +18,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "export",
         summary="Write the arm with its friction as plain MJCF that sticks in stock MuJoCo.",
         example="stiction export panda --out runs/panda-model",
-        interrupted="run the same command again",
         run=run,
     )
     common.add_robot_options(parser, friction=False)

@@ -148,12 +148,11 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     with common.working(), Progress() as progress, folder:
         result.write(folder.path)
-        filmed, no_video = write_video(video, make_video, progress)
-    lost = result.unfinished
-    unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
-    failed = "; ".join(filter(None, [unfinished if lost else None, no_video])) or None
-    more = {"seed": args.seed, **filmed, "failed": failed}
-    return common.Answer(result=result, out=folder.path, more=more)
+        unfinished = None
+        if lost := result.unfinished:
+            unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
+        more = write_video(video, make_video, progress, unfinished)
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})
 
 
 def compensation_file(args: argparse.Namespace) -> Path | None:

@@ -19,10 +19,10 @@ _interrupted = threading.Event()
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Within, work that shows its `Progress` ends after Ctrl-C, even where Python loses it.
+    """End work that shows its `Progress` after Ctrl-C, even where Python loses the interrupt.
 
     Python ignores exceptions in finalizers and callbacks of weak references, `KeyboardInterrupt`
-    too: `Progress` raises it again. Elsewhere than in the main thread nothing changes.
+    too: `Progress` raises it again. In other threads than the main one nothing changes.
     """
 
     def interrupt(*_: object) -> NoReturn:

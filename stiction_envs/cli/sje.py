@@ -98,8 +98,6 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        filmed, no_video = write_video(video, make_video, progress)
-    left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
-    failed = "; ".join(filter(None, [left_out, no_video])) or None
-    more = {"seed": args.seed, **filmed, "failed": failed}
-    return common.Answer(result=result, out=folder.path, more=more)
+        left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
+        more = write_video(video, make_video, progress, left_out)
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})

@@ -78,10 +78,6 @@ class Agent(ABC):
     def _act(self, observation: Observation) -> Array:
         """Return actions (M, 2n) for observations (M, observations)."""
 
-    def speed(self, observation: Observation) -> Array:
-        """Return the joints' speeds (M, n) [rad/s]."""
-        return observation[:, self._speed].astype(float) * self._speed_unit
-
 
 class NoDither(Agent):
     """Dithers no joint."""
@@ -112,10 +108,6 @@ class ConstantTable(Agent):
                 bounds of the action.
         """
         super().__init__(env)
-        self.amplitude, self.frequency, self.gate = self._read(env, table)
-
-    def _read(self, env: AnyEnv, table: Table | None) -> tuple[Array, Array, Array]:
-        """Return amplitudes [N·m], frequencies [Hz] and gates [rad/s], inf for none, (n,) each."""
         where = table if isinstance(table, (str, Path)) else "table"
         if table is None:
             rows: Sequence[AmplitudeRow] = usual_table(env)
@@ -124,8 +116,8 @@ class ConstantTable(Agent):
         else:
             rows = table
         waveform = _own(env, "usual table").core.waveform
-        amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
-        gate = np.full(self.n, np.inf)
+        self.amplitude, self.frequency = np.zeros(self.n), self.low[self.n :].copy()
+        self.gate = np.full(self.n, np.inf)
         for row in rows:
             if not 1 <= row.joint <= self.n:
                 raise StictionError(f"{where}: joint {row.joint}: expected 1 to {self.n}")
@@ -144,18 +136,16 @@ class ConstantTable(Agent):
                         f"{where}: joint {row.joint}: {value:g} {unit}: expected "
                         f"{self.low[k]:g} to {self.high[k]:g}, as in the environment's action"
                     )
-            amplitude[j], frequency[j] = row.amplitude_nm, row.frequency_hz
-            gate[j] = row.gate_velocity
-        return amplitude, frequency, gate
-
-    def _factor(self, observation: Observation) -> Array:
-        """Return factors (M, n) of the amplitudes."""
-        return np.ones((len(observation), self.n))
+            self.amplitude[j], self.frequency[j] = row.amplitude_nm, row.frequency_hz
+            self.gate[j] = row.gate_velocity
 
     def _act(self, observation: Observation) -> Array:
-        amplitude = self._factor(observation) * self.amplitude
-        frequency = np.broadcast_to(self.frequency, amplitude.shape)
-        return np.concatenate([amplitude, frequency], axis=1)
+        amplitude = np.tile(self.amplitude, (len(observation), 1))
+        return self._actions(amplitude)
+
+    def _actions(self, amplitude: Array) -> Array:
+        """Return actions with amplitudes (M, n) [N·m]."""
+        return np.concatenate([amplitude, np.tile(self.frequency, (len(amplitude), 1))], axis=1)
 
 
 class GatedTable(ConstantTable):
@@ -165,21 +155,20 @@ class GatedTable(ConstantTable):
     """
 
     def __init__(
-        self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
+        self, env: AnyEnv, table: Table | None = None, *, speed: float = GATE_SPEED
     ) -> None:
         """Read environment and table as `ConstantTable`.
 
-        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate,
-        None for the default.
+        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate.
         """
         super().__init__(env, table)
-        speed = GATE_SPEED if speed is None else speed
         if not speed > 0:
             raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
 
-    def _factor(self, observation: Observation) -> Array:
-        return np.exp(-((self.speed(observation) / self.gate) ** 2))
+    def _act(self, observation: Observation) -> Array:
+        speed = observation[:, self._speed].astype(float) * self._speed_unit
+        return self._actions(np.exp(-((speed / self.gate) ** 2)) * self.amplitude)
 
 
 AGENTS: dict[str, type[Agent]] = {

@@ -132,7 +132,11 @@ def evaluate(
         over = step.terminated | step.truncated
         for m in np.flatnonzero(over).tolist():
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
-            row |= _summary(mine, bool(step.terminated[m]))
+            steps = int(mine.pop("steps"))
+            mine["power"] /= steps
+            mine["torque_rate"] = float(np.sqrt(mine["torque_rate"] / steps))
+            row |= {"return": mine.pop("return"), "steps": steps}
+            row |= {"terminated": int(step.terminated[m]), **mine}
             row |= core.columns({name: values[m] for name, values in step.measures.items()})
         going[ids[over]] = False
     return rows
@@ -162,16 +166,3 @@ def _begun(seed: int, what: Row) -> Row:
         else:
             row[name] = value.item() if isinstance(value, np.generic) else value
     return row
-
-
-def _summary(sums: Mapping[str, float], terminated: bool) -> Row:
-    """Return the columns of an episode that are computed from sums over its steps."""
-    steps = int(sums["steps"])
-    return {
-        "return": sums["return"],
-        "steps": steps,
-        "terminated": int(terminated),
-        **{name: value for name, value in sums.items() if name.startswith("reward_")},
-        "power": sums["power"] / steps,
-        "torque_rate": float(np.sqrt(sums["torque_rate"] / steps)),
-    }

@@ -6,7 +6,6 @@ Only ``mujoco.mj_step`` runs the models here.
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -17,7 +16,6 @@ from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
-    FrictionParameters,
     dump_friction,
     load_friction,
 )
@@ -27,12 +25,6 @@ from stiction_envs.robots.stated import STICTION
 from tests.command_line import csv_rows
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import differences
-
-
-def write_friction(path: Path, p: FrictionParameters) -> None:
-    sources = dict.fromkeys(QUANTITIES, "a test")
-    text = dump_friction(p, sources=sources, meta={}, provenance={})
-    path.write_text(text, encoding="utf-8")
 
 
 def loaded(model: mujoco.MjModel, joint: str, factor: float, seconds: float) -> float:
@@ -82,7 +74,9 @@ def test_equals_our_model(cli):
 def test_friction_from_a_folder(cli, inputs):
     p = load_friction("panda")
     stickier = p.replace(stiction=2 * p.stiction, load_coefficient=0 * p.load_coefficient)
-    write_friction(inputs / "model.toml", stickier)
+    sources = dict.fromkeys(QUANTITIES, "a test")
+    text = dump_friction(stickier, sources=sources, meta={}, provenance={})
+    (inputs / "model.toml").write_text(text, encoding="utf-8")
     ran = cli("export", "panda", "--from", inputs, "--out", "a", "--json")
     assert ran.code == 0
     said = [j["stiction_nm"] for j in json.loads(ran.out)["joints"]]

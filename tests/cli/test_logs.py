@@ -67,7 +67,7 @@ def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
     ],
 )
 def test_a_file_that_nothing_can_be_done_with_is_a_defect(cli, inputs, clean, text, says):
-    """It is what was asked for; the other files are checked all the same."""
+    """The other files are checked all the same."""
     path = inputs / "bad.csv"
     path.write_text(text)
     ran = cli("check", path, clean)
@@ -82,7 +82,7 @@ def test_a_file_that_nothing_can_be_done_with_is_a_defect(cli, inputs, clean, te
 
 @pytest.fixture
 def values(log):
-    """Its numbers, t, q, dq, tau, as the text rounds them."""
+    """Numbers of the log, t, q, dq, tau, as the text rounds them."""
     t, q, tau = np.split(np.loadtxt(log, delimiter=",", skiprows=1), [1, 3], axis=1)
     return np.column_stack([t, q, np.gradient(q, t[:, 0], axis=0), tau])
 

@@ -30,18 +30,14 @@ def undithered(**arguments) -> tuple[GTEEnv, dict]:
     return env, episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
 
 
-def check_same_arm(final: dict, other: dict) -> None:
-    for name in ("error", "error_left", "shaking", "duration"):
-        assert np.array_equal(final[name], other[name]), name
-
-
 def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
     """Only the unit of its reward is another's."""
     env, final = undithered(randomise={"friction": 0.5, "load": 0.5})
     names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
     own = env.core._nominal.replace(**{k: plant._p[k][0] for k in names})
     (_, other), (_, usual) = undithered(friction=own), undithered()
-    check_same_arm(final, other)
+    for name in ("error", "error_left", "shaking", "duration"):
+        assert np.array_equal(final[name], other[name]), name
     assert np.array_equal(final["undithered_error"], usual["undithered_error"])
     assert not np.array_equal(final["error"], usual["error"])
     assert not np.array_equal(final["undithered_error"], other["undithered_error"])

@@ -1,8 +1,4 @@
-"""Comparison of policies: the same episodes for each, one row per episode.
-
-evaluated = evaluate_all(task, ["none", "gated", "policy.zip"], episodes=32, seed=0)
-evaluated.save("runs/evaluate-panda")
-"""
+"""Comparison of policies: the same episodes for each, one row per episode."""
 
 from __future__ import annotations
 
@@ -29,8 +25,6 @@ from tuning.policies.task import Task
 
 _TOGETHER = 64  # arms at once: the fastest number (measured)
 Array = NDArray[np.floating]
-Progress = Callable[[str, float, float], None]
-"""Called with a policy's name, episodes done and episodes in all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +79,7 @@ def evaluate_all(
     episodes: int = EPISODES,
     seed: int = 0,
     options: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[str, float, float], None] | None = None,
 ) -> Evaluated:
     """Evaluate every policy on the same episodes.
 
@@ -95,8 +89,9 @@ def evaluate_all(
         episodes: number of episodes of each.
         seed: seed of the first episode; the others have those that follow.
         options: reset options of all episodes; random paths are those that training never draws.
-        progress: see `Progress`.
+        progress: called with a policy's name, episodes done and episodes in all.
     """
+    progress = progress or (lambda *_: None)
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     each = [_held_out(options, k) for k in range(episodes)]
@@ -104,14 +99,12 @@ def evaluate_all(
     for name, agent in agents:
         for start in range(0, episodes, env.num_envs):
             part = range(start, min(episodes, start + env.num_envs))
-            if progress is not None:
-                progress(name, start, episodes)
+            progress(name, start, episodes)
             found = evaluate(env, agent, [seed + k for k in part], [each[k] for k in part])
             rows += [
                 {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
             ]
-        if progress is not None:
-            progress(name, episodes, episodes)
+        progress(name, episodes, episodes)
     env.close()
     return Evaluated(environment=task.name, rows=tuple(rows))
 

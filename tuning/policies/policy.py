@@ -1,9 +1,4 @@
-"""A trained policy as numbers: it runs with numpy alone and is stored in a file that runs no code.
-
-policy = Policy.load("policy.zip")
-policy.check(robot="panda", environment="GTE-v0", ...)     # what it was trained for
-action, _ = policy.predict(observation)                    # [N·m, Hz]
-"""
+"""Trained policies as numbers: they need numpy alone, and their files run no code."""
 
 from __future__ import annotations
 

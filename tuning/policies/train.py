@@ -1,10 +1,5 @@
 """Training of a policy with Stable-Baselines3, which goes on from its last checkpoint.
 
-    task = Task(robot="panda", experiment="gte")
-    training = Training(task=task, algorithm="ppo", steps=300_000, settings=policy_settings())
-    training.check()
-    trained = training.run(folder)
-
 A training that is not interrupted gives the same bits for the same seed. One that was interrupted
 loses what came after its last checkpoint, and starts the episodes that were under way again. Needs
 the extra `rl`.

@@ -63,7 +63,7 @@ class ThesisTuner:
     scales: tuple[float, ...]
     """Amplitude over base torque [-]."""
     iterations: int | None
-    progress: Progress | None
+    progress: Progress
     settings: ThesisSettings
     base: dict[Configuration, Measurement] = field(default_factory=dict)
     cells: dict[Job, Measurement] = field(default_factory=dict)
@@ -242,8 +242,7 @@ class ThesisTuner:
         def report(more: float) -> None:
             nonlocal done
             done += more
-            if self.progress is not None:
-                self.progress(stage, min(done, seconds), seconds)
+            self.progress(stage, min(done, seconds), seconds)
 
         def evaluate(wanted: list[tuple[int, Parameters]]) -> list[Outcome]:
             nonlocal seconds

@@ -1,9 +1,4 @@
-"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol.
-
-found = tune("panda", table="base.csv", out="runs/panda")
-print(found)
-gym_dither = found.final
-"""
+"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol."""
 
 from __future__ import annotations
 
@@ -215,6 +210,7 @@ def tune(
     )
     if storage is not None:
         run.record("base")  # report errors of the storage before anything is written
+    progress = progress or (lambda *_: None)
     with run.working() as path:
         if table is not None:
             origin = friction_origin(robot, friction)
@@ -250,7 +246,7 @@ def _calibrated(
     table: BaseTable,
     origin: Path | FrictionParameters,
     out: Path,
-    progress: Progress | None,
+    progress: Progress,
 ) -> SingleJointExperiment:
     """Return the experiment with friction calibrated to the table; kept in friction.toml."""
     path = out / "friction.toml"
@@ -258,7 +254,7 @@ def _calibrated(
         result = calibrate(
             table,
             experiment,
-            progress=None if progress is None else lambda k, e: progress("calibrate", k, 10),
+            progress=lambda k, _: progress("calibrate", k, 10),
         )
         name, content = f"base torques of {table.robot}", repr(table.tau.tolist()).encode()
         write_text_atomic(path, calibrated_toml(result, origin, name, content))

@@ -1,15 +1,12 @@
 """`search`: the dither of an arm by Bayesian or evolutionary search, under constraints.
 
-found = search("panda", objective="sje", out="runs/panda-search")
-print(found)
-
-    bounds -> SJE: a study per joint -> table
-                      |  its frequencies are where the next begins
-                      v
-              GTE: one study of whole tables -> table
-                      |
-                      v
-    final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
+bounds -> SJE: a study per joint -> table
+                  |  its frequencies are where the next begins
+                  v
+          GTE: one study of whole tables -> table
+                  |
+                  v
+final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
 """
 
 from __future__ import annotations

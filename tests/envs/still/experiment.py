@@ -44,7 +44,7 @@ class StillRig(Rig):
 
 @dataclass(frozen=True)
 class Weights:
-    """Of the penalties."""
+    """Weights of the penalties."""
 
     power_weight: float = 0.01
     torque_rate_weight: float = 0.01

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from pathlib import Path
 
 import pytest
 
@@ -12,7 +11,6 @@ from tests.robots.arms import chain
 from tuning import names
 from tuning.protocol import tune as tuner
 
-ROOT = Path(__file__).parents[3]
 SEARCH = ["--protocol", "search"]
 ROBOT = [*SEARCH, "--out", "out", "--threads", 1]
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]

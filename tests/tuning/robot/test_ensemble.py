@@ -12,7 +12,6 @@ from stiction_envs.robots import load_arm
 from tests.tuning.robot.made_up import S, joint, posterior_of, read
 from tuning.search.frictions import DRAWN, frictions, plausible
 
-FLAT = np.full(4, 0.8)
 LOW_FIRST, LOW_LAST = np.array([0.5, 0.7, 0.9, 1.1]), np.array([1.1, 0.9, 0.7, 0.5])
 
 

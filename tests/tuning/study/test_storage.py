@@ -7,7 +7,6 @@ import socket
 import sys
 import time
 
-import optuna
 import pytest
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
@@ -19,11 +18,6 @@ from tuning.study.record import run
 from tuning.study.storage import open_storage
 
 SECRET = "gr4vel"
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
 def refused(storage, settings=None):
