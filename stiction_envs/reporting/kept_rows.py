@@ -14,6 +14,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
@@ -79,39 +80,30 @@ class KeptRows:
         """
         missing = {key: job for key, job in jobs.items() if key not in self.every}
         end = time.monotonic() + 60 * minutes
-
-        def keep(found: Iterator[Any]) -> None:
-            for left, (key, row) in enumerate(zip(missing, found, strict=True), 1):
-                self.add(key, row)
-                if tell is not None:
-                    tell(key, len(jobs) - len(missing) + left, len(jobs))
-                if time.monotonic() > end:
-                    return
-
-        if minutes > 0 and missing:
-            if min(processes, len(missing)) > 1:
-                self._share(missing, measure, processes, begin, keep)
-            else:
-                keep(map(measure, missing.values()))
+        if minutes > 0:
+            with _mapping(min(processes, len(missing)), begin) as apply:
+                found = apply(measure, missing.values())
+                for left, (key, row) in enumerate(zip(missing, found, strict=True), 1):
+                    self.add(key, row)
+                    if tell is not None:
+                        tell(key, len(jobs) - len(missing) + left, len(jobs))
+                    if time.monotonic() > end:
+                        break
         return {key: self.every[key] for key in jobs if key in self.every}
 
-    def _share(
-        self,
-        missing: Mapping[str, Job],
-        measure: Callable[[Job], Any],
-        processes: int,
-        begin: Callable[[], None] | None,
-        keep: Callable[[Iterator[Any]], None],
-    ) -> None:
-        """Measure in several processes at the same time."""
-        before = os.environ.get("OPENBLAS_NUM_THREADS")
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
-        pool = ProcessPoolExecutor(
-            min(processes, len(missing)), mp_context=get_context("spawn"), initializer=begin
-        )
-        try:
-            keep(pool.map(measure, missing.values()))
-        finally:
-            if before is None:
-                del os.environ["OPENBLAS_NUM_THREADS"]
-            pool.shutdown(cancel_futures=True)  # after an interruption none begins anything
+
+@contextmanager
+def _mapping(processes: int, begin: Callable[[], None] | None) -> Iterator[Callable[..., Any]]:
+    """Yield `map`, or the same with several processes at the same time."""
+    if processes < 2:
+        yield map
+        return
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=begin)
+    try:
+        yield pool.map
+    finally:
+        if before is None:
+            del os.environ["OPENBLAS_NUM_THREADS"]
+        pool.shutdown(cancel_futures=True)  # after an interruption none begins anything

@@ -116,15 +116,6 @@ def test_compensation_of_a_file(cli, work, path):
 
 
 @pytest.mark.slow
-def test_same_run_gives_the_same_bytes(cli, work, path, table):
-    own = ["--trajectory", path, *QUICK, "--dither", table, "--seed", 4]
-    for name, options in (("a", []), ("b", ["--threads", 1])):
-        assert cli("gte", "panda", *own, "--out", name, *options).code == 0
-    files = [{p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab"]
-    assert files[0] == files[1]
-
-
-@pytest.mark.slow
 def test_arm_of_two_joints(cli, work, two, path):
     """Singular all the time: said, and no NaN."""
     ran = cli("gte", two, "--trajectory", path, *QUICK, "--out", "a")

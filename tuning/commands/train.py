@@ -59,7 +59,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.evaluation import evaluate_all
-    from tuning.policies.report import draw_curve
     from tuning.policies.settings import policy_settings
 
     arm = common.read_arm(args)
@@ -92,12 +91,7 @@ def run(args: argparse.Namespace) -> common.Answer:
             progress=progress.set,
         )
         evaluated.save(folder.path)
-        draw_curve(
-            folder.path / "curve.png",
-            trained.points,
-            title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
-            experiment=args.experiment,
-        )
+        plan.draw_curve(folder.path / "curve.png", trained.points)
     first, last, best = trained.points[0], trained.points[-1], trained.best
     more = {
         "seed": args.seed,

@@ -16,15 +16,26 @@ from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
-from stiction_envs.reporting.markdown import aligned
+from stiction_envs.reporting.markdown import aligned, number
 from tuning.names import EPISODES, POLICIES
 from tuning.policies.policy import Policy
-from tuning.policies.report import means_table
 from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
 
 _TOGETHER = 64  # arms at once: the fastest number (measured)
 Array = NDArray[np.floating]
+COLUMNS = {
+    "return": ("return", 1.0, 3),
+    "return_error": ("±", 1.0, 3),
+    "reduction": ("reduction", 1.0, 3),
+    "position_left_m": ("left [mm]", 1e3, 3),
+    "orientation_left_rad": ("[mrad]", 1e3, 3),
+    "vibration_moving_mm": ("moving [mm]", 1.0, 3),
+    "vibration_at_rest_mm": ("at rest [mm]", 1.0, 3),
+    "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
+    "power": ("power", 1.0, 3),
+}
+"""Means that are shown: heading, factor, digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,9 +78,15 @@ class Evaluated:
         return {"environment": self.environment, "summary": self.summary()}
 
     def __str__(self) -> str:
-        means = self.summary()
-        title = f"{self.environment}, {next(iter(means.values()))['episodes']} episodes"
-        return f"{title}\n{aligned(*means_table(means))}"
+        summary = self.summary()
+        first = next(iter(summary.values()))
+        shown = [(name, *look) for name, look in COLUMNS.items() if name in first]
+        header = ["policy", *(heading for _, heading, _, _ in shown)]
+        rows = [
+            [policy, *(number(means[k] * factor, digits) for k, _, factor, digits in shown)]
+            for policy, means in summary.items()
+        ]
+        return f"{self.environment}, {first['episodes']} episodes\n{aligned(header, rows)}"
 
 
 def evaluate_all(

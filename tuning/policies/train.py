@@ -11,15 +11,18 @@ import csv
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.atomic import naming
+from stiction_envs.reporting.png import save_full
 from tuning.names import CHECKPOINT_EVERY
 from tuning.policies.algorithms import (
     CheckpointCallback,
@@ -39,6 +42,8 @@ from tuning.policies.task import Task
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
 """Contents of the folder of a training; the first is removed when it is finished."""
 _EVALUATIONS, _PART = "evaluations.npz", "next"  # what EvalCallback writes; a checkpoint in writing
+TRAINED, UNDITHERED = "#1f5fa8", "#d1701a"
+"""Colours of the curve."""
 Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
 
@@ -115,6 +120,27 @@ class Training:
             points = _read_curve(out / CURVE)
         shutil.rmtree(out / CHECKPOINTS, ignore_errors=True)
         return Trained(policy=Policy.load(out / POLICY), points=points, resumed_at=at)
+
+    def draw_curve(self, path: Path, points: Sequence[CurvePoint]) -> None:
+        """Draw returns over steps; the shade is the standard deviation over the episodes."""
+        figure = Figure(figsize=(8, 4.5), layout="constrained")
+        axes = figure.subplots()
+        steps = np.array([p.steps for p in points])
+        mean = np.array([p.evaluation_return for p in points])
+        spread = np.array([p.evaluation_std for p in points])
+        axes.fill_between(steps, mean - spread, mean + spread, color=TRAINED, alpha=0.15, lw=0)
+        axes.plot(steps, mean, "o-", ms=3, color=TRAINED, label="evaluation, ± std of episodes")
+        best = int(np.argmax(mean))
+        axes.plot(steps[best], mean[best], "o", ms=9, mfc="none", color=TRAINED, label="kept")
+        kind = EXPERIMENTS[self.task.experiment]
+        if kind.undithered_return is not None:
+            axes.axhline(kind.undithered_return, color=UNDITHERED, ls="--", lw=1, label="no dither")
+        axes.set_xlabel("steps of all arms")
+        axes.set_ylabel(kind.returns)
+        axes.set_title(f"{self.algorithm.upper()} on {self.task.name}, seed {self.seed}")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+        save_full(figure, path)
 
     def _learn(self, out: Path, progress: Progress | None) -> int | None:
         """Train the rest; return the steps that were done before, None for none."""

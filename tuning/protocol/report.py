@@ -20,12 +20,11 @@ from tuning.protocol.rules import Choice
 from tuning.protocol.stages import ThesisTuner, Verified, change
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "report.md.j2"
-LOAD_NAMES = {"load": "load", "no_load": "no load"}
 PLACE = "joint, pose, direction"
 
 
 def _name(c: Configuration) -> str:
-    return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
+    return f"{c.joint} {c.load.replace('_', ' ')} ({c.direction.replace('-', '−')})"
 
 
 def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:

@@ -66,13 +66,11 @@ def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
             joint=line.whole("joint", 1, n_joints),
             load=line.name("load", LOADS),
             direction=line.name("direction", DIRECTIONS),
-            frequency_hz=line.number("frequency_hz"),
-            amplitude_nm=line.number("amplitude_nm"),
+            frequency_hz=line.number("frequency_hz", low=0.0),
+            amplitude_nm=line.number("amplitude_nm", low=0.0),
             tau_nm=line.number("tau_nm", nan=True) if line.fields["tau_nm"] else math.nan,
             where=line.where,
         )
-        if row.frequency_hz < 0 or row.amplitude_nm < 0:
-            raise line.error("frequency_hz and amplitude_nm: expected >= 0")
         if row.amplitude_nm > 0 and row.frequency_hz == 0:
             raise line.error("frequency_hz is 0: expected > 0, or 0 with amplitude_nm 0")
         if line.fields["tau_nm"]:

@@ -57,7 +57,7 @@ class Candidates:
 
     @cached_property
     def features(self) -> Array:
-        """(4 S, 4) inputs of `posterior.discrepancy_kernel`.
+        """(4 S, 4) inputs of `discrepancy_kernel`.
 
         Cells are in the order of ``predicted.ravel()``. Columns: ln f, ln of the displacement,
         configuration 0…3, setting 0…S−1.
