@@ -66,6 +66,8 @@ class Task:
         kind = EXPERIMENTS[self.experiment].vector_class()
         try:
             return kind(num_envs, robot=self.robot, autoreset_mode="SameStep", **arguments)
-        except (TypeError, AttributeError) as error:  # a number where an object is expected, say
+        except StictionError:
+            raise
+        except (TypeError, AttributeError, ValueError) as error:  # a value of another kind
             why = one_line(error)
             raise StictionError(f"arguments of the {self.experiment} environment: {why}") from error

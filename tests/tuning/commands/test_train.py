@@ -103,6 +103,7 @@ BAD_OPTIONS = {
     "--env gravity=0": "unknown argument of the sje environment 'gravity'",
     "--env gravity": "--env gravity: expected NAME=VALUE",
     "--env friction=3": "arguments of the sje environment: ",
+    "--env control_interval_s=x": "arguments of the sje environment: ",
     "--env fixed_options=3": "--env fixed_options=3: expected a JSON object",
     "--env control_interval_s=0.123": "control_interval_s 0.123",
     """--env 'fixed_options={"knot":6}'""": "unknown reset option 'knot'",
