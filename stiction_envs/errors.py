@@ -73,12 +73,9 @@ def checked_array(
         value: the numbers, as a caller or a file gives them.
         what: name of the numbers, for the message.
         shape: shape that they must have; None for any.
-        expected: what the message asks for; "" for finite numbers of that shape.
+        expected: text of the message; "" for finite numbers of that shape.
         fill: whether numbers of another shape are broadcast.
         finite: whether inf and NaN are refused.
-
-    Raises:
-        StictionError: no numbers, another shape, or a number that is not finite.
     """
     import numpy as np  # the commands' help does without
 

@@ -13,7 +13,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 ARGUMENTS = ("--no-sandbox",)
 """A container's root has none, and what is shown is ours."""
 WIDTHS = (1280, 390)
-"""Of a desk's screen and of a phone [px]."""
+"""Widths of a desk's screen and of a phone [px]."""
 HEIGHT = 844
 LOCAL = ("file:", "data:", "blob:")
 TOO_WIDE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import subprocess
 import sys
@@ -44,6 +45,12 @@ def contents(*folders: Path) -> dict[Path, bytes | None]:
     """Return the files below folders with their bytes, and the folders in them."""
     found = [p for folder in folders for p in folder.rglob("*")]
     return {p: p.read_bytes() if p.is_file() else None for p in found}
+
+
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    """Return the rows of a table by its columns."""
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 @pytest.fixture

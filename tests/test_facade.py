@@ -127,7 +127,7 @@ def test_a_diagnosis_saves_what_the_command_writes(place, diagnosed, capsys):
 
 
 def test_an_experiment_takes_a_diagnosed_arm_with_its_friction(arm, base, place):
-    """It breaks away where the log says: 0.5 N·m dry, and what the ramp gains on the way."""
+    """A joint breaks away where the log says: 0.5 N·m dry, and what the ramp gains on the way."""
     assert arm.n == 2
     np.testing.assert_allclose(
         arm.parameters.stiction * arm.parameters.coulomb_ratio, 0.5, atol=0.03

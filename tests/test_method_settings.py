@@ -5,23 +5,18 @@ from __future__ import annotations
 import ast
 import dataclasses
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.identification.settings import excitation_settings
-from stiction_envs.method_settings import (
-    Count,
-    Positive,
-    Share,
-    flat,
-    load_settings,
-    override,
-)
+from stiction_envs.method_settings import Count, Positive, Share, flat, load_settings, override
 from tuning.policies.settings import policy_settings
 from tuning.settings import tuning_settings
 
@@ -33,8 +28,17 @@ ROOMS = {
 }
 
 
+EXPERIMENTS = ROOT / "stiction_envs" / "experiments"
+
+
 def folder(room: str) -> Path:
     return ROOT / room if room.startswith("tuning") else ROOT / "stiction_envs" / room
+
+
+TOMLS = [
+    *(folder(room) / "settings.toml" for room in ROOMS),
+    *(EXPERIMENTS / kind / f"{kind}.toml" for kind in ("sje", "gte")),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +51,7 @@ class Inner:
 
 @dataclass(frozen=True, kw_only=True)
 class Outer:
-    """Of a room."""
+    """Settings of a room."""
 
     rows: Count
     speed: Positive
@@ -85,8 +89,6 @@ def test_what_stands_in_the_file_is_read(tmp_path):
         ('speed = { value = 2, unit = "rad/s", source = "a book" }\n', "", "speed is missing"),
         ("value = 20", "value = 20.5", "rows is 20.5: expected `int`, got `float`"),
         ("[-1, 0.5]", "0.5", "inner.times is 0.5: expected `array`, got `float`"),
-        (', source = "a book"', "", "speed: expected a unit, and a source or assumed = true"),
-        ('unit = "rad/s", ', "", "expected { value, unit, source or assumed = true }"),
         ("value = 20", "value = 0", "rows is 0: expected `int` >= 1"),
         ("value = 2,", "value = nan,", "speed is nan: expected finite"),
         ("value = 2,", f"value = {9 * '9' * 50},", "speed: a number of hundreds of digits"),
@@ -151,18 +153,28 @@ def test_every_table_of_a_room_is_read(room):
     path = folder(room) / "settings.toml"
     values = dict(flat(ROOMS[room]()))
 
-    def entries(node: dict, above: str):
-        for name, entry in node.items():
-            if "value" in entry:
-                yield f"{above}{name}", entry["value"]
-            else:
-                yield from entries(entry, f"{above}{name}.")
-
-    for name, value in entries(tomllib.loads(path.read_text("utf-8")), ""):
-        for key, expected in flat({name: value}):
+    for name, entry in entries(tomllib.loads(path.read_text("utf-8"))):
+        for key, expected in flat({name: entry["value"]}):
             found = values.pop(key)
             assert (list(found) if isinstance(found, tuple) else found) == expected
     assert not values
+
+
+def entries(node: dict[str, Any], above: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the dotted names of all constants in a TOML, and what it says of them."""
+    for name, entry in node.items():
+        if "value" in entry:
+            yield f"{above}{name}", entry
+        else:
+            yield from entries(entry, f"{above}{name}.")
+
+
+@pytest.mark.parametrize("path", TOMLS, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_every_constant_has_a_unit_and_a_source_or_is_assumed(path):
+    for name, entry in entries(tomllib.loads(path.read_text("utf-8"))):
+        assert {"value", "unit"} <= set(entry) <= {"value", "unit", "source", "assumed"}, name
+        assert isinstance(entry["unit"], str), name
+        assert entry.get("assumed") is True or isinstance(entry["source"], str), name
 
 
 @cache

@@ -1,7 +1,6 @@
 """Names that users type; commands have them without loading what they stand for."""
 
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
-"""Samplers of a search."""
 OBJECTIVES = ("sje", "gte", "both")
 """What a search lowers: torque left to move joints, error left at the goals of a path, or both."""
 KINDS = (
@@ -16,10 +15,9 @@ TREATMENTS: dict[str, tuple[str, ...]] = {
 }
 """What is searched one after the other, by the name of the option: dither, or a compensation."""
 ALGORITHMS = ("sac", "ppo", "td3")
-"""Algorithms of a training."""
 CHECKPOINT_EVERY = 20_000
 """Steps between two checkpoints of a training."""
-POLICIES = ("none", "gated", "random", "rule")
+POLICIES = ("none", "gated", "random")
 """Policies that need no file."""
 EPISODES = 32
 """Episodes on which a policy is evaluated."""

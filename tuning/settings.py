@@ -6,14 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from stiction_envs.method_settings import (
-    Count,
-    Index,
-    NotNegative,
-    Positive,
-    Share,
-    load_settings,
-)
+from stiction_envs.method_settings import Count, Index, NotNegative, Positive, Share, load_settings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 
 from benchmarks.harness import Benchmark
 from stiction_envs.control.laws import LAWS
+from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.reporting.markdown import number, percent, signed, table_text
 from stiction_envs.reporting.png import save_full
 from stiction_envs.reporting.templates import render
-from tuning.search.verify import PATHS
 from tuning.settings import tuning_settings
 
 STUDY = Benchmark(__file__, __doc__)
@@ -186,7 +186,7 @@ Numbers = dict[tuple[str, str, str], dict[str, dict[str, float]]]
 
 def mean(found: Numbers, condition: str, treatment: str, name: str) -> float:
     """Return a number of the Panda, geometric mean over paths."""
-    values = [found["panda", condition, path][treatment][name] for path in PATHS]
+    values = [found["panda", condition, path][treatment][name] for path in TRAJECTORIES]
     return float(np.exp(np.mean(np.log(values))))
 
 
@@ -205,12 +205,12 @@ def search(folder: Path) -> dict[str, Any]:
         return " / ".join(f"{one[f'{when}{part}_percent']:.0f}" for part in LEFT)
 
     header = ["treatment"]
-    for path in PATHS:
+    for path in TRAJECTORIES:
         header += [f"{path}: over all goals", "at rest", "vibration at rest [mm]"]
     cells = []
-    for name in found["panda", KNOWN, PATHS[0]]:
+    for name in found["panda", KNOWN, TRAJECTORIES[0]]:
         cells.append([name])
-        for path in PATHS:
+        for path in TRAJECTORIES:
             shaken = found["panda", KNOWN, path][name]["vibration_at_rest_mm"]
             cells[-1] += [both("panda", KNOWN, path, name, when) for when in ("", "resting_")]
             cells[-1].append(f"{shaken:.3f}")
@@ -220,7 +220,7 @@ def search(folder: Path) -> dict[str, Any]:
         "table": table_text(header, cells),
         "push": [f"{mean(found, KNOWN, push, f'{part}_percent'):.0f}" for part in LEFT],
         "wrong": {
-            condition: [both("panda", condition, path, push) for path in PATHS]
+            condition: [both("panda", condition, path, push) for path in TRAJECTORIES]
             for condition in CONDITIONS
         },
         "joints": {
@@ -231,7 +231,7 @@ def search(folder: Path) -> dict[str, Any]:
             for robot in ROBOTS
         },
         "iiwas": {
-            robot: [both(robot, KNOWN, path, "search, constant") for path in PATHS]
+            robot: [both(robot, KNOWN, path, "search, constant") for path in TRAJECTORIES]
             for robot in ROBOTS[1:]
         },
     }
@@ -243,7 +243,7 @@ def _draw_search(found: Numbers, path: Path) -> None:
     axes: Any = figure.subplots(2, len(CONDITIONS), sharey="row", sharex=True)
     for column, condition in enumerate(CONDITIONS):
         for axis, part in zip(axes[:, column], LEFT, strict=True):
-            for k, name in enumerate(found["panda", condition, PATHS[0]]):
+            for k, name in enumerate(found["panda", condition, TRAJECTORIES[0]]):
                 x, y = (
                     mean(found, condition, name, of)
                     for of in ("vibration_at_rest_mm", f"{part}_percent")

@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     if args.target and args.only:
         raise StictionError(f"--only {' '.join(args.only)}: expected without a target ({GAP})")
     found = _gap(args) if args.target else _items(args)
-    return common.Answer({"command": "reproduce", "seed": args.seed, **found}, show(found))
+    return common.Answer(more={"seed": args.seed, **found}, text=show(found))
 
 
 def _items(args: argparse.Namespace) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from stiction_envs.experiments.sje import plots
 from stiction_envs.experiments.sje.protocol import LOADS, Job, Measurement, load_protocol
 from stiction_envs.measured import DitheredRow, thesis_base
 from stiction_envs.reporting.markdown import number, percent
-from tuning.protocol.measurements import change
+from tuning.protocol.stages import change
 
 
 @dataclass(frozen=True)

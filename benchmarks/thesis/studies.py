@@ -14,7 +14,7 @@ from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import thesis_robots
-from tuning.protocol.measurements import as_data, from_data
+from tuning.protocol.stages import as_data, from_data
 
 (ROBOT,) = thesis_robots("4.11")
 Tell = Callable[[str, float, float], None]

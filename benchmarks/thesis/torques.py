@@ -29,8 +29,8 @@ from stiction_envs.measured import (
 from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
-from tuning.protocol.measurements import change
 from tuning.protocol.rules import Choice, final_amplitude
+from tuning.protocol.stages import change
 
 ROBOTS = tuple(thesis_robots())
 (TUNED,) = thesis_robots("4.9")

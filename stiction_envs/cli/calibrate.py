@@ -69,5 +69,5 @@ def run(args: argparse.Namespace) -> common.Answer:
             table=args.table,
             provenance=common.run_provenance(args, {**files, "table": args.table}),
         )
-    values = {"command": "calibrate", "out": str(out), **result.to_json(), "robot": arm.name}
-    return common.Answer(values, f"{result}, written to {out}")
+    text = f"{result}, written to {out}"
+    return common.Answer(result=result, out=out, more={"robot": arm.name}, text=text)

@@ -9,11 +9,6 @@ from pathlib import Path
 from stiction_envs.cli import common, log_options
 from stiction_envs.errors import StictionError
 
-EXIT_CODES = (
-    "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
-    "2 bad usage: no such file, or neither a torque table nor a log"
-)
-
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
@@ -22,10 +17,13 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "check",
         summary="Show what a log is and what it can show; list what is wrong in logs and tables.",
         example="stiction check base.csv log.csv --robot panda",
-        interrupted="run the same command again",
         run=run,
     )
-    parser.epilog = f"{parser.epilog}\n{EXIT_CODES}"
+    parser.epilog = (
+        f"{parser.epilog}\n"
+        "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
+        "2 bad usage: no such file, or neither a torque table nor a log"
+    )
     parser.add_argument(
         "files",
         nargs="+",
@@ -60,7 +58,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         drive=args.drive,
         **log_options.reading(args),
     )
-    pages, more = [], []
+    pages, remarks = [], []
     if args.robot is not None and result.logs:
         from stiction_envs.gap.overview import overview
         from stiction_envs.robots import load_arm
@@ -71,15 +69,14 @@ def run(args: argparse.Namespace) -> common.Answer:
                 pages.append(overview(log, arm, torque=log.side or "motor"))
             except StictionError as error:
                 text = str(error).removeprefix(log.source).lstrip(":, ")
-                more.append(Finding(log.source, "", "warning", text))
+                remarks.append(Finding(log.source, "", "warning", text))
                 continue
-            more += [Finding(log.source, "", *x) for x in pages[-1].findings]
-        result = replace(result, findings=(*result.findings, *more))
+            remarks += [Finding(log.source, "", *x) for x in pages[-1].findings]
+        result = replace(result, findings=(*result.findings, *remarks))
     if folder is not None:
         with common.working(), folder:
             result.write(folder.path)
     count = len(result.defects)
     failed = f"{count} defect{'s' * (count > 1)} found" if count else None
-    values = {"logs": [asdict(page) for page in pages], "failed": failed}
-    text = "\n\n".join(map(str, [*pages, result]))
-    return common.answer(args, result, more=values, text=text)
+    more = {"logs": [asdict(page) for page in pages], "failed": failed}
+    return common.Answer(result=result, more=more, text="\n\n".join(map(str, [*pages, result])))

@@ -8,17 +8,16 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeAlias
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import ExperimentError, StictionError
 
 if TYPE_CHECKING:
     from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.reporting.provenance import Provenance
-    from stiction_envs.reporting.result import Result
     from stiction_envs.robots import Arm
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
@@ -28,18 +27,36 @@ Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
 """Subparsers of the main parser; argparse has no public name for the class."""
 
 
-@dataclass(frozen=True)
+class Printed(Protocol):
+    """Result that prints itself as text, and has JSON values."""
+
+    def to_json(self) -> Mapping[str, object]:
+        """Return the JSON values."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Output of a command at its end."""
+    """Output of a command, which the dispatcher prints as text or as JSON."""
 
-    values: dict[str, object]
-    """For ``--json``; ``failed`` among them is the reason for exit code 1."""
-    text: str
-    """For people."""
+    result: Printed | None = None
+    out: Path | None = None
+    """Folder or file of the result."""
+    files: str = ""
+    """Names of files in the folder that a person wants to see."""
+    more: Mapping[str, object] = field(default_factory=dict)
+    """JSON values besides the result's; ``failed`` among them is the reason for exit code 1."""
+    text: str = ""
+    """Text for people in place of the result and the folder."""
 
+    def to_json(self) -> dict[str, object]:
+        """Return the values of ``--json``; those of ``more`` override the result's."""
+        place = {} if self.out is None else {"out": str(self.out)}
+        values = {} if self.result is None else self.result.to_json()
+        return {**place, **self.more, **values, **self.more}
 
-class Failed(RuntimeError):
-    """Something went wrong while working: exit code 1, the message is one line."""
+    def __str__(self) -> str:
+        files = f": {self.files}" if self.files else ""
+        return self.text or f"{self.result}\nwritten to {self.out}{files}"
 
 
 class Parser(argparse.ArgumentParser):
@@ -58,65 +75,27 @@ class Parser(argparse.ArgumentParser):
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Turn errors into `Failed`: the input was good, so they are failures while working."""
+    """Turn errors into `ExperimentError`: the input was good, so work has failed."""
     try:
         yield
     except StictionError as error:
-        raise Failed(str(error)) from error
-
-
-def answer(
-    args: argparse.Namespace,
-    result: Result,
-    out: Path | None = None,
-    more: Mapping[str, object] = MappingProxyType({}),
-    *,
-    files: str = "",
-    text: str | None = None,
-) -> Answer:
-    """Return what a command prints of a result.
-
-    Args:
-        args: of the command.
-        result: prints itself for people, and has JSON values.
-        out: where it was written.
-        more: further JSON values.
-        files: names of files there that a person wants to see.
-        text: for people; None for the result and ``out``.
-    """
-    place = {} if out is None else {"out": str(out)}
-    values = {"command": args.command, **place, **more, **result.to_json()}
-    shown = f"{out}: {files}" if files else f"{out}"
-    return Answer(values, f"{result}\nwritten to {shown}" if text is None else text)
+        raise ExperimentError(str(error)) from error
 
 
 # ---- types of options ----------------------------------------------------------------------------
 
 
-def whole(low: int) -> Callable[[str], int]:
-    """Return the type of whole numbers from ``low``."""
-
-    def convert(text: str) -> int:
-        try:
-            value = int(text)
-        except ValueError:
-            value = low - 1
-        if value < low:
-            raise argparse.ArgumentTypeError(f"{text!r}: expected whole numbers from {low}")
-        return value
-
-    return convert
-
-
-def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], float]:
-    """Return the type of finite numbers from ``low``, or above it."""
-    expected = "finite numbers"
+def number(
+    low: float = -math.inf, *, above: bool = False, kind: type[float] = float
+) -> Callable[[str], float]:
+    """Return the type of finite (of ``kind`` int: whole) numbers from ``low``, or above it."""
+    expected = "whole numbers" if kind is int else "finite numbers"
     if math.isfinite(low):
         expected += f" above {low:g}" if above else f" from {low:g}"
 
     def convert(text: str) -> float:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or value < low or (above and value == low):
@@ -124,6 +103,10 @@ def number(low: float = -math.inf, *, above: bool = False) -> Callable[[str], fl
         return value
 
     return convert
+
+
+whole = partial(number, kind=int)
+"""Return the type of whole numbers from a lowest one."""
 
 
 # ---- options -------------------------------------------------------------------------------------
@@ -135,19 +118,10 @@ def add_command(
     *,
     summary: str,
     example: str,
-    interrupted: str,
     run: Callable[[argparse.Namespace], Answer],
+    interrupted: str = "run the same command again",
 ) -> Parser:
-    """Add a command's parser.
-
-    Args:
-        subparsers: of the main parser.
-        name: the command.
-        summary: one sentence.
-        example: a call that works.
-        interrupted: what is left after Ctrl-C, and how to go on.
-        run: function that does the work.
-    """
+    """Add a command's parser; ``interrupted`` says what Ctrl-C leaves, and how to go on."""
     parser = subparsers.add_parser(
         name, help=summary, description=summary, epilog=f"example:\n  {example}"
     )
@@ -166,7 +140,7 @@ def robot_help() -> str:
 
 
 def add_chain_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--chain``, which selects one arm of a bigger robot."""
+    """Add ``--chain``."""
     parser.add_argument(
         "--chain",
         nargs=2,
@@ -248,19 +222,24 @@ def add_experiment_options(parser: Parser) -> None:
 
 
 def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> None:
-    """Add the options that all commands have; ``out`` is the help of ``--out``."""
+    """Add the options of all commands that write files; ``out`` is the help of ``--out``."""
     parser.add_argument("--out", type=Path, metavar=metavar, help=out)
     parser.add_argument(
         "--force", action="store_true", help="replace the files of another run in --out"
     )
+    add_json_and_seed(parser)
+    parser.add_argument(
+        "--threads", type=whole(0), default=0, metavar="N", help="threads (0: all processors)"
+    )
+
+
+def add_json_and_seed(parser: Parser) -> None:
+    """Add the options of every command."""
     parser.add_argument(
         "--json", action="store_true", help="print the result as JSON; progress is on stderr"
     )
     parser.add_argument(
         "--seed", type=whole(0), default=0, metavar="S", help="seed of all that is random"
-    )
-    parser.add_argument(
-        "--threads", type=whole(0), default=0, metavar="N", help="threads (0: all processors)"
     )
 
 
@@ -314,11 +293,8 @@ def output_folder(
     Args:
         args: of the command.
         name: part of the default folder's name.
-        inputs: files the run depends on, by the name of their argument; missing ones are left out.
+        inputs: files by the name of their argument; None and missing files are left out.
         resumable: whether the same run may be continued in its folder.
-
-    Raises:
-        StictionError: the folder holds another run's files, or cannot be one.
     """
     from stiction_envs.reporting.output_folder import OutputFolder, default_folder
 

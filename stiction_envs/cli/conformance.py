@@ -16,7 +16,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         summary="Test that each joint holds under its stiction for a minute, and goes over it; "
         "exit code 1 if one does not.",
         example="stiction conformance panda",
-        interrupted="run the same command again",
         run=run,
     )
     parser.add_argument(
@@ -65,4 +64,4 @@ def run(args: argparse.Namespace) -> common.Answer:
     if result.refused:
         failed = f"{result.engine} refused: {result.refused}"
     more = {"robot": args.robot, "failed": failed}
-    return common.answer(args, result, folder.path, more, files="conformance.csv")
+    return common.Answer(result=result, out=folder.path, more=more, files="conformance.csv")

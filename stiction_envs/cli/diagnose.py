@@ -22,7 +22,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         summary="Name what a simulation gets wrong about measured joint logs, servo logs or torque "
         "tables, and correct it.",
         example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
-        interrupted="run the same command again",
         run=run,
     )
     log_options.add_log_options(parser, logs="*", metavar="LOG|TABLE")
@@ -121,10 +120,10 @@ def run(args: argparse.Namespace) -> common.Answer:
             result.write(folder.path, progress=say)
             if args.rrd is not None:
                 result.write_rrd(args.rrd, force=args.force)
-    also = {} if args.rrd is None else {"rrd": str(args.rrd)}
-    written = "".join(f"\nwritten: {file}" for file in also.values())
-    more = {"summary": result.summary, **also}
-    return common.answer(args, result, folder.path, more, files=f"report.html{written}")
+    more, files = {"summary": result.summary}, "report.html"
+    if args.rrd is not None:
+        more["rrd"], files = str(args.rrd), f"{files}\nwritten: {args.rrd}"
+    return common.Answer(result=result, out=folder.path, more=more, files=files)
 
 
 def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
@@ -162,11 +161,7 @@ def _options(args: argparse.Namespace) -> LogOptions:
 
 
 def _rehearse(args: argparse.Namespace) -> common.Answer:
-    """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance.
-
-    Raises:
-        StictionError: an option that a rehearsal does not take.
-    """
+    """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance."""
     from stiction_envs.hidden.rehearsal.rehearse import plan
     from stiction_envs.hidden.rehearsal.result import CSV, RUNS
 
@@ -187,4 +182,4 @@ def _rehearse(args: argparse.Namespace) -> common.Answer:
                 threads=args.threads, progress=progress.whole, kept=folder.path / RUNS
             )
             result.write(folder.path)
-    return common.answer(args, result, folder.path, files=CSV)
+    return common.Answer(result=result, out=folder.path, files=CSV)

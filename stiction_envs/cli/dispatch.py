@@ -23,7 +23,7 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Answer, Failed, Parser, Subparsers, note_robot
+from stiction_envs.cli.common import Answer, Parser, Subparsers, note_robot
 from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
@@ -73,15 +73,10 @@ def build_parser(commands: Iterable[Command]) -> Parser:
 
 
 def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None = None) -> int:
-    """Run one command.
+    """Run one command, of `all_commands` unless others are given; return the exit code.
 
-    Args:
-        argv: arguments; None for those of the process.
-        commands: their modules; None for `all_commands`.
-
-    Returns:
-        0 done, 1 failed while working, 2 bad input or usage. One line on standard error says why;
-        the environment variable STICTION_DEBUG=1 adds the traceback.
+    It is 0 done, 1 failed while working, 2 bad input or usage. One line on standard error says why;
+    the environment variable STICTION_DEBUG=1 adds the traceback.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -96,15 +91,16 @@ def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None =
             warnings.showwarning = _show_warning
             answer: Answer = args.run(args)
             note_robot(args)  # bad input is one line by itself
-        text = to_text(answer.values) if args.json else answer.text
+        values = {"command": args.command, **answer.to_json()}
+        text = to_text(values) if args.json else str(answer)
         with naming("standard output"):  # a file on a full disk, it may be
             _print(text)
-        if failed := answer.values.get("failed"):
+        if failed := answer.more.get("failed"):
             return _say(failed, FAILED)
         return DONE
     except SystemExit as end:  # --help
         return end.code if isinstance(end.code, int) else BAD_INPUT
-    except (Failed, ExperimentError) as error:
+    except ExperimentError as error:
         return _say(error, FAILED)
     except StictionError as error:
         return _say(error, BAD_INPUT)

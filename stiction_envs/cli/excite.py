@@ -17,7 +17,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "excite",
         summary="Find a motion inside all limits that excites an arm's dynamics well.",
         example="stiction excite panda --sweeps --out runs/excite-panda",
-        interrupted="run the same command again",
         run=run,
     )
     common.add_robot_options(parser, friction=False)
@@ -73,4 +72,4 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
         with folder:
             motion.write(folder.path)
-    return common.answer(args, motion, folder.path, files="trajectory.csv")
+    return common.Answer(result=motion, out=folder.path, files="trajectory.csv")

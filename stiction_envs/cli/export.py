@@ -18,7 +18,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "export",
         summary="Write the arm with its friction as plain MJCF that sticks in stock MuJoCo.",
         example="stiction export panda --out runs/panda-model",
-        interrupted="run the same command again",
         run=run,
     )
     common.add_robot_options(parser, friction=False)
@@ -78,7 +77,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         "kind": result.kind,
     }
     text = f"{result}\nfriction: {result.kind}\nwritten to {model}"
-    return common.answer(args, result, folder.path, more, text=text)
+    return common.Answer(result=result, out=folder.path, more=more, text=text)
 
 
 def _friction(given: list[str]) -> tuple[Path | None, str | None]:

@@ -105,13 +105,10 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
 
     own = read_trajectory(args.trajectory)
-    if args.compensation is None and args.compensation_table is not None:
-        raise StictionError("--compensation-table: needs --compensation KIND")
     _check_compensation(args)
     dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {**common.model_files(args), "dither": args.dither}
-    tuned = args.compensation is not None and args.compensation not in COMPENSATIONS
-    inputs["compensation"] = Path(args.compensation) if tuned else None
+    inputs["compensation"] = compensation_file(args)
     inputs["compensation_table"] = args.compensation_table
     inputs["trajectory"] = None if own is None else Path(args.trajectory)
     bench = GeneratedTrajectoryExperiment(
@@ -151,21 +148,31 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     with common.working(), Progress() as progress, folder:
         result.write(folder.path)
-        filmed, no_video = write_video(video, make_video, progress)
-    lost = result.unfinished
-    unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
-    failed = "; ".join(filter(None, [unfinished if lost else None, no_video])) or None
-    return common.answer(args, result, folder.path, {"seed": args.seed, **filmed, "failed": failed})
+        unfinished = None
+        if lost := result.unfinished:
+            unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
+        more = write_video(video, make_video, progress, unfinished)
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})
+
+
+def compensation_file(args: argparse.Namespace) -> Path | None:
+    """Return the file of gains that the user gave, if any."""
+    from stiction_envs.control.compensation_files import is_file
+
+    given = args.compensation
+    return Path(given) if given is not None and is_file(given) else None
 
 
 def _check_compensation(args: argparse.Namespace) -> None:
     """Raise unless ``--compensation`` is a kind, or a file without another table."""
     from stiction_envs.control.compensation_files import is_file
 
-    given = args.compensation
+    given, table = args.compensation, args.compensation_table
+    if given is None and table is not None:
+        raise StictionError("--compensation-table: needs --compensation KIND")
     if given is None or given in COMPENSATIONS:
         return
     if not is_file(given):
         raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
-    if args.compensation_table is not None:
+    if table is not None:
         raise StictionError("--compensation-table: not with --compensation FILE, which has gains")

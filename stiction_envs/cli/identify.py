@@ -15,7 +15,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "identify",
         summary="Identify an arm's links and friction from logs of a motion that excites them.",
         example="stiction identify log.csv --robot panda --torque link --out runs/links",
-        interrupted="run the same command again",
         run=run,
     )
     log_options.add_log_options(parser, logs="+")
@@ -45,4 +44,4 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
         with common.working(), folder:
             result.write(folder.path)
-    return common.answer(args, result, folder.path, files="model.xml, report.html")
+    return common.Answer(result=result, out=folder.path, files="model.xml, report.html")

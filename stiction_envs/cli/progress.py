@@ -19,10 +19,10 @@ _interrupted = threading.Event()
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Within, work that shows its `Progress` ends after Ctrl-C, even where Python loses it.
+    """End work that shows its `Progress` after Ctrl-C, even where Python loses the interrupt.
 
     Python ignores exceptions in finalizers and callbacks of weak references, `KeyboardInterrupt`
-    too: `Progress` raises it again. Elsewhere than in the main thread nothing changes.
+    too: `Progress` raises it again. In other threads than the main one nothing changes.
     """
 
     def interrupt(*_: object) -> NoReturn:
@@ -70,11 +70,7 @@ class Progress:
     def set(self, stage: str, done: float, total: float, unit: str | None = None) -> None:
         """Show how much of a stage is done; more than an estimated ``total`` may be done.
 
-        Args:
-            stage: what is being done.
-            done: so far.
-            total: in all, as far as it is known.
-            unit: what is counted from here on; None as before.
+        ``unit`` names what is counted from here on; None leaves the unit as it was.
         """
         _raise_again()
         self._unit = unit or self._unit
@@ -94,11 +90,9 @@ class Progress:
             )
 
     def whole(self, stage: str, share: float | None) -> None:
-        """Show how much of all work is done: one bar, or a line per stage.
+        """Show the share of all work that is done [0 to 1]: one bar, or a line per stage.
 
-        Args:
-            stage: what is being done.
-            share: of the whole that is done [0 to 1]; None where it is not known.
+        A share of None is not known.
         """
         _raise_again()
         if sys.stderr.isatty() and share is not None:

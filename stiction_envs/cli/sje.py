@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.cli.video import add_video_option, video_file, write_video
+from stiction_envs.errors import ExperimentError
 
 if TYPE_CHECKING:
     from stiction_envs.envs.render.video import Video
@@ -46,12 +47,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "it too, the joint under test dithered by its row",
     )
     common.add_experiment_options(parser)
-    parser.add_argument(
-        "--ramp-rate",
-        type=common.number(0, above=True),
-        metavar="NM_S",
-        help="growth of the commanded torque [N·m/s]",
-    )
     add_video_option(
         parser,
         "show the first iteration of the first configuration that is dithered, or of the first,",
@@ -82,9 +77,6 @@ def run(args: argparse.Namespace) -> common.Answer:
         seed=args.seed,
         threads=args.threads,
     )
-    if args.ramp_rate is not None:
-        protocol = experiment.protocol.replace(ramp_rate=args.ramp_rate)
-        experiment = experiment.replace(protocol=protocol)
     jobs = experiment.jobs(
         args.joint, loads=args.load, directions=args.direction, dither=args.dither
     )
@@ -97,7 +89,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
     stuck = result.describe_stuck()
     if not result.rows:
-        raise common.Failed(f"{stuck}: nothing was written")
+        raise ExperimentError(f"{stuck}: nothing was written")
 
     def make_video() -> Video:
         from stiction_envs.envs.render.sje_frames import sje_video
@@ -106,7 +98,6 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        filmed, no_video = write_video(video, make_video, progress)
-    left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
-    failed = "; ".join(filter(None, [left_out, no_video])) or None
-    return common.answer(args, result, folder.path, {"seed": args.seed, **filmed, "failed": failed})
+        left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
+        more = write_video(video, make_video, progress, left_out)
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})

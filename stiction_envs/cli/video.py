@@ -40,17 +40,18 @@ def video_file(args: argparse.Namespace, folder: OutputFolder) -> Path | None:
 
 
 def write_video(
-    path: Path | None, make: Callable[[], Video], progress: Progress
-) -> tuple[dict[str, object], str | None]:
-    """Write a video after all else has been written.
+    path: Path | None, make: Callable[[], Video], progress: Progress, failed: str | None
+) -> dict[str, object]:
+    """Write a video, if one was asked for, after all else has been written.
 
-    Returns:
-        ``video`` of the command's result, if one was asked for, and why there is none, if so.
+    Returns ``video`` and ``failed`` of the command's JSON values; a video that cannot be made is
+    added to what had failed before.
     """
     if path is None:
-        return {}, None
+        return {"failed": failed}
     try:
         make().write(path, lambda k, n: progress.set("video", k, n, "frames"))
+        return {"video": str(path), "failed": failed}
     except (StictionError, OSError) as error:
-        return {"video": None}, f"no video: {one_line(error)}; all else is written"
-    return {"video": str(path)}, None
+        no_video = f"no video: {one_line(error)}; all else is written"
+        return {"video": None, "failed": f"{failed}; {no_video}" if failed else no_video}

@@ -44,10 +44,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help="amplitude table (default: the one that is shipped for the robot, else one in "
         "proportion to the stiction)",
     )
-    parser.add_argument("--json", action="store_true", help="print the result as JSON")
-    parser.add_argument(
-        "--seed", type=common.whole(0), default=0, metavar="S", help="seed of all that is random"
-    )
+    common.add_json_and_seed(parser)
 
 
 def run(args: argparse.Namespace) -> common.Answer:
@@ -71,15 +68,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     finally:
         window.close()
     text = f"{arm.name}: {shown.time:.0f} s simulated"
-    return common.Answer({"command": "view", "robot": arm.name, "simulated_s": shown.time}, text)
+    return common.Answer(more={"robot": arm.name, "simulated_s": shown.time}, text=text)
 
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
-    """Return the default dither of an arm.
-
-    What ``stiction tune`` found for it, where that is shipped, else in proportion to the stiction
-    at rest, as in `envs.agents`.
-    """
+    """Return the arm's table that is shipped, else dither in proportion to the stiction at rest."""
     from stiction_envs.dither.tables import HERE
     from stiction_envs.envs.agents import proportional_table
     from stiction_envs.measured import read_amplitudes

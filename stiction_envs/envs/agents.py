@@ -38,20 +38,13 @@ USUAL_FREQUENCY = 30.0
 GATE_SPEED = 0.05
 """v_gate, at which dither fades where a table has no gate [rad/s]; assumed: a quarter of the speed
 along the paths."""
-RULE_FACTOR = 3.0
-"""Largest amplitude over the table's, see `TorqueRule` [-]; assumed: as the rule was asked for."""
-RULE_SHARE = 0.5
-"""Torque from which that amplitude is the largest, over the stiction [-]; assumed likewise."""
 
 
 class Agent(ABC):
-    """Reads the spaces of its environment, and the places of speeds and torques in observations."""
+    """Reads the spaces of its environment, and the places of speeds in observations."""
 
     def __init__(self, env: AnyEnv) -> None:
-        """Read the environment.
-
-        Args:
-            env: an environment of this package, single or native batch, wrapped or not.
+        """Read an environment of this package, single or native batch, wrapped or not.
 
         Raises:
             StictionError: another environment.
@@ -61,9 +54,7 @@ class Agent(ABC):
         self.n = n = int(base.core.n)
         space = base.core.action_space
         self.low, self.high = space.low.astype(float), space.high.astype(float)
-        joints = range(1, n + 1)
-        self._speed = np.array([names.index(f"velocity_{j}") for j in joints])
-        self._torque = np.array([names.index(f"torque_{j}") for j in joints])
+        self._speed = np.array([names.index(f"velocity_{j}") for j in range(1, n + 1)])
         self._speed_unit = float(base.core.speed_unit)
 
     def predict(
@@ -73,13 +64,9 @@ class Agent(ABC):
         episode_start: Bools | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], State | None]:
-        """Return the actions, and the state as it was given: agents have none.
+        """Return the actions for observations (observations,) or (M, observations).
 
-        Args:
-            observation: (observations,) or (M, observations).
-            state: not used.
-            episode_start: not used.
-            deterministic: not used.
+        The other arguments are Stable-Baselines3's; agents have no state, and return the given one.
         """
         rows = np.atleast_2d(observation)
         actions = np.clip(self._act(rows), self.low, self.high).astype(np.float32)
@@ -90,14 +77,6 @@ class Agent(ABC):
     @abstractmethod
     def _act(self, observation: Observation) -> Array:
         """Return actions (M, 2n) for observations (M, observations)."""
-
-    def speed(self, observation: Observation) -> Array:
-        """Return the joints' speeds (M, n) [rad/s]."""
-        return observation[:, self._speed].astype(float) * self._speed_unit
-
-    def torque(self, observation: Observation) -> Array:
-        """Return the joints' torques without dither (M, n), over the stiction [-]."""
-        return observation[:, self._torque].astype(float)
 
 
 class NoDither(Agent):
@@ -122,21 +101,13 @@ class ConstantTable(Agent):
     """The amplitudes and frequencies of a table, always; gates of the table are ignored."""
 
     def __init__(self, env: AnyEnv, table: Table | None = None) -> None:
-        """Read the environment.
-
-        Args:
-            env: the environment.
-            table: file, or rows; None for `usual_table`.
+        """Read the environment, and a table: a file, or rows; None for `usual_table`.
 
         Raises:
             StictionError: another environment, or a table that cannot be read or is outside the
                 bounds of the action.
         """
         super().__init__(env)
-        self.amplitude, self.frequency, self.gate = self._read(env, table)
-
-    def _read(self, env: AnyEnv, table: Table | None) -> tuple[Array, Array, Array]:
-        """Return amplitudes [N·m], frequencies [Hz] and gates [rad/s], inf for none, (n,) each."""
         where = table if isinstance(table, (str, Path)) else "table"
         if table is None:
             rows: Sequence[AmplitudeRow] = usual_table(env)
@@ -145,8 +116,8 @@ class ConstantTable(Agent):
         else:
             rows = table
         waveform = _own(env, "usual table").core.waveform
-        amplitude, frequency = np.zeros(self.n), self.low[self.n :].copy()
-        gate = np.full(self.n, np.inf)
+        self.amplitude, self.frequency = np.zeros(self.n), self.low[self.n :].copy()
+        self.gate = np.full(self.n, np.inf)
         for row in rows:
             if not 1 <= row.joint <= self.n:
                 raise StictionError(f"{where}: joint {row.joint}: expected 1 to {self.n}")
@@ -165,18 +136,16 @@ class ConstantTable(Agent):
                         f"{where}: joint {row.joint}: {value:g} {unit}: expected "
                         f"{self.low[k]:g} to {self.high[k]:g}, as in the environment's action"
                     )
-            amplitude[j], frequency[j] = row.amplitude_nm, row.frequency_hz
-            gate[j] = row.gate_velocity
-        return amplitude, frequency, gate
-
-    def _factor(self, observation: Observation) -> Array:
-        """Return factors (M, n) of the amplitudes."""
-        return np.ones((len(observation), self.n))
+            self.amplitude[j], self.frequency[j] = row.amplitude_nm, row.frequency_hz
+            self.gate[j] = row.gate_velocity
 
     def _act(self, observation: Observation) -> Array:
-        amplitude = self._factor(observation) * self.amplitude
-        frequency = np.broadcast_to(self.frequency, amplitude.shape)
-        return np.concatenate([amplitude, frequency], axis=1)
+        amplitude = np.tile(self.amplitude, (len(observation), 1))
+        return self._actions(amplitude)
+
+    def _actions(self, amplitude: Array) -> Array:
+        """Return actions with amplitudes (M, n) [N·m]."""
+        return np.concatenate([amplitude, np.tile(self.frequency, (len(amplitude), 1))], axis=1)
 
 
 class GatedTable(ConstantTable):
@@ -186,40 +155,20 @@ class GatedTable(ConstantTable):
     """
 
     def __init__(
-        self, env: AnyEnv, table: Table | None = None, *, speed: float | None = None
+        self, env: AnyEnv, table: Table | None = None, *, speed: float = GATE_SPEED
     ) -> None:
-        """Read the environment.
+        """Read environment and table as `ConstantTable`.
 
-        Args:
-            env: the environment.
-            table: as for `ConstantTable`.
-            speed: v_gate of joints for which the table has none [rad/s]; inf for none, None for the
-                default.
-
-        Raises:
-            StictionError: as `ConstantTable`, or a speed that is not above 0.
+        ``speed`` is v_gate of joints without a gate in the table [rad/s], above 0; inf for no gate.
         """
         super().__init__(env, table)
-        speed = GATE_SPEED if speed is None else speed
         if not speed > 0:
             raise StictionError(f"gate speed {speed}: expected a number above 0 rad/s")
         self.gate = np.where(np.isfinite(self.gate), self.gate, speed)
 
-    def _factor(self, observation: Observation) -> Array:
-        return np.exp(-((self.speed(observation) / self.gate) ** 2))
-
-
-class TorqueRule(GatedTable):
-    """Dithers joints that are loaded and do not move.
-
-    The amplitude is factor · A · min(1, |τ| / (share · stiction)), faded as in `GatedTable`, with
-    the table's A and the torque τ that the controller asks for without dither: a joint that is
-    where it should be is not dithered.
-    """
-
-    def _factor(self, observation: Observation) -> Array:
-        pushed = np.minimum(1.0, np.abs(self.torque(observation)) / RULE_SHARE)
-        return RULE_FACTOR * pushed * super()._factor(observation)
+    def _act(self, observation: Observation) -> Array:
+        speed = observation[:, self._speed].astype(float) * self._speed_unit
+        return self._actions(np.exp(-((speed / self.gate) ** 2)) * self.amplitude)
 
 
 AGENTS: dict[str, type[Agent]] = {
@@ -227,7 +176,6 @@ AGENTS: dict[str, type[Agent]] = {
     "random": RandomDither,
     "constant": ConstantTable,
     "gated": GatedTable,
-    "rule": TorqueRule,
 }
 """Agents by name; each needs no argument but the environment."""
 

@@ -27,7 +27,6 @@ from stiction_envs.measured.csv_text import write_lines
 
 AnyEnv = gymnasium.Env | VectorEnv
 State = tuple[NDArray[np.generic], ...]
-"""Memory of an agent."""
 Row = dict[str, Any]
 """Numbers and words of an episode, by column."""
 
@@ -133,19 +132,18 @@ def evaluate(
         over = step.terminated | step.truncated
         for m in np.flatnonzero(over).tolist():
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
-            row |= _summary(mine, bool(step.terminated[m]))
+            steps = int(mine.pop("steps"))
+            mine["power"] /= steps
+            mine["torque_rate"] = float(np.sqrt(mine["torque_rate"] / steps))
+            row |= {"return": mine.pop("return"), "steps": steps}
+            row |= {"terminated": int(step.terminated[m]), **mine}
             row |= core.columns({name: values[m] for name, values in step.measures.items()})
         going[ids[over]] = False
     return rows
 
 
 def write_rows(path: str | Path, rows: Sequence[Mapping[str, object]]) -> None:
-    """Write rows as CSV with the columns of the first; floats read back bit for bit.
-
-    Args:
-        path: the file; there in full or not at all.
-        rows: one or more, all with the same names.
-    """
+    """Write rows, all with the columns of the first, as CSV; floats read back bit for bit."""
     columns = tuple(rows[0])
     write_lines(path, columns, [[row[name] for name in columns] for row in rows])
 
@@ -168,16 +166,3 @@ def _begun(seed: int, what: Row) -> Row:
         else:
             row[name] = value.item() if isinstance(value, np.generic) else value
     return row
-
-
-def _summary(sums: Mapping[str, float], terminated: bool) -> Row:
-    """Return the columns of an episode that are computed from sums over its steps."""
-    steps = int(sums["steps"])
-    return {
-        "return": sums["return"],
-        "steps": steps,
-        "terminated": int(terminated),
-        **{name: value for name, value in sums.items() if name.startswith("reward_")},
-        "power": sums["power"] / steps,
-        "torque_rate": float(np.sqrt(sums["torque_rate"] / steps)),
-    }

@@ -30,7 +30,6 @@ from stiction_envs.plant.copies import dumps
 Observation = NDArray[np.float32]
 Action = NDArray[np.float32]
 Info = dict[str, Any]
-"""Info of a step, as Gymnasium has it."""
 AnyOptions = Options | Sequence[Options | None] | None
 """Reset options of all environments, or of each."""
 
@@ -43,13 +42,11 @@ class _Experiment:
     """The part that a single environment and a batch have in common."""
 
     episodes: ClassVar[type[Episodes]]
-    """Episodes of the experiment."""
     renderer: ClassVar[type[Renderer] | None] = None
     """A `Renderer` of the episodes; None for an experiment without pictures."""
     core: Episodes
     """Episodes of the environment, or of the first of several batches, whose spaces are equal."""
     _cores: list[Episodes]
-    """Episodes of all batches."""
     _renderers: dict[int, Renderer]
     """Renderers by the number of their batch."""
 
@@ -178,13 +175,10 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         render_mode: str | None = None,
         **arguments: Any,
     ) -> None:
-        """Make the environments.
+        """Make ``num_envs`` environments; the class of the single one explains the arguments.
 
-        Args:
-            num_envs: how many.
-            autoreset_mode: `NextStep` (Gymnasium's default), `SameStep` or `Disabled`.
-            render_mode: one frame per environment; `human` is for the single environment.
-            arguments: as for the single environment.
+        ``autoreset_mode`` is `NextStep` (Gymnasium's default), `SameStep` or `Disabled`; the render
+        mode `human` is for the single environment.
         """
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -229,21 +223,18 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
 
     def _targets(self, options: AnyOptions) -> tuple[Index, list[Options | None]]:
         """Return which environments to reset, and the options of every one."""
-        everyone = np.arange(self.num_envs)
-        if options is None or isinstance(options, Mapping):
-            options = dict(options or {})
-            mask = options.pop("reset_mask", None)
-            if mask is None:
-                return everyone, [options] * self.num_envs
-            mask = np.asarray(mask)
-            if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-                raise StictionError(
-                    f"reset_mask: expected a bool array of shape ({self.num_envs},), one True"
-                )
-            return np.flatnonzero(mask), [options] * self.num_envs
         if isinstance(options, str):
             raise StictionError("reset options are a str: expected a dict, or a list of dicts")
-        return everyone, list(options)
+        if not (options is None or isinstance(options, Mapping)):
+            return np.arange(self.num_envs), list(options)
+        options = dict(options or {})
+        mask = options.pop("reset_mask", None)
+        mask = np.ones(self.num_envs, dtype=bool) if mask is None else np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise StictionError(
+                f"reset_mask: expected a bool array of shape ({self.num_envs},), one True"
+            )
+        return np.flatnonzero(mask), [options] * self.num_envs
 
     def _restart(self, ids: Index, options: Sequence[Options | None]) -> None:
         rngs = [rng for i in ids if (rng := self._rngs[i]) is not None]

@@ -46,7 +46,6 @@ class Registered:
 
 
 EXPERIMENTS: dict[str, Registered] = {}
-"""Experiments by name."""
 
 
 def register_experiment(new: Registered) -> None:
@@ -54,9 +53,6 @@ def register_experiment(new: Registered) -> None:
 
     An arm with ``environment = "Panda"`` in its TOML has ``PandaSJE-v0`` and ``PandaGTE-v0``. No
     `max_episode_steps`: the environments truncate by themselves, alone and in a batch.
-
-    Raises:
-        StictionError: a name that is taken.
     """
     if new.name in EXPERIMENTS:
         raise StictionError(f"experiment {new.name!r}: expected one not in {sorted(EXPERIMENTS)}")

@@ -156,13 +156,7 @@ def _row(batch: Info, i: int) -> Info:
 
 
 def make_sb3(name: str, num_envs: int = 1, **arguments: Any) -> SB3VecEnv:
-    """Return a registered environment (``PandaSJE-v0``) as a `SB3VecEnv`.
-
-    Args:
-        name: registered name.
-        num_envs: how many arms.
-        arguments: of the environment.
-    """
+    """Return ``num_envs`` arms of a registered environment (``PandaSJE-v0``) as a `SB3VecEnv`."""
     if ":" not in name:
         name = f"stiction_envs:{name}"
     batch = gymnasium.make_vec(name, num_envs, autoreset_mode="SameStep", **arguments)

@@ -18,6 +18,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,6 @@ import numpy as np
 from stiction_envs.reporting.atomic import write_text_atomic
 
 SHIPPED = Path(__file__).parent
-"""Folder of the results that come with the package."""
 MADE_BY = (
     "compiled.py",
     "plant",
@@ -52,9 +52,7 @@ _memory: dict[str, Values] = {}
 
 
 def digest(*parts: object) -> str:
-    """Return a hash of numbers, strings, arrays (by their bits) and containers of them.
-
-    Dataclasses count by the values of their fields.
+    """Return a hash of numbers, strings, arrays (by their bits), dataclasses and containers.
 
     Raises:
         TypeError: anything else, whose content cannot be told from its `repr`.
@@ -88,38 +86,28 @@ def _feed(add: Callable[[bytes], None], part: object) -> None:
 def recall(kind: str, of: str) -> Values:
     """Return the stored part of a result, by name; empty where all must be computed.
 
-    Args:
-        kind: of result, such as ``poses``.
-        of: `digest` of everything that it depends on.
+    A result has a kind, such as ``poses``, and the `digest` of everything that it depends on.
     """
     name = file_name(kind, of)
     if name not in _memory:
         found = {}
         if (folder := cache_folder()) is not None:
-            found = read(folder / name, code=code_digest) | read(SHIPPED / name)
+            found = read(folder / name, code_digest()) | read(SHIPPED / name)
         _memory[name] = found
     return _memory[name]
 
 
 def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
-    """Add values to a stored result, in this process and in the user's cache.
-
-    Args:
-        kind: as in `recall`.
-        of: as in `recall`.
-        found: `Values`.
-    """
+    """Add `Values` to a stored result, in this process and in the user's cache; see `recall`."""
     name = file_name(kind, of)
     known = _memory.setdefault(name, {})
     known.update(found)
     folder = cache_folder()
     if folder is None:
         return
-    try:
+    with suppress(OSError):  # of a folder that cannot be written: it is computed again
         folder.mkdir(parents=True, exist_ok=True)
         write(folder / name, known, code=code_digest())
-    except OSError:  # the folder cannot be written: the next process computes the result again
-        pass
 
 
 def forget() -> None:
@@ -130,13 +118,7 @@ def forget() -> None:
 def write(path: Path, values: Mapping[str, object], code: str = "") -> None:
     """Write one result at once; floats keep all their digits.
 
-    Args:
-        path: the file.
-        values: `Values`.
-        code: `code_digest` of a result in the user's cache.
-
-    Raises:
-        OSError: the file cannot be written.
+    ``code`` is the `code_digest` of a result in the user's cache.
     """
     lines = [f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
     head = {"code": code, "sha256": digest(values)}
@@ -174,14 +156,11 @@ def file_name(kind: str, of: str) -> str:
     return f"{kind}-{digest(mujoco.__version__, of)[:16]}.json"
 
 
-def read(path: Path, *, code: Callable[[], str] | None = None) -> Values:
+def read(path: Path, code: str | None = None) -> Values:
     """Return the values of a file, none of one that is missing, damaged or made by other code."""
     try:
         found = json.loads(path.read_text("utf-8"))
-        values = found["values"]
-        good = found["sha256"] == digest(values)
-        if good and code is not None:
-            good = found["code"] == code()
+        good = found["sha256"] == digest(found["values"]) and code in (None, found.get("code"))
+        return dict(found["values"]) if good else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
-    return dict(values) if good else {}

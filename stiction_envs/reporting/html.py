@@ -6,7 +6,6 @@ import base64
 import html
 import re
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -35,13 +34,8 @@ def to_html(lines: Sequence[str], folder: Path, title: str) -> str:
 
     The page includes the pictures that are below the folder; other image links stay text. Headings
     have GitHub's anchors. HTML, which a report may quote from names in a file, is escaped.
-
-    Args:
-        lines: of Markdown.
-        folder: where the pictures are.
-        title: of the page.
     """
-    body = _markdown().render("\n".join(lines), {"folder": folder})
+    body = _MARKDOWN.render("\n".join(lines), {"folder": folder})
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width,initial-scale=1"><title>'
@@ -78,6 +72,4 @@ def _picture(token: Token, folder: Path) -> Path | None:
     return path if ours and path.is_file() else None
 
 
-@cache
-def _markdown() -> MarkdownIt:
-    return MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
+_MARKDOWN = MarkdownIt("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")

@@ -14,6 +14,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,12 +30,7 @@ class KeptRows:
     """Rows of a file, and those that are added to it."""
 
     def __init__(self, path: Path | None, code: str = "") -> None:
-        """Read the rows that a code made.
-
-        Args:
-            path: of the file, which need not exist; None keeps rows in memory only.
-            code: what tells this code's rows from those of other code.
-        """
+        """Read the rows that a code made; a ``path`` of None keeps rows in memory only."""
         self._path, self._code = path, code
         self.every: dict[str, Any] = {}
         """All rows, by key."""
@@ -49,7 +45,8 @@ class KeptRows:
             if one["code"] == code:
                 self.every[one["key"]] = one["row"]
         if not text.endswith("\n"):
-            path.write_text(text + "\n", "utf-8")
+            with path.open("a", encoding="utf-8") as file:
+                file.write("\n")
 
     def add(self, key: str, row: Any) -> None:
         """Keep a row."""
@@ -71,51 +68,42 @@ class KeptRows:
         tell: Tell | None = None,
         begin: Callable[[], None] | None = None,
     ) -> dict[str, Any]:
-        """Measure what is missing; return the rows of the jobs, in their order.
+        """Measure the jobs whose key has no row; return the rows of all jobs, in their order.
 
         Args:
             jobs: by the keys of their rows.
             measure: returns the row of a job; with more than one process a function of a module.
-            processes: which measure at the same time, each in one thread of linear algebra.
-            minutes: no row is begun after this time, and the rows that are missing are left out.
+            processes: number of processes, each with one thread of linear algebra.
+            minutes: no row is begun after this time, and missing rows are left out.
             tell: called after each job.
             begin: called in each new process.
         """
         missing = {key: job for key, job in jobs.items() if key not in self.every}
         end = time.monotonic() + 60 * minutes
-
-        def keep(found: Iterator[Any]) -> None:
-            for left, (key, row) in enumerate(zip(missing, found, strict=True), 1):
-                self.add(key, row)
-                if tell is not None:
-                    tell(key, len(jobs) - len(missing) + left, len(jobs))
-                if time.monotonic() > end:
-                    return
-
-        if minutes > 0 and missing:
-            if min(processes, len(missing)) > 1:
-                self._share(missing, measure, processes, begin, keep)
-            else:
-                keep(map(measure, missing.values()))
+        if minutes > 0:
+            with _mapping(min(processes, len(missing)), begin) as apply:
+                found = apply(measure, missing.values())
+                for left, (key, row) in enumerate(zip(missing, found, strict=True), 1):
+                    self.add(key, row)
+                    if tell is not None:
+                        tell(key, len(jobs) - len(missing) + left, len(jobs))
+                    if time.monotonic() > end:
+                        break
         return {key: self.every[key] for key in jobs if key in self.every}
 
-    def _share(
-        self,
-        missing: Mapping[str, Job],
-        measure: Callable[[Job], Any],
-        processes: int,
-        begin: Callable[[], None] | None,
-        keep: Callable[[Iterator[Any]], None],
-    ) -> None:
-        """Measure in several processes at the same time."""
-        before = os.environ.get("OPENBLAS_NUM_THREADS")
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
-        pool = ProcessPoolExecutor(
-            min(processes, len(missing)), mp_context=get_context("spawn"), initializer=begin
-        )
-        try:
-            keep(pool.map(measure, missing.values()))
-        finally:
-            if before is None:
-                del os.environ["OPENBLAS_NUM_THREADS"]
-            pool.shutdown(cancel_futures=True)  # after an interruption none begins anything
+
+@contextmanager
+def _mapping(processes: int, begin: Callable[[], None] | None) -> Iterator[Callable[..., Any]]:
+    """Yield `map`, or the same with several processes at the same time."""
+    if processes < 2:
+        yield map
+        return
+    before = os.environ.get("OPENBLAS_NUM_THREADS")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # they compete for the processors else
+    pool = ProcessPoolExecutor(processes, mp_context=get_context("spawn"), initializer=begin)
+    try:
+        yield pool.map
+    finally:
+        if before is None:
+            del os.environ["OPENBLAS_NUM_THREADS"]
+        pool.shutdown(cancel_futures=True)  # after an interruption none begins anything

@@ -34,13 +34,7 @@ def check_place(path: Path) -> None:
 
 
 def check_file(path: Path, suffix: str, *, force: bool) -> None:
-    """Raise if a file of a kind cannot be written at ``path``, or would replace another.
-
-    Args:
-        path: the file.
-        suffix: of its name, with the dot.
-        force: whether it may replace another.
-    """
+    """Raise if no file with this suffix can be written at ``path``, or would replace another."""
     if path.suffix != suffix or path.is_dir():
         what = "is a folder" if path.is_dir() else f"ends in {path.suffix or 'nothing'!r}"
         raise StictionError(f"output {path}: {what}: expected a path to a {suffix}")
@@ -64,7 +58,7 @@ class OutputFolder:
             resumable: whether the same run may go on in its own folder.
 
         Raises:
-            StictionError: the folder holds files, or cannot be one.
+            StictionError: the folder holds other files, or cannot be one.
         """
         self.path = path
         self.provenance = found

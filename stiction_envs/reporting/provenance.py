@@ -110,7 +110,7 @@ def provenance(
         command: name of the command, or of the function it calls.
         arguments: other arguments that change the result, by name.
         seed: of all that is random.
-        inputs: files by the name of their argument; identified by content, not by path.
+        inputs: files by the name of their argument.
     """
     inputs = {} if inputs is None else inputs
     shown = {k: plain(v) for k, v in arguments.items()}

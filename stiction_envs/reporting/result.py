@@ -26,14 +26,9 @@ class Result(abc.ABC):
         """Return what the command prints with ``--json``."""
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write what the command of this result writes, ``provenance.json`` too.
+        """Write the files of the result's command and ``provenance.json``; return the folder.
 
-        Args:
-            folder: made where it is missing.
-            force: whether the files of another run in it are replaced.
-
-        Returns:
-            The folder.
+        The folder is made where it is missing; ``force`` replaces the files of another run in it.
 
         Raises:
             StictionError: the folder holds files, or cannot be one; nothing was written.

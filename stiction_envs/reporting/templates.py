@@ -37,9 +37,7 @@ def _environment(folder: Path) -> Environment:
 def render(template: Path, /, **values: object) -> str:
     """Return the text of a template: no blank lines but single ones, one line end at the end.
 
-    Args:
-        template: its path.
-        values: what it asks for; one that is missing is an error.
+    A value that the template asks for and that is missing is an error.
     """
     text = _environment(template.parent).get_template(template.name).render(**values)
     return re.sub(r"\n{3,}", "\n\n", re.sub(r"[ \t]+\n", "\n", text)).strip() + "\n"
@@ -58,15 +56,12 @@ def write_md_and_html(
     """Write a template's text as Markdown and as one HTML file that includes its pictures.
 
     Args:
-        folder: an existing one; the pictures that the text shows are in it already.
+        folder: an existing one, with the pictures that the text shows.
         template: its path.
         title: of the HTML page.
-        names: of the two files.
-        note: a paragraph below the heading, before the rest.
-        values: what the template needs.
-
-    Returns:
-        The names.
+        names: names of the two files, which are returned.
+        note: a paragraph below the heading.
+        values: values of the template.
     """
     text = render(template, **values)
     if note:

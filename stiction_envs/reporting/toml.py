@@ -17,7 +17,7 @@ def toml_text(
     """Return TOML that `tomllib` reads back as it was: floats to the last bit, inf and NaN too.
 
     Args:
-        table: nested tables of plain Python values (``.tolist()`` of arrays), without None.
+        table: nested tables of plain Python values, without None.
         head: comment at the top, without ``#``.
         comments: comments above tables, by top-level name.
     """

@@ -1,1 +1,1 @@
-from tests.cli.short_commands import short_motion  # noqa: F401
+from tests.cli.short_commands import log, short_motion  # noqa: F401

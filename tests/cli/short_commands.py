@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from stiction_envs.identification import settings
 from stiction_envs.method_settings import override
+from stiction_envs.robots import load_arm
+from tests.gap.small_logs import dry, hidden, write_csv
 from tuning.settings import tuning_settings
 
 BASE_TWO = "robot,joint,load,direction,tau_base_Nm\n" + "".join(
@@ -33,6 +37,14 @@ FEW = {
     **{"robot.frequencies": 2, "robot.amplitudes": 2, "robot.iterations": 1},
     **{"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1},
 }
+
+
+@pytest.fixture
+def log(two: Path, inputs: Path) -> Path:
+    """A log of the small arm with dry friction."""
+    path = inputs / "log.csv"
+    write_csv(path, hidden(load_arm(two), dry))
+    return path
 
 
 @pytest.fixture

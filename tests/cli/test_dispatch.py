@@ -39,16 +39,10 @@ def test_progress_off_a_terminal_is_a_line_now_and_then(monkeypatch, capsys):
     assert lines[-1] == "sje: 100 % (80 of 80 s simulated)"
 
 
-def terminal_on_stderr(monkeypatch) -> io.StringIO:
-    """Replace standard error by a terminal; return it."""
-    made = io.StringIO()
-    monkeypatch.setattr(made, "isatty", lambda: True)
-    monkeypatch.setattr(sys, "stderr", made)
-    return made
-
-
 def test_progress_on_a_terminal_is_a_bar(monkeypatch):
-    terminal = terminal_on_stderr(monkeypatch)
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
     with Progress() as progress:
         progress.set("base", 1.0, 4.0)
         progress.set("final", 2.0, 4.0)

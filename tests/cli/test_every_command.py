@@ -11,7 +11,7 @@ from benchmarks.thesis import command as thesis
 from stiction_envs.cli.dispatch import all_commands
 from stiction_envs.robots import load_arm
 from tests.browser import WIDTHS, wrong
-from tests.gap.small_logs import hidden, sliding, write_csv
+from tests.gap.small_logs import hidden, write_csv
 from tests.reporting.full_disk import REASONS, FullDisk
 
 SIMULATING = ("sje", "gte", "tune", "calibrate", "export", "excite", "view")
@@ -45,8 +45,8 @@ REPORTING = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", REPORTING)
-def test_a_report_can_be_read_on_a_desk_and_on_a_phone(cli, work, inputs, two, chromium, name):
-    write_csv(inputs / "log.csv", hidden(load_arm(two), lambda q, dq, ddq: 0.5 * sliding(q)))
+@pytest.mark.usefixtures("log")
+def test_a_report_can_be_read_on_a_desk_and_on_a_phone(cli, work, chromium, name):
     words = REPORTING[name].split()
     assert cli(*words, "--out", "out", commands=[*all_commands(), thesis]).code == 0
     pages = list(work.rglob("*.html"))

@@ -5,9 +5,7 @@ Only ``mujoco.mj_step`` runs the models here.
 
 from __future__ import annotations
 
-import csv
 import json
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -18,21 +16,15 @@ from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
-    FrictionParameters,
     dump_friction,
     load_friction,
 )
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.model_files import in_folder
 from stiction_envs.robots.stated import STICTION
+from tests.command_line import csv_rows
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import differences
-
-
-def write_friction(path: Path, p: FrictionParameters) -> None:
-    sources = dict.fromkeys(QUANTITIES, "a test")
-    text = dump_friction(p, sources=sources, meta={}, provenance={})
-    path.write_text(text, encoding="utf-8")
 
 
 def loaded(model: mujoco.MjModel, joint: str, factor: float, seconds: float) -> float:
@@ -82,7 +74,9 @@ def test_equals_our_model(cli):
 def test_friction_from_a_folder(cli, inputs):
     p = load_friction("panda")
     stickier = p.replace(stiction=2 * p.stiction, load_coefficient=0 * p.load_coefficient)
-    write_friction(inputs / "model.toml", stickier)
+    sources = dict.fromkeys(QUANTITIES, "a test")
+    text = dump_friction(stickier, sources=sources, meta={}, provenance={})
+    (inputs / "model.toml").write_text(text, encoding="utf-8")
     ran = cli("export", "panda", "--from", inputs, "--out", "a", "--json")
     assert ran.code == 0
     said = [j["stiction_nm"] for j in json.loads(ran.out)["joints"]]
@@ -164,8 +158,7 @@ def test_a_model_that_sticks_and_one_that_creeps(cli, work, inputs):
     assert ran.code == 0
     assert "1 of 1 joints stick" in ran.out
     assert ran.out.endswith("written to runs/conformance-good: conformance.csv\n")
-    with open(work / "runs/conformance-good/conformance.csv", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
+    (row,) = csv_rows(work / "runs/conformance-good/conformance.csv")
     assert (row["holds"], row["goes"], row["stiction_nm"]) == ("yes", "yes", "0.6")
 
     ran = cli("conformance", bad, "--json", "--out", "bad")

@@ -103,17 +103,6 @@ def mine(inputs):
     return path
 
 
-def check_sources(path) -> None:
-    """What was calibrated says so; all else is as the user's file has it."""
-    found = tomllib.loads(path.read_text("utf-8"))
-    assert found["meta"] == {}
-    assert found["stiction"]["source"].startswith("calibrated: ")
-    assert found["viscous"]["source"] == "my own log"
-    assert found["rotor_inertia"]["source"] == "assumed"
-    assert found["ripple_amplitude"]["source"] == "assumed: not in mine.toml"
-    assert load_friction(path, 2).n == 2
-
-
 def test_calibrate_begins_with_a_users_friction(cli, work, two, base, mine):
     ran = cli("calibrate", two, base, "--friction", mine, "--out", "new/friction.toml", "--json")
     assert ran.code == 0
@@ -121,12 +110,19 @@ def test_calibrate_begins_with_a_users_friction(cli, work, two, base, mine):
     assert result["largest_relative_error"] < 0.002
     measured = [r["measured_nm"] for r in result["rows"]]
     np.testing.assert_allclose([r["simulated_nm"] for r in result["rows"]], measured, rtol=0.002)
-    found = tomllib.loads((work / "new" / "friction.toml").read_text("utf-8"))["provenance"]
-    assert found["table"] == "base.csv"
-    assert len(found["arguments_sha256"]) == 64
-    assert "mujoco" in found["versions"]
-    # what it wrote is what other commands read
-    check_sources(work / "new" / "friction.toml")
+    made = work / "new" / "friction.toml"
+    found = tomllib.loads(made.read_text("utf-8"))
+    assert found["provenance"]["table"] == "base.csv"
+    assert len(found["provenance"]["arguments_sha256"]) == 64
+    assert "mujoco" in found["provenance"]["versions"]
+    # what was calibrated says so; all else is as the user's file has it
+    assert found["meta"] == {}
+    assert found["stiction"]["source"].startswith("calibrated: ")
+    assert found["viscous"]["source"] == "my own log"
+    assert found["rotor_inertia"]["source"] == "assumed"
+    assert found["ripple_amplitude"]["source"] == "assumed: not in mine.toml"
+    assert load_friction(made, 2).n == 2
+    # other commands read the file
     assert cli("export", two, "--from", "new", "--out", "model").code == 0
     again = cli("calibrate", two, base, "--out", "new/friction.toml")
     assert again.code == 2

@@ -17,8 +17,6 @@ from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.formats.base import ColumnFile
 from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.reader import read_logs
-from stiction_envs.robots import load_arm
-from tests.gap.small_logs import hidden, sliding, write_csv
 from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.ros_bags import joint_states, write_bag
 
@@ -27,14 +25,6 @@ from tests.measured.logs.ros_bags import joint_states, write_bag
 def clean(inputs):
     path = inputs / "sje.csv"
     write_sje(path, sje(np.random.default_rng(0)))
-    return path
-
-
-@pytest.fixture
-def log(inputs, two):
-    """A log of the small arm with dry friction."""
-    path = inputs / "log.csv"
-    write_csv(path, hidden(load_arm(two), lambda q, dq, ddq: 0.5 * sliding(q)))
     return path
 
 
@@ -77,7 +67,7 @@ def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
     ],
 )
 def test_a_file_that_nothing_can_be_done_with_is_a_defect(cli, inputs, clean, text, says):
-    """It is what was asked for; the other files are checked all the same."""
+    """The other files are checked all the same."""
     path = inputs / "bad.csv"
     path.write_text(text)
     ran = cli("check", path, clean)
@@ -92,7 +82,7 @@ def test_a_file_that_nothing_can_be_done_with_is_a_defect(cli, inputs, clean, te
 
 @pytest.fixture
 def values(log):
-    """Its numbers, t, q, dq, tau, as the text rounds them."""
+    """Numbers of the log, t, q, dq, tau, as the text rounds them."""
     t, q, tau = np.split(np.loadtxt(log, delimiter=",", skiprows=1), [1, 3], axis=1)
     return np.column_stack([t, q, np.gradient(q, t[:, 0], axis=0), tau])
 

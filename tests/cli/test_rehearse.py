@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 
 import numpy as np
@@ -11,18 +10,10 @@ import pytest
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
-from tests.gap.small_logs import dry, hidden, write_csv
+from tests.command_line import csv_rows
 
 FILES = {"rehearsal.csv", "rehearsal_runs.jsonl", "provenance.json"}
 COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
-
-
-@pytest.fixture
-def log(two, inputs):
-    """A log of the small arm with dry friction."""
-    path = inputs / "log.csv"
-    write_csv(path, hidden(load_arm(two), dry, seconds=10.0))
-    return path
 
 
 @pytest.fixture
@@ -37,8 +28,7 @@ def test_writes_and_prints_the_smallest_sizes(cli, work, call):
     ran = cli(*call, "--out", "a")
     assert ran.code == 0, ran.err
     assert {p.name for p in (work / "a").iterdir()} == FILES
-    with (work / "a/rehearsal.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(work / "a/rehearsal.csv")
     assert list(rows[0])[: len(COLUMNS)] == COLUMNS
     assert [(r["cause"], r["joint"]) for r in rows] == [
         (name, joint) for name in ("coulomb_friction", "viscous_friction") for joint in "12"
@@ -102,8 +92,7 @@ def test_a_servo_log_is_rehearsed(cli, work, servo_call):
     ran = cli(*servo_call, "--rehearse-causes", "coulomb_friction")
     assert ran.code == 0, ran.err
     assert {p.name for p in (work / "a").iterdir()} == FILES
-    with (work / "a/rehearsal.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(work / "a/rehearsal.csv")
     assert [(r["cause"], r["joint"]) for r in rows] == [
         ("coulomb_friction", "1"),
         ("coulomb_friction", "2"),

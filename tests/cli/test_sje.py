@@ -3,8 +3,6 @@
 import json
 import math
 
-import pytest
-
 from stiction_envs.experiments.sje import experiment, protocol
 from stiction_envs.measured import read_sje
 from tests.servo_arm import servo_arm
@@ -53,14 +51,6 @@ def test_with_dither(cli, work, dither):
     assert [r["tau_nm"] for r in result["rows"]] == [r.tau_nm for r in rows]
     assert result["rows"][0]["std_nm"] is None  # NaN is no JSON
     assert result["failed"] is None
-
-
-@pytest.mark.slow
-def test_same_run_gives_the_same_bytes(cli, work, dither):
-    for name, options in (("a", []), ("b", ["--threads", 1])):
-        assert cli("sje", "panda", *QUICK, "--dither", dither, "--out", name, *options).code == 0
-    files = [{p.name: p.read_bytes() for p in (work / k).iterdir()} for k in "ab"]
-    assert files[0] == files[1]
 
 
 def test_stuck_configurations_are_named_and_left_out(cli, work, dither, monkeypatch):

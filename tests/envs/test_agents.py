@@ -6,13 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.envs.agents import (
-    AGENTS,
-    RULE_FACTOR,
-    ConstantTable,
-    GatedTable,
-    TorqueRule,
-)
+from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 
@@ -64,21 +58,6 @@ def test_a_gated_table_fades_with_speed(env):
     assert moving[0] == pytest.approx(0.5 * np.exp(-1), rel=1e-5)
     assert moving[5] == pytest.approx(0.3 * np.exp(-4), rel=1e-5)
     assert np.array_equal(moving[7:], still[7:])
-
-
-def test_the_rule_dithers_what_is_pushed_and_slow(env):
-    agent = TorqueRule(env, ROWS, speed=0.2)
-
-    def amplitude(torque: float, speed: float = 0.0) -> float:
-        unit = env.unwrapped.core.speed_unit
-        row = seen(env, torque={1: torque}, velocity={1: speed / unit})
-        return float(agent.predict(row)[0][0])
-
-    assert amplitude(0.0) == 0.0
-    most = RULE_FACTOR * 0.5
-    assert amplitude(0.25) == amplitude(-0.25) == pytest.approx(0.5 * most)
-    assert amplitude(0.5) == pytest.approx(most)
-    assert amplitude(3.0, 0.2) == pytest.approx(most * np.exp(-1), rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -7,21 +7,10 @@ import warnings
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from gymnasium.wrappers import (
-    RescaleAction,
-)
+from gymnasium.wrappers import RescaleAction
 
 from stiction_envs.errors import StictionError
-from tests.envs.helpers import (
-    TRIANGLE,
-    TWO_JOINTS,
-    Kind,
-    episode,
-    mild,
-    quiet,
-    refused,
-    same,
-)
+from tests.envs.helpers import TRIANGLE, TWO_JOINTS, Kind, episode, mild, quiet, refused, same
 
 
 def of_each(**cases: list[tuple]) -> pytest.MarkDecorator:

@@ -5,15 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.envs.helpers import (
-    GTE,
-    IIWA_GTE,
-    PANDA_GTE,
-    TRIANGLE,
-    episode,
-    make_gte,
-    mild,
-)
+from tests.envs.helpers import GTE, IIWA_GTE, PANDA_GTE, TRIANGLE, episode, make_gte, mild
 from tests.envs.test_gte import QUIET, shaken
 
 

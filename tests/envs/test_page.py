@@ -20,7 +20,7 @@ from stiction_envs.experiments.sje.protocol import load_protocol, sje_reward_set
 from stiction_envs.plant import CONTROL_DT
 
 ENVS = {SJEEnv: (SJEVectorEnv, 6, 5), GTEEnv: (GTEVectorEnv, 5, 20)}
-"""Of each: the batch, elements of the observation per joint and besides."""
+"""Batch of each environment; elements of the observation per joint, and other elements."""
 
 
 def words(env: type) -> str:

@@ -1,15 +1,16 @@
-"""Domain randomisation: what varies, within which bounds, and that nothing else does."""
+"""Domain randomisation and robot senses: what varies, and that nothing else does."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from stiction_envs.control.sensing import Sensing
 from stiction_envs.envs.gte import GTEEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.randomise import draw, randomised
 from stiction_envs.friction.parameters import load_friction
-from tests.envs.helpers import GTE, TRIANGLE, episode, mild, quiet, same
+from tests.envs.helpers import GTE, TRIANGLE, batch_and_singles, episode, mild, quiet, same
 
 SPREADS = {"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}
 
@@ -30,18 +31,14 @@ def undithered(**arguments) -> tuple[GTEEnv, dict]:
     return env, episode(env, quiet(env), seed=2, options=TRIANGLE)[-1][4]
 
 
-def check_same_arm(final: dict, other: dict) -> None:
-    for name in ("error", "error_left", "shaking", "duration"):
-        assert np.array_equal(final[name], other[name]), name
-
-
 def test_a_randomised_arm_is_an_arm_of_that_friction_bit_for_bit():
     """Only the unit of its reward is another's."""
     env, final = undithered(randomise={"friction": 0.5, "load": 0.5})
     names, plant = ("stiction", "load_coefficient"), env.core.rig.plant
     own = env.core._nominal.replace(**{k: plant._p[k][0] for k in names})
     (_, other), (_, usual) = undithered(friction=own), undithered()
-    check_same_arm(final, other)
+    for name in ("error", "error_left", "shaking", "duration"):
+        assert np.array_equal(final[name], other[name]), name
     assert np.array_equal(final["undithered_error"], usual["undithered_error"])
     assert not np.array_equal(final["error"], usual["error"])
     assert not np.array_equal(final["undithered_error"], other["undithered_error"])
@@ -89,3 +86,33 @@ def test_wrong_spreads(kind, randomise, words):
 def test_friction_factors_that_are_none(factor):
     with pytest.raises(StictionError, match="friction_factor"):
         GTEEnv(friction_factor=factor, **GTE.arguments)
+
+
+OFF = Sensing(angle_noise=1e-3, speed_noise=0.01, measurement_delay=0.002, missed_cycles=0.1)
+
+
+def test_the_observation_is_what_was_read(kind):
+    env = kind.make(sensing=OFF)
+    env.reset(seed=3, options=kind.options)
+    seen, *_ = env.step(mild(env, 6))
+    core = env.unwrapped.core
+    rig, names = core.rig, list(core.observation_names)
+    origin = rig.start if hasattr(rig, "start") else rig.pose[0]
+    unit = 1.0 if hasattr(rig, "start") else rig.protocol.threshold
+    first = [k for k, name in enumerate(names) if name.startswith("displacement")]
+    expected = (rig.senses.q[0] - origin) / unit
+    assert seen[first] == pytest.approx(expected.astype(np.float32))
+    assert np.abs(rig.senses.q[0] - rig.plant.position[0]).max() > 1e-4
+
+
+def test_a_batch_is_its_single_environments_bit_for_bit(kind):
+    spreads = {"senses": 0.5, "friction": 0.2}
+    many = batch_and_singles(kind, 3, sensing=OFF, randomise=spreads)
+    scale = many.unwrapped.core.rig.senses._scale
+    assert len(set(scale.tolist())) == 3
+    assert 0.5 <= scale.min() < scale.max() <= 1.5
+
+
+def test_ideal_senses_have_no_spread(kind):
+    with pytest.raises(StictionError, match="randomise senses: the senses are ideal"):
+        kind.make(randomise={"senses": 0.5})

@@ -22,11 +22,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "cache"
 
 
-def only_file(folder: Path) -> Path:
-    (path,) = folder.iterdir()
-    return path
-
-
 # ---- digest --------------------------------------------------------------------------------------
 
 
@@ -98,7 +93,7 @@ def test_all_code_that_makes_a_result_counts():
 )
 def test_a_damaged_file_is_made_anew(folder, damage):
     store.keep("numbers", "key", NUMBERS)
-    path = only_file(folder)
+    (path,) = folder.iterdir()
     good = path.read_bytes()
     path.write_bytes(damage(good))
     assert path.read_bytes() != good

@@ -2,6 +2,7 @@
 
 import errno
 import json
+from importlib import metadata
 
 import pytest
 
@@ -9,7 +10,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.reporting import output_folder
 from stiction_envs.reporting import provenance as provenance_module
 from stiction_envs.reporting.output_folder import OutputFolder, check_file
-from stiction_envs.reporting.provenance import git_commit, provenance
+from stiction_envs.reporting.provenance import git_commit, provenance, sha256, versions
 
 
 def found(command: str = "sje", seed: int = 0, **arguments: object) -> dict:
@@ -136,3 +137,30 @@ def test_a_folder_that_cannot_be_begun_is_not_left(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"), OutputFolder(tmp_path / "a", found()):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_hash_of_a_folder_is_that_of_names_and_contents(tmp_path):
+    """A bag of ROS 2 is a folder: another byte, another name or another file is another input."""
+    found = set()
+    for names, data in (("ab", b"x"), ("ab", b"y"), ("ac", b"x"), ("abc", b"x")):
+        folder = tmp_path / f"{names}{data!r}"
+        folder.mkdir()
+        for name in names:
+            (folder / name).write_bytes(data)
+        found.add(sha256(folder))
+    assert len(found) == 4
+    again = tmp_path / "again"
+    again.mkdir()
+    for name in "ba":
+        (again / name).write_bytes(b"x")
+    assert sha256(again) in found
+
+
+def test_versions_name_every_package_that_takes_part():
+    found = versions()
+    assert {"numpy", "optuna", "mujoco"} <= set(found)
+    for name in ("cmaes", "numba", "scikit-learn", "torch"):
+        try:
+            assert found[name] == metadata.version(name)
+        except metadata.PackageNotFoundError:
+            assert name not in found

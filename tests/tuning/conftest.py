@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import optuna
 import psycopg
 import pytest
 
@@ -24,6 +25,11 @@ def small(folder: Path) -> tuple[Arm, Protocol]:
     path.write_text(chain(2))
     protocol = load_protocol("small").replace(ramp_rate=2.0, iterations=2, return_time=0.2)
     return load_arm(path), protocol
+
+
+@pytest.fixture(autouse=True)
+def quiet() -> None:
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
 @pytest.fixture

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
+from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
-from stiction_envs.reporting.json_text import JsonRecord
 from tuning.names import EPISODES, PATHS, POLICIES
 
 if TYPE_CHECKING:
@@ -87,11 +87,7 @@ def add_task_options(parser: common.Parser) -> None:
 
 
 def read_task(args: argparse.Namespace, n: int) -> Task:
-    """Return the environment of `add_task_options`, for an arm of ``n`` joints.
-
-    Raises:
-        StictionError: an option of another experiment, or an argument that does not exist.
-    """
+    """Return the environment of `add_task_options`, for an arm of ``n`` joints."""
     from stiction_envs.control.compensation_files import is_file, read_compensation
     from tuning.policies.task import Task
 
@@ -109,8 +105,11 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
         arguments["compensation"] = read_compensation(given, None, n)
     if any(args.tilt):
         arguments["tilt"] = tuple(args.tilt)
+    fixed = arguments.get("fixed_options", {})
+    if not isinstance(fixed, dict):
+        raise StictionError(f"--env fixed_options={fixed}: expected a JSON object")
     if options := read_options(args):
-        arguments["fixed_options"] = {**options, **arguments.get("fixed_options", {})}
+        arguments["fixed_options"] = {**options, **fixed}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
     )
@@ -142,11 +141,9 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     task, options = read_task(args, common.read_arm(args).n), read_options(args)
     check(task, args.policy, options)
-    inputs = {
-        **common.model_files(args),
-        **policy_files(task.arm_name, args.policy),
-        "compensation": compensation_file(args),
-    }
+    inputs: dict[str, Path | None] = {**common.model_files(args)}
+    inputs |= policy_files(task.arm_name, args.policy)
+    inputs["compensation"] = compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs)
     with common.working(), Progress("episodes") as progress:
         evaluated = evaluate_all(
@@ -159,23 +156,8 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
     with common.working(), folder:
         evaluated.save(folder.path)
-    values = {
-        "command": "evaluate",
-        "seed": args.seed,
-        "out": str(folder.path),
-        "environment": task.name,
-        "summary": evaluated.summary(),
-        "rows": list(evaluated.rows),
-    }
-    return common.Answer(values, show(values))
-
-
-def compensation_file(args: argparse.Namespace) -> Path | None:
-    """Return the file of gains that the user gave, if any."""
-    from stiction_envs.control.compensation_files import is_file
-
-    given = args.compensation
-    return Path(given) if given is not None and is_file(given) else None
+    more = {"seed": args.seed, "rows": list(evaluated.rows)}
+    return common.Answer(result=evaluated, out=folder.path, more=more)
 
 
 def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
@@ -183,17 +165,5 @@ def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     from tuning.policies.evaluation import gated_file
 
     files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}
-    if "gated" in policies and (shipped := gated_file(robot)) is not None:
-        files["gated"] = shipped
-    return files
-
-
-def show(result: JsonRecord) -> str:
-    """Return the means as a readable table."""
-    from stiction_envs.reporting.markdown import aligned
-    from tuning.policies.report import means_table
-
-    summary = result["summary"]
-    header, rows = means_table(summary)
-    title = f"{result['environment']}, {next(iter(summary.values()))['episodes']} episodes"
-    return "\n".join([title, aligned(header, rows), f"written to {result['out']}"])
+    shipped = gated_file(robot) if "gated" in policies else None
+    return files if shipped is None else {**files, "gated": shipped}

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from stiction_envs.cli import common
+from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
-from stiction_envs.reporting.json_text import JsonRecord
 from tuning.commands import evaluate
 from tuning.names import ALGORITHMS, CHECKPOINT_EVERY
 
@@ -59,7 +59,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
     from tuning.policies.evaluation import evaluate_all
-    from tuning.policies.report import draw_curve
     from tuning.policies.settings import policy_settings
 
     arm = common.read_arm(args)
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         task = replace(test, arguments={**test.arguments, "fixed_options": options})
     settings = override(policy_settings(), args.settings)
     inputs = {**common.model_files(args), "settings": args.settings}
-    inputs["compensation"] = evaluate.compensation_file(args)
+    inputs["compensation"] = compensation_file(args)
     folder = common.output_folder(args, task.arm_name, inputs, resumable=True)
     plan = training.Training(
         task=task,
@@ -92,33 +91,20 @@ def run(args: argparse.Namespace) -> common.Answer:
             progress=progress.set,
         )
         evaluated.save(folder.path)
-        draw_curve(
-            folder.path / "curve.png",
-            trained.points,
-            title=f"{args.algo.upper()} on {task.name}, seed {args.seed}",
-            experiment=args.experiment,
-        )
-    values = {
-        "command": "train",
+        plan.draw_curve(folder.path / "curve.png", trained.points)
+    first, last, best = trained.points[0], trained.points[-1], trained.best
+    more = {
         "seed": args.seed,
-        "out": str(folder.path),
-        "environment": task.name,
         "algorithm": args.algo,
-        "steps": trained.points[-1].steps,
+        "steps": last.steps,
         "resumed_at": trained.resumed_at,
-        "first_return": trained.points[0].evaluation_return,
-        "best_return": trained.best.evaluation_return,
-        "best_steps": trained.best.steps,
-        "summary": evaluated.summary(),
+        "first_return": first.evaluation_return,
+        "best_return": best.evaluation_return,
+        "best_steps": best.steps,
     }
-    return common.Answer(values, show(values))
-
-
-def show(result: JsonRecord) -> str:
-    """Return the result as readable lines."""
-    kept = (
-        f"{result['algorithm']}, {result['steps']} steps: evaluated return "
-        f"{result['first_return']:.3f} at first, {result['best_return']:.3f} at "
-        f"{result['best_steps']} steps (kept); other episodes:"
+    text = (
+        f"{args.algo}, {last.steps} steps: evaluated return {first.evaluation_return:.3f} at "
+        f"first, {best.evaluation_return:.3f} at {best.steps} steps (kept); other episodes:\n"
+        f"{evaluated}\nwritten to {folder.path}"
     )
-    return f"{kept}\n{evaluate.show(result)}"
+    return common.Answer(result=evaluated, out=folder.path, more=more, text=text)

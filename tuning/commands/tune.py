@@ -161,7 +161,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     tune_it = _search if args.protocol == "search" else _thesis
     with Progress() as progress:
         result = tune_it(args, arm, progress)
-    return common.answer(args, result, result.folder)
+    return common.Answer(result=result, out=result.folder)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -179,10 +179,10 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) -> OutputFolder:
     """Check the output folder; its provenance has no password of a storage."""
-    from tuning.study.storage import shown
+    from tuning.study.storage import parse, shown
 
     recorded = argparse.Namespace(**vars(args))
-    recorded.storage = args.storage and shown(args.storage)
+    recorded.storage = args.storage and shown(parse(args.storage))
     return common.output_folder(
         recorded, arm.name, {**common.model_files(args), **inputs}, resumable=True
     )
@@ -226,17 +226,16 @@ def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
 
 def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
     from stiction_envs.reporting.output_folder import default_folder
-    from tuning.robot.report import describe
     from tuning.robot.session import Session
 
-    out, told = args.out or default_folder("ask", arm.name), {}
+    out = args.out or default_folder("ask", arm.name)
+    more = {}
     with Progress() as progress:
         options = _given(args, "bounds", "limit", "force")
         options |= {"out": out, "progress": progress.set}
         if args.tell is not None:
             state = Session(arm, **options).tell(args.tell)
-            told = {"told": state.told}
+            more = {"told": state.told}
         if args.ask is not None:
             state = Session(arm, **options).ask(args.ask)
-    values = {"command": "tune", "out": str(out), **state.to_json(), **told}
-    return common.Answer(values, f"{describe(values)}\nwritten to {out}")
+    return common.Answer(result=state, out=out, more=more)

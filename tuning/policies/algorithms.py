@@ -13,16 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.reporting.provenance import versions
 from tuning.policies.policy import Card, Policy
-from tuning.policies.settings import (
-    AlgorithmSettings,
-    PolicySettings,
-    RunSettings,
-)
+from tuning.policies.settings import AlgorithmSettings, PolicySettings, RunSettings
 from tuning.policies.task import Task
 
 try:
@@ -114,12 +110,9 @@ def make_model(
 
 
 def load_checkpoint(algorithm: str, place: Path, env: VecNormalize) -> BaseAlgorithm:
-    """Return the model of a checkpoint, which can run code, at the start of new episodes.
+    """Return the model of a checkpoint's folder, which can run code, at the start of new episodes.
 
-    Args:
-        algorithm: one of `ALGORITHMS`.
-        place: folder of the checkpoint.
-        env: of `make_env`; the checkpoint's normalisation takes the place of its own.
+    The checkpoint's normalisation takes the place of that of ``env`` (`make_env`).
 
     Raises:
         StictionError: a checkpoint that cannot be read.
@@ -160,9 +153,6 @@ def export(
             (`SB3VecEnv`), with or without `VecNormalize`.
         task: task of the training.
         training: description of the training.
-
-    Raises:
-        StictionError: another algorithm, or layers that `Policy` does not support.
     """
     layers, output = _layers(model)
     linear = [x for x in layers if isinstance(x, torch.nn.Linear)]
@@ -174,6 +164,7 @@ def export(
     size = batch.single_observation_space.shape
     normal: SB3 = model.get_vec_normalize_env()
     used = normal is not None and normal.norm_obs
+    packages = {x: metadata.version(x) for x in ("stable-baselines3", "torch", "numpy")}
     return Policy(
         card=Card(
             robot=task.arm_name,
@@ -184,7 +175,7 @@ def export(
             output=output,
             clip=float(normal.clip_obs) if used else float(np.finfo(np.float32).max),
             epsilon=float(normal.epsilon) if used else 1.0,
-            training={**(training or {}), "versions": {**versions(), **_packages()}},
+            training={**(training or {}), "versions": {**versions(), **packages}},
         ),
         low=batch.single_action_space.low.astype(float),
         high=batch.single_action_space.high.astype(float),
@@ -207,9 +198,5 @@ def _layers(model: BaseAlgorithm) -> tuple[list[SB3], Literal["tanh", "clip"]]:
     raise StictionError(f"{type(model).__name__}: expected one of PPO, SAC, TD3")
 
 
-def _packages() -> dict[str, str]:
-    return {name: metadata.version(name) for name in ("stable-baselines3", "torch", "numpy")}
-
-
-def _numbers(tensor: torch.Tensor) -> NDArray[np.float64]:
+def _numbers(tensor: torch.Tensor) -> Array:
     return np.asarray(tensor.detach().cpu().numpy(), dtype=float)

@@ -1,8 +1,4 @@
-"""Comparison of policies: the same episodes for each, one row per episode.
-
-evaluated = evaluate_all(task, ["none", "gated", "policy.zip"], episodes=32, seed=0)
-evaluated.save("runs/evaluate-panda")
-"""
+"""Comparison of policies: the same episodes for each, one row per episode."""
 
 from __future__ import annotations
 
@@ -20,6 +16,7 @@ from stiction_envs.envs.evaluation import evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
+from stiction_envs.reporting.markdown import aligned, number
 from tuning.names import EPISODES, POLICIES
 from tuning.policies.policy import Policy
 from tuning.policies.settings import policy_settings
@@ -27,14 +24,25 @@ from tuning.policies.task import Task
 
 _TOGETHER = 64  # arms at once: the fastest number (measured)
 Array = NDArray[np.floating]
-Progress = Callable[[str, float, float], None]
-"""Called with a policy's name, episodes done and episodes in all."""
+COLUMNS = {
+    "return": ("return", 1.0, 3),
+    "return_error": ("±", 1.0, 3),
+    "reduction": ("reduction", 1.0, 3),
+    "position_left_m": ("left [mm]", 1e3, 3),
+    "orientation_left_rad": ("[mrad]", 1e3, 3),
+    "vibration_moving_mm": ("moving [mm]", 1.0, 3),
+    "vibration_at_rest_mm": ("at rest [mm]", 1.0, 3),
+    "oscillation_mrad": ("shaking [mrad]", 1.0, 2),
+    "power": ("power", 1.0, 3),
+}
+"""Means that are shown: heading, factor, digits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluated:
     """Rows and means of every policy."""
 
+    environment: str
     rows: tuple[dict[str, object], ...]
     """One per policy and episode; `stiction_envs.envs.evaluation.evaluate` explains the columns."""
 
@@ -65,6 +73,21 @@ class Evaluated:
             out[policy] |= {n: float(self.values(policy, n).mean()) for n in measures}
         return out
 
+    def to_json(self) -> dict[str, object]:
+        """Return the environment and the means."""
+        return {"environment": self.environment, "summary": self.summary()}
+
+    def __str__(self) -> str:
+        summary = self.summary()
+        first = next(iter(summary.values()))
+        shown = [(name, *look) for name, look in COLUMNS.items() if name in first]
+        header = ["policy", *(heading for _, heading, _, _ in shown)]
+        rows = [
+            [policy, *(number(means[k] * factor, digits) for k, _, factor, digits in shown)]
+            for policy, means in summary.items()
+        ]
+        return f"{self.environment}, {first['episodes']} episodes\n{aligned(header, rows)}"
+
 
 def evaluate_all(
     task: Task,
@@ -73,7 +96,7 @@ def evaluate_all(
     episodes: int = EPISODES,
     seed: int = 0,
     options: Mapping[str, object] | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[str, float, float], None] | None = None,
 ) -> Evaluated:
     """Evaluate every policy on the same episodes.
 
@@ -83,11 +106,9 @@ def evaluate_all(
         episodes: number of episodes of each.
         seed: seed of the first episode; the others have those that follow.
         options: reset options of all episodes; random paths are those that training never draws.
-        progress: see `Progress`.
-
-    Raises:
-        StictionError: an unknown policy, one for another purpose, or unknown options.
+        progress: called with a policy's name, episodes done and episodes in all.
     """
+    progress = progress or (lambda *_: None)
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
     each = [_held_out(options, k) for k in range(episodes)]
@@ -95,16 +116,14 @@ def evaluate_all(
     for name, agent in agents:
         for start in range(0, episodes, env.num_envs):
             part = range(start, min(episodes, start + env.num_envs))
-            if progress is not None:
-                progress(name, start, episodes)
+            progress(name, start, episodes)
             found = evaluate(env, agent, [seed + k for k in part], [each[k] for k in part])
             rows += [
                 {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
             ]
-        if progress is not None:
-            progress(name, episodes, episodes)
+        progress(name, episodes, episodes)
     env.close()
-    return Evaluated(rows=tuple(rows))
+    return Evaluated(environment=task.name, rows=tuple(rows))
 
 
 def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | None = None) -> None:
@@ -119,12 +138,7 @@ def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | N
 
 
 def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
-    """Return the agent of a name or a file, with Stable-Baselines3's `predict`.
-
-    Args:
-        name: one of `POLICIES`, a ``policy.zip``, or an amplitude table (its gates are used).
-        task: the environment.
-        env: an instance of it.
+    """Return the agent of one of `POLICIES`, a ``policy.zip``, or a table with its gates.
 
     Raises:
         StictionError: an unknown policy, one for another purpose, or a table that the environment

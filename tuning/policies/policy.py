@@ -1,9 +1,4 @@
-"""A trained policy as numbers: it runs with numpy alone and is stored in a file that runs no code.
-
-policy = Policy.load("policy.zip")
-policy.check(robot="panda", environment="GTE-v0", ...)     # what it was trained for
-action, _ = policy.predict(observation)                    # [N·m, Hz]
-"""
+"""Trained policies as numbers: they need numpy alone, and their files run no code."""
 
 from __future__ import annotations
 
@@ -32,6 +27,7 @@ MOST_BYTES = 2**26
 """Largest unpacked size of a ``policy.zip`` [B] (assumed): a hundred times a usual network's."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
 _SB3 = {"_stable_baselines3_version", "policy.pth", "data"}
+_FORMAT = "stiction-envs policy 2"
 _Numbers = tuple[float, ...]
 
 
@@ -40,15 +36,12 @@ class Card:
     """Description of a policy, besides its numbers."""
 
     robot: str
-    """Name of the arm."""
     environment: Annotated[str, msgspec.Meta(pattern="^[^-]+-[^-]+$")]
     """End of the environment's identifier with its version: ``GTE-v0``."""
     observation_names: Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
-    """Names of all elements, in order."""
     interval: Positive
     """Time between two actions [s]."""
     activation: Literal["tanh", "relu"]
-    """Activation of the hidden layers."""
     output: Literal["tanh", "clip"]
     """How an action is limited to [-1, 1] of its range."""
     clip: Positive
@@ -63,7 +56,7 @@ class Card:
 class _Content:
     """``policy.json``; JSON has no number that is not finite."""
 
-    format: Literal["stiction-envs policy 2"] = "stiction-envs policy 2"
+    format: Literal["stiction-envs policy 2"]
     card: Card
     low: _Numbers
     high: _Numbers
@@ -84,7 +77,6 @@ class Policy:
     low: Array
     """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
     high: Array
-    """(2n,) highest action."""
     mean: Array
     """(observations,) mean of the observations in training."""
     variance: Array
@@ -103,17 +95,9 @@ class Policy:
     ) -> tuple[NDArray[np.float64], None]:
         """Return the mean action in the units of the environment; interface of Stable-Baselines3.
 
-        Args:
-            observation: (observations,) or (M, observations).
-            state: not used: the policy has no memory.
-            episode_start: not used.
-            deterministic: not used: the policy is deterministic.
-
-        Returns:
-            (2n,) or (M, 2n) amplitudes [N·m] and frequencies [Hz], and None.
-
-        Raises:
-            StictionError: an observation of another shape.
+        An observation is (observations,) or (M, observations), an action (2n,) or (M, 2n):
+        amplitudes [N·m] and frequencies [Hz]. The policy has no memory: other arguments are not
+        used.
         """
         x = np.asarray(observation, dtype=float)
         size = len(self.mean)
@@ -139,11 +123,8 @@ class Policy:
     ) -> None:
         """Raise a StictionError that names the difference if this policy is for something else.
 
-        Args:
-            robot: name of the arm.
-            environment: end of the identifier, ``GTE-v0``.
-            observation_names: of the environment.
-            interval: time between two actions [s].
+        ``environment`` is the end of the identifier, ``GTE-v0``; ``interval`` is the time between
+        two actions [s].
         """
         card, names = self.card, tuple(observation_names)
         if (card.robot, card.environment) != (robot, environment):
@@ -165,18 +146,11 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write a ``policy.zip``; the same policy gives the same bytes."""
-        content = _Content(
-            card=self.card,
-            low=tuple(self.low.tolist()),
-            high=tuple(self.high.tolist()),
-            mean=tuple(self.mean.tolist()),
-            variance=tuple(self.variance.tolist()),
-            weights=tuple(tuple(map(tuple, w.tolist())) for w in self.weights),
-            biases=tuple(tuple(b.tolist()) for b in self.biases),
-        )
+        content = {"format": _FORMAT, **vars(self)}
+        text = msgspec.json.encode(content, enc_hook=lambda array: array.tolist())
         out = io.BytesIO()
         with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
-            file.writestr(zipfile.ZipInfo(ENTRY, _EPOCH), msgspec.json.encode(content))
+            file.writestr(zipfile.ZipInfo(ENTRY, _EPOCH), text)
         write_bytes_atomic(Path(path), out.getvalue())
 
     @classmethod
@@ -191,10 +165,7 @@ class Policy:
             content = msgspec.json.decode(_unpacked(Path(path)), type=_Content)
             out = cls(
                 card=content.card,
-                low=np.array(content.low),
-                high=np.array(content.high),
-                mean=np.array(content.mean),
-                variance=np.array(content.variance),
+                **{k: np.array(getattr(content, k)) for k in ("low", "high", "mean", "variance")},
                 weights=tuple(np.array(w, dtype=float) for w in content.weights),
                 biases=tuple(np.array(b) for b in content.biases),
             )

@@ -7,11 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stiction_envs.method_settings import (
-    Count,
-    Positive,
-    load_settings,
-)
+from stiction_envs.method_settings import Count, Positive, load_settings
 
 
 @dataclass(frozen=True, kw_only=True)

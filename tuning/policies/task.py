@@ -9,7 +9,7 @@ from typing import Any
 
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.envs.registration import EXPERIMENTS
-from stiction_envs.errors import unknown
+from stiction_envs.errors import StictionError, one_line, unknown
 from stiction_envs.robots.chain import chain_title
 from stiction_envs.robots.registry import ARMS
 
@@ -25,7 +25,6 @@ class Task:
     experiment: str
     """One of `envs.registration.EXPERIMENTS`."""
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    """Arguments of the environment."""
     threads: int = 0
     """Threads of the physics, 0 for all processors; results do not depend on it."""
 
@@ -64,7 +63,11 @@ class Task:
             StictionError: an invalid argument or reset option.
         """
         arguments = {**self.arguments, "threads": self.threads}
-        made: ArmVectorEnv = EXPERIMENTS[self.experiment].vector_class()(
-            num_envs, robot=self.robot, autoreset_mode="SameStep", **arguments
-        )
-        return made
+        kind = EXPERIMENTS[self.experiment].vector_class()
+        try:
+            return kind(num_envs, robot=self.robot, autoreset_mode="SameStep", **arguments)
+        except StictionError:
+            raise
+        except (TypeError, AttributeError, ValueError) as error:  # a value of another kind
+            why = one_line(error)
+            raise StictionError(f"arguments of the {self.experiment} environment: {why}") from error

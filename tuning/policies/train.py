@@ -1,10 +1,5 @@
 """Training of a policy with Stable-Baselines3, which goes on from its last checkpoint.
 
-    task = Task(robot="panda", experiment="gte")
-    training = Training(task=task, algorithm="ppo", steps=300_000, settings=policy_settings())
-    training.check()
-    trained = training.run(folder)
-
 A training that is not interrupted gives the same bits for the same seed. One that was interrupted
 loses what came after its last checkpoint, and starts the episodes that were under way again. Needs
 the extra `rl`.
@@ -16,15 +11,18 @@ import csv
 import os
 import shutil
 import warnings
-from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
+from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.atomic import naming
+from stiction_envs.reporting.png import save_full
 from tuning.names import CHECKPOINT_EVERY
 from tuning.policies.algorithms import (
     CheckpointCallback,
@@ -44,6 +42,8 @@ from tuning.policies.task import Task
 CHECKPOINTS, POLICY, CURVE = "checkpoint", "policy.zip", "curve.csv"
 """Contents of the folder of a training; the first is removed when it is finished."""
 _EVALUATIONS, _PART = "evaluations.npz", "next"  # what EvalCallback writes; a checkpoint in writing
+TRAINED, UNDITHERED = "#1f5fa8", "#d1701a"
+"""Colours of the curve."""
 Progress = Callable[[str, float], None]
 """Called with a stage and the finished share of the training."""
 
@@ -57,7 +57,6 @@ class CurvePoint:
     evaluation_return: float
     """Mean return of the evaluation's episodes, without exploration."""
     evaluation_std: float
-    """Standard deviation of these returns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +66,6 @@ class Trained:
     policy: Policy
     """Policy of the best evaluation."""
     points: tuple[CurvePoint, ...]
-    """The curve."""
     resumed_at: int | None
     """Steps of the checkpoint from which it went on, None for none."""
 
@@ -83,21 +81,18 @@ class Training:
 
     task: Task
     algorithm: str
-    """One of `algorithms.ALGORITHMS`."""
     steps: int
     """Steps of all arms together; the last rollout may exceed it."""
     seed: int = 0
-    """Seed of all random numbers."""
     checkpoint_every: int = CHECKPOINT_EVERY
-    """Steps between two checkpoints."""
     settings: PolicySettings
 
     def check(self) -> None:
         """Raise a StictionError if the training cannot be run; nothing is written."""
-        least, why = least_steps(settings_of(self.algorithm, self.settings))
+        own, run = settings_of(self.algorithm, self.settings), self.settings.run
+        least, why = least_steps(own)
         if self.steps < least:
             raise StictionError(f"{self.steps} steps: expected at least {least}: {why}")
-        own, run = settings_of(self.algorithm, self.settings), self.settings.run
         env = make_env(self.task, min(2, own.envs), run, own)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of fewer arms than there will be
@@ -112,13 +107,9 @@ class Training:
             )
 
     def run(self, out: Path, progress: Progress | None = None) -> Trained:
-        """Train, or go on from the last checkpoint in the folder.
+        """Train in an existing folder, or go on from the last checkpoint there.
 
         ``policy.zip`` and ``curve.csv`` are there from the first evaluation on.
-
-        Args:
-            out: an existing folder; what is in it was made by the same training.
-            progress: see `Progress`.
 
         Raises:
             StictionError: a checkpoint that cannot be read.
@@ -129,6 +120,27 @@ class Training:
             points = _read_curve(out / CURVE)
         shutil.rmtree(out / CHECKPOINTS, ignore_errors=True)
         return Trained(policy=Policy.load(out / POLICY), points=points, resumed_at=at)
+
+    def draw_curve(self, path: Path, points: Sequence[CurvePoint]) -> None:
+        """Draw returns over steps; the shade is the standard deviation over the episodes."""
+        figure = Figure(figsize=(8, 4.5), layout="constrained")
+        axes = figure.subplots()
+        steps = np.array([p.steps for p in points])
+        mean = np.array([p.evaluation_return for p in points])
+        spread = np.array([p.evaluation_std for p in points])
+        axes.fill_between(steps, mean - spread, mean + spread, color=TRAINED, alpha=0.15, lw=0)
+        axes.plot(steps, mean, "o-", ms=3, color=TRAINED, label="evaluation, ± std of episodes")
+        best = int(np.argmax(mean))
+        axes.plot(steps[best], mean[best], "o", ms=9, mfc="none", color=TRAINED, label="kept")
+        kind = EXPERIMENTS[self.task.experiment]
+        if kind.undithered_return is not None:
+            axes.axhline(kind.undithered_return, color=UNDITHERED, ls="--", lw=1, label="no dither")
+        axes.set_xlabel("steps of all arms")
+        axes.set_ylabel(kind.returns)
+        axes.set_title(f"{self.algorithm.upper()} on {self.task.name}, seed {self.seed}")
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+        save_full(figure, path)
 
     def _learn(self, out: Path, progress: Progress | None) -> int | None:
         """Train the rest; return the steps that were done before, None for none."""
@@ -263,17 +275,8 @@ def far_seed(seed: int, which: int) -> int:
 
 
 def _write_curve(path: Path, evaluations: Iterable[tuple[int, list[float]]]) -> None:
-    rows = [
-        asdict(
-            CurvePoint(
-                steps=steps,
-                evaluation_return=float(np.mean(returns)),
-                evaluation_std=float(np.std(returns)),
-            )
-        )
-        for steps, returns in evaluations
-    ]
-    write_lines(path, tuple(rows[0]), [tuple(row.values()) for row in rows])
+    rows = [(steps, float(np.mean(x)), float(np.std(x))) for steps, x in evaluations]
+    write_lines(path, ("steps", "evaluation_return", "evaluation_std"), rows)
 
 
 def _read_curve(path: Path) -> tuple[CurvePoint, ...]:

@@ -9,20 +9,13 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from stiction_envs.experiments.sje.protocol import (
-    Configuration,
-    Measurement,
-    configurations,
-)
+from stiction_envs.experiments.sje.protocol import Configuration, Measurement, configurations
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.reporting.png import save_full
-from tuning.protocol.measurements import change
-from tuning.protocol.stages import ThesisTuner
+from tuning.protocol.stages import ThesisTuner, change
 
 Final = Mapping[Configuration, Measurement]
-"""Measurements with the final amplitudes."""
 Look = dict[str, Any]
-"""Options of `Axes.bar`."""
 SIMULATED, MEASURED = "#1f5fa8", "#d1701a"
 SCALE_STYLE = [":", "-", "--", "-."]
 

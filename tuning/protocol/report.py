@@ -12,27 +12,19 @@ import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
 from stiction_envs.friction.from_file import friction_note
-from stiction_envs.measured import BaseTable, DitheredRow, thesis_dithered, thesis_robots
+from stiction_envs.measured import BaseTable, thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol import figures
-from tuning.protocol.measurements import change
 from tuning.protocol.rules import Choice
-from tuning.protocol.stages import ThesisTuner, Verified
+from tuning.protocol.stages import ThesisTuner, Verified, change
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "report.md.j2"
-LOAD_NAMES = {"load": "load", "no_load": "no load"}
 PLACE = "joint, pose, direction"
 
 
 def _name(c: Configuration) -> str:
-    return f"{c.joint} {LOAD_NAMES[c.load]} ({c.direction.replace('-', '−')})"
-
-
-def thesis_rows(tuner: ThesisTuner) -> list[DitheredRow]:
-    """Return the measured dithered torques of the arm, none if the thesis has no such arm."""
-    name = tuner.experiment.sticking.arm.registered_name
-    return list(thesis_dithered(name)) if name in thesis_robots() else []
+    return f"{c.joint} {c.load.replace('_', ' ')} ({c.direction.replace('-', '−')})"
 
 
 def _base_table(tuner: ThesisTuner, measured: BaseTable | None) -> str:
@@ -116,7 +108,8 @@ def write_report(
     robot = sticking.arm.name
     reductions = _reductions(tuner, verified["final"])
     mean = float(np.mean(list(reductions.values())))
-    thesis = thesis_rows(tuner)
+    name = sticking.arm.registered_name
+    thesis = list(thesis_dithered(name)) if name in thesis_robots() else []
     _draw(tuner.out / "frequency.png", figures.frequency, tuner, thesis)
     _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], thesis)
     worst = None

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import lookup
 from tuning.settings import ThesisSettings, tuning_settings
-
-Array = NDArray[np.float64]
 
 
 def frequencies_of(robot: str | None, settings: ThesisSettings) -> tuple[float, ...]:
@@ -33,7 +31,6 @@ class Choice:
     intermediate: Array
     """(2, 2) amplitude of each configuration, scale × |base|: [load, no load] × [+, −] [N·m]."""
     reason: str
-    """Reason for the final amplitude."""
 
 
 def final_amplitude(
@@ -53,8 +50,8 @@ def final_amplitude(
         intermediate: amplitudes of the configurations, any shape [N·m].
         half_width: friction half-width of the joint in its freest pose [N·m].
         frequency_hz: dither frequency [Hz].
-        torque_rate: limit of the torque rate [N·m/s], inf if there is none.
-        settings: constants of the protocol; None for those of ``settings.toml``.
+        torque_rate: limit of the torque rate [N·m/s]; inf for none.
+        settings: None for those of ``settings.toml``.
     """
     s = settings or tuning_settings().thesis
     candidates = np.sort(np.abs(np.ravel(intermediate)))[::-1]

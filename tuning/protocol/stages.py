@@ -34,21 +34,22 @@ from stiction_envs.experiments.sje.results import sje_rows
 from stiction_envs.measured import AmplitudeRow, write_final, write_sje
 from stiction_envs.measured.csv_text import table_text
 from stiction_envs.reporting.atomic import write_text_atomic
-from tuning.protocol.measurements import as_data, from_data
+from stiction_envs.reporting.json_text import JsonRecord
 from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
 from tuning.study.record import Outcome, Parameters, Search
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import TuningRun
+from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import fill
 
-Progress = Callable[[str, float, float], None]
 Cell = tuple[float, float]
 """Frequency [Hz] and scale [-]."""
 Verified = dict[str, dict[Configuration, Measurement]]
 """Measurements with the intermediate and with the final amplitudes."""
 Jobs = Callable[[int, Parameters], list[Job]]
 """Jobs of a setting of a search (given by number), one per configuration of its joint."""
+TRACE_POINTS = 150
+"""Most points kept of a trace (assumed)."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -62,7 +63,7 @@ class ThesisTuner:
     scales: tuple[float, ...]
     """Amplitude over base torque [-]."""
     iterations: int | None
-    progress: Progress | None
+    progress: Progress
     settings: ThesisSettings
     base: dict[Configuration, Measurement] = field(default_factory=dict)
     cells: dict[Job, Measurement] = field(default_factory=dict)
@@ -107,11 +108,7 @@ class ThesisTuner:
         self._write("base.csv", [])
 
     def measure_grid(self) -> None:
-        """Measure every cell of all joints together; write frequency.csv and scale.csv.
-
-        All frequencies are measured at every scale, as Tables 4.7 and 4.8 show most of them, and at
-        1.0.
-        """
+        """Measure every frequency at every scale and at 1.0; write frequency.csv and scale.csv."""
         n = self.experiment.n
         space = {
             "frequency_hz": CategoricalDistribution(self.frequencies),
@@ -146,9 +143,8 @@ class ThesisTuner:
     def choose(self) -> list[Choice]:
         """Return the final choice of every joint; write final.csv and final.yaml.
 
-        Under position servos also final_command.csv: amplitudes of the commanded angle.
-
         It is the frequency with the lowest mean |τ|/|τ_base| at scale 1.0, then the best scale.
+        Under position servos final_command.csv has the amplitudes of the commanded angle.
         """
         choices = []
         rates = self.experiment.interface.torque_rate
@@ -193,10 +189,7 @@ class ThesisTuner:
         return float(row.amplitude_nm / self.experiment.servos.stiffness[row.joint - 1])
 
     def verify(self, choices: list[Choice]) -> Verified:
-        """Measure the intermediate and the final amplitudes again, with another seed.
-
-        Writes intermediate.csv and verification.csv.
-        """
+        """Measure intermediate and final amplitudes with another seed; write both tables."""
         n = self.experiment.n
 
         def jobs(_: int, setting: Parameters) -> list[Job]:
@@ -249,8 +242,7 @@ class ThesisTuner:
         def report(more: float) -> None:
             nonlocal done
             done += more
-            if self.progress is not None:
-                self.progress(stage, min(done, seconds), seconds)
+            self.progress(stage, min(done, seconds), seconds)
 
         def evaluate(wanted: list[tuple[int, Parameters]]) -> list[Outcome]:
             nonlocal seconds
@@ -275,11 +267,8 @@ class ThesisTuner:
     def _outcome(self, measured: list[Measurement]) -> Outcome:
         """Return what is stored of a setting; None as values where a joint stuck."""
         base = self.base
-        value = float(
-            np.mean(
-                [abs(m.mean / base[m.job.configuration].mean if base else m.mean) for m in measured]
-            )
-        )
+        taus = [m.mean / base[m.job.configuration].mean if base else m.mean for m in measured]
+        value = float(np.mean(np.abs(taus)))
         return Outcome(
             values=(value,) if np.isfinite(value) else None,
             measures={_key(m.job.configuration): as_data(m) for m in measured},
@@ -294,3 +283,37 @@ class ThesisTuner:
 def _key(c: Configuration) -> str:
     """Return the name of the user attribute of a trial with a configuration's results."""
     return f"{c.load}{c.direction}"
+
+
+def change(m: Measurement, base: Measurement) -> float:
+    """Return the change of |τ| against the base, per cent; negative is less torque."""
+    return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
+
+
+def as_data(m: Measurement) -> dict[str, object]:
+    """Return a measurement for JSON, without its job; `from_data` reads it back exactly."""
+    longest = max(len(t) for t in m.traces)
+    stride = max(1, -(-longest // TRACE_POINTS))
+    return {
+        "tau": m.tau.tolist(),
+        "start": m.start.tolist(),
+        "start_torque": m.start_torque.tolist(),
+        "shaken_speed": m.shaken_speed.tolist(),
+        "deviation": m.deviation,
+        "traces": [[round(float(x), 6) for x in t[stride - 1 :: stride]] for t in m.traces],
+        "trace_dt": m.trace_dt * stride,
+    }
+
+
+def from_data(job: Job, data: JsonRecord) -> Measurement:
+    """Return the measurement of a job."""
+    return Measurement(
+        job=job,
+        tau=np.array(data["tau"], dtype=float),
+        start=np.array(data["start"]),
+        start_torque=np.array(data["start_torque"]),
+        shaken_speed=np.array(data["shaken_speed"]),
+        deviation=data["deviation"],
+        traces=tuple(np.array(t, dtype=np.float32) for t in data["traces"]),
+        trace_dt=data["trace_dt"],
+    )

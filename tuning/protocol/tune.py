@@ -1,9 +1,4 @@
-"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol.
-
-found = tune("panda", table="base.csv", out="runs/panda")
-print(found)
-gym_dither = found.final
-"""
+"""`tune`: from an arm and its base torques to a final amplitude table, by the thesis's protocol."""
 
 from __future__ import annotations
 
@@ -35,9 +30,9 @@ from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from tuning.protocol.report import write_report
 from tuning.protocol.rules import frequencies_of
-from tuning.protocol.stages import Progress, ThesisTuner
+from tuning.protocol.stages import ThesisTuner
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.tuning_run import open_run
+from tuning.study.tuning_run import Progress, open_run
 
 
 def _check(
@@ -63,7 +58,6 @@ class Tuning(Result):
     final: tuple[AmplitudeRow, ...]
     """Dither of every joint, the rows of ``final.csv``."""
     folder: Path
-    """Where its tables, report and plots are."""
     provenance: Provenance
 
     @property
@@ -87,10 +81,7 @@ class Tuning(Result):
         lines: list[str] = []
         final = self.summary["final"]
         if gains := self.summary.get("compensation"):
-            columns = {name: x for name, x in gains.items() if name != "kind"}
-            rows = enumerate(zip(*columns.values(), strict=True), 1)
-            cells = [[f"{j}", *(f"{x:.4g}" for x in numbers)] for j, numbers in rows]
-            lines += [f"{gains['kind']}:", aligned(["joint", *columns], cells)]
+            lines += [f"{gains['kind']}:", aligned(*gains_table(gains))]
         if final or not gains:
             header = ["joint", "frequency [Hz]", "amplitude [N·m]"]
             cells = [
@@ -109,6 +100,13 @@ class Tuning(Result):
             words = f"recommended: {best['name']}, which leaves {best['left_percent']:.0f} %"
             lines.append(f"{words} of the error on paths that were not searched on")
         return "\n".join(lines)
+
+
+def gains_table(gains: JsonRecord) -> tuple[list[str], list[list[str]]]:
+    """Return header and rows of a compensation's numbers, one row per joint."""
+    columns = {name: x for name, x in gains.items() if name != "kind"}
+    rows = enumerate(zip(*columns.values(), strict=True), 1)
+    return ["joint", *columns], [[f"{j}", *(f"{x:.4g}" for x in row)] for j, row in rows]
 
 
 def tune(
@@ -158,7 +156,7 @@ def tune(
         protocol: protocol of the experiment; None for the robot's.
         threads: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
-        settings: constants of the protocol that differ from ``settings.toml``: by name
+        settings: constants that differ from ``settings.toml``: by name
             (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
 
     Raises:
@@ -212,6 +210,7 @@ def tune(
     )
     if storage is not None:
         run.record("base")  # report errors of the storage before anything is written
+    progress = progress or (lambda *_: None)
     with run.working() as path:
         if table is not None:
             origin = friction_origin(robot, friction)
@@ -247,7 +246,7 @@ def _calibrated(
     table: BaseTable,
     origin: Path | FrictionParameters,
     out: Path,
-    progress: Progress | None,
+    progress: Progress,
 ) -> SingleJointExperiment:
     """Return the experiment with friction calibrated to the table; kept in friction.toml."""
     path = out / "friction.toml"
@@ -255,17 +254,10 @@ def _calibrated(
         result = calibrate(
             table,
             experiment,
-            progress=None if progress is None else lambda k, e: progress("calibrate", k, 10),
+            progress=lambda k, _: progress("calibrate", k, 10),
         )
-        write_text_atomic(
-            path,
-            calibrated_toml(
-                result,
-                origin,
-                f"base torques of {table.robot}",
-                repr(table.tau.tolist()).encode(),
-            ),
-        )
+        name, content = f"base torques of {table.robot}", repr(table.tau.tolist()).encode()
+        write_text_atomic(path, calibrated_toml(result, origin, name, content))
     arm, timestep = experiment.sticking.arm, experiment.sticking.timestep
     sticking = build(arm, load_friction(path, arm.n), timestep=timestep)
     return experiment.replace(sticking=sticking)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import Line, read_lines
+from stiction_envs.measured.csv_text import read_lines
 from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow
 from stiction_envs.measured.thesis_robots import our_name
 from tuning.search.bounds import Bounds
@@ -26,7 +26,6 @@ class MeasuredRow:
     """One measured torque."""
 
     joint: int
-    """Number of the joint, from 1."""
     load: str
     direction: str
     frequency_hz: float
@@ -36,7 +35,6 @@ class MeasuredRow:
     tau_nm: float
     """Signed torque [N·m]; NaN: the joint stuck, or the run failed."""
     where: str
-    """File and line."""
 
     @property
     def is_base(self) -> bool:
@@ -68,13 +66,11 @@ def read_measured(path: Path, robot: str, n_joints: int) -> list[MeasuredRow]:
             joint=line.whole("joint", 1, n_joints),
             load=line.name("load", LOADS),
             direction=line.name("direction", DIRECTIONS),
-            frequency_hz=line.number("frequency_hz"),
-            amplitude_nm=line.number("amplitude_nm"),
-            tau_nm=_torque(line),
+            frequency_hz=line.number("frequency_hz", low=0.0),
+            amplitude_nm=line.number("amplitude_nm", low=0.0),
+            tau_nm=line.number("tau_nm", nan=True) if line.fields["tau_nm"] else math.nan,
             where=line.where,
         )
-        if row.frequency_hz < 0 or row.amplitude_nm < 0:
-            raise line.error("frequency_hz and amplitude_nm: expected >= 0")
         if row.amplitude_nm > 0 and row.frequency_hz == 0:
             raise line.error("frequency_hz is 0: expected > 0, or 0 with amplitude_nm 0")
         if line.fields["tau_nm"]:
@@ -92,14 +88,8 @@ def check_measured(
 ) -> None:
     """Raise where a row cannot be a measurement of this arm within its bounds, in SI units.
 
-    Args:
-        rows: of a table.
-        bounds: bounds of the settings.
-        base_nm: rough |base torque| of every cell [N·m]; measured ones in the table override it.
-        settings: largest allowed factors between a torque and its base torque.
-
-    Raises:
-        StictionError: it cannot; the message names the line.
+    ``base_nm`` has a rough |base torque| of every cell [N·m]; measured ones in the table override
+    it. The message names the line.
     """
     rows = list(rows)
     base = dict(base_nm)
@@ -114,10 +104,6 @@ def check_measured(
             raise StictionError(f"{row.where}: {reason}")
         if math.isfinite(row.tau_nm):
             _check_torque(row, base[row.cell], math.inf, settings.most_ratio)
-
-
-def _torque(line: Line) -> float:
-    return line.number("tau_nm", nan=True) if line.fields["tau_nm"] else math.nan
 
 
 def _check_torque(row: MeasuredRow, base: float, below: float, above: float) -> None:

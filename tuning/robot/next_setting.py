@@ -10,14 +10,11 @@ Carraro 2010).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from tuning.robot.candidates import Candidates, Readings
-from tuning.robot.posterior import Posterior, posterior_of
+from stiction_envs.arrays import Array, Bools
+from tuning.robot.posterior import Candidates, Posterior, Readings, posterior_of
 from tuning.settings import RobotSettings
-
-Array = NDArray[np.float64]
 
 
 def best_measured(posterior: Posterior, readings: Readings) -> int | None:
@@ -29,7 +26,7 @@ def best_measured(posterior: Posterior, readings: Readings) -> int | None:
     return int(measured[posterior.mean[measured].argmin()]) if len(measured) else None
 
 
-def open_settings(readings: Readings, eligible: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def open_settings(readings: Readings, eligible: Bools) -> Bools:
     """Return (S,) whether a setting may be proposed: not fully measured, and nothing failed."""
     done = readings.done(len(eligible)).all(axis=1)
     return np.asarray(eligible & ~done & ~readings.failed(len(eligible)))

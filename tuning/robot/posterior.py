@@ -15,19 +15,107 @@ one that a setting does not share with its neighbours (a sharp resonance, a drif
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Kernel
 
-from tuning.robot.candidates import Candidates, Readings
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS
 from tuning.settings import RobotSettings
 
-Array = NDArray[np.float64]
-CONFIGURATIONS = 4
-"""Pose and direction: two of each."""
+CONFIGURATIONS = tuple((load, direction) for load in LOADS for direction in DIRECTIONS)
+"""Pose and direction of a joint, in the order of every axis of length four."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Candidates:
+    """S settings of one joint; a setting is tried in four configurations (`CONFIGURATIONS`)."""
+
+    joint: int
+    """Number of the joint, from 1."""
+    frequency_hz: Array
+    """(S,) frequency [Hz]."""
+    amplitude_nm: Array
+    """(S, 4) amplitude in each configuration [N·m]; the thesis scales it with the base torques of
+    each, an amplitude table has one for all four."""
+    predicted: Array
+    """(S, 4) simulated |τ|/|τ_base|: the prior mean [-]."""
+    displacement: Array
+    """(S, 4) simulated root mean square oscillation before breakaway [rad]."""
+    deviation: Array
+    """(K, S, 4) by how much the predictions under each of K frictions differ from their mean, which
+    is ``predicted`` [-]."""
+    eligible: Bools
+    """(S,) may be proposed and chosen; the others (too much vibration) only serve for learning."""
+
+    def __len__(self) -> int:
+        return len(self.frequency_hz)
+
+    @cached_property
+    def features(self) -> Array:
+        """(4 S, 4) inputs of `discrepancy_kernel`.
+
+        Cells are in the order of ``predicted.ravel()``. Columns: ln f, ln of the displacement,
+        configuration 0…3, setting 0…S−1.
+        """
+        setting, configuration = np.indices(self.predicted.shape)
+        frequency = np.log(self.frequency_hz)[setting]
+        columns = (frequency, np.log(self.displacement), configuration, setting)
+        return np.stack([x.ravel() for x in columns], axis=1).astype(float)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """M measured cells of one joint; a cell may occur several times."""
+
+    setting: Index
+    """(M,) from 0."""
+    configuration: Index
+    """(M,) 0…3."""
+    ratio: Array
+    """(M,) |τ|/|τ_base| [-]; NaN: the joint stuck, or the run failed."""
+
+    @classmethod
+    def of(cls, rows: Sequence[tuple[int, int, float]]) -> Readings:
+        """Return readings from (setting, configuration, ratio)."""
+        return cls(
+            setting=np.array([r[0] for r in rows], dtype=np.int64),
+            configuration=np.array([r[1] for r in rows], dtype=np.int64),
+            ratio=np.array([r[2] for r in rows], dtype=float),
+        )
+
+    def __len__(self) -> int:
+        return len(self.ratio)
+
+    @property
+    def valid(self) -> Bools:
+        """(M,) whether there is a number."""
+        return np.isfinite(self.ratio)
+
+    def with_rows(self, rows: Sequence[tuple[int, int, float]]) -> Readings:
+        """Return these readings with more rows."""
+        mine = zip(self.setting, self.configuration, self.ratio, strict=True)
+        return Readings.of([*((int(s), int(c), float(r)) for s, c, r in mine), *rows])
+
+    def done(self, settings: int) -> Bools:
+        """Return (S, 4) whether each cell was tried, measured or failed."""
+        out = np.zeros((settings, 4), dtype=bool)
+        out[self.setting, self.configuration] = True
+        return out
+
+    def failed(self, settings: int) -> Bools:
+        """Return (S,) whether a setting has a cell that was tried and never gave a number."""
+        valid = np.zeros((settings, 4), dtype=bool)
+        valid[self.setting[self.valid], self.configuration[self.valid]] = True
+        return np.asarray((self.done(settings) & ~valid).any(axis=1))
+
+    def measured(self, settings: int) -> Bools:
+        """Return (S,) whether a setting has a number in all four configurations."""
+        return np.asarray(self.done(settings).all(axis=1) & ~self.failed(settings))
 
 
 def discrepancy_kernel(s: RobotSettings) -> Kernel:
@@ -66,12 +154,8 @@ def widening(d: Array, weighted: Array, s: RobotSettings) -> float:
 
     It is that of a Student-t process, (ν + dᵀ K⁻¹ d)/(ν + M) for M readings (Shah, Wilson &
     Ghahramani, AISTATS 2014, lemma 3), where that is wider: for a robot unlike those that the
-    kernel's numbers come from, the posterior must not be too narrow.
-
-    Args:
-        d: (M,) readings less their predictions [-].
-        weighted: (M,) K⁻¹ d.
-        s: numbers of the method.
+    kernel's numbers come from, the posterior must not be too narrow. ``d`` (M,) is the readings
+    less their predictions [-], ``weighted`` (M,) is K⁻¹ d.
     """
     return max(1.0, float((s.firmness + d @ weighted) / (s.firmness + len(d))))
 
@@ -86,8 +170,7 @@ class Posterior:
     """(S, S) covariance of these means [-]."""
     cell_mean: Array
     """(S, 4) mean of each configuration [-]."""
-    eligible: NDArray[np.bool_]
-    """(S,) as in the candidates."""
+    eligible: Bools
 
     @property
     def sd(self) -> Array:
@@ -105,14 +188,8 @@ class Posterior:
 
 
 def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -> Posterior:
-    """Return the posterior after some readings; without any it is the simulation's prediction.
-
-    Args:
-        candidates: settings of a joint and their predictions.
-        readings: what was measured; failed measurements are ignored here.
-        s: numbers of the method.
-    """
-    at = readings.setting[readings.valid] * CONFIGURATIONS + readings.configuration[readings.valid]
+    """Return the posterior after some readings, without the failed ones; without any the prior."""
+    at = readings.setting[readings.valid] * 4 + readings.configuration[readings.valid]
     m, prior = candidates.predicted.ravel(), prior_covariance(candidates, s)
     mean, covariance = m, prior
     if len(at):
@@ -122,7 +199,7 @@ def posterior_of(candidates: Candidates, readings: Readings, s: RobotSettings) -
         mean = m + prior[:, at] @ weighted
         covariance = prior - prior[:, at] @ cho_solve(factor, prior[at])
         covariance = covariance * widening(d, weighted, s)
-    cells = (len(candidates), CONFIGURATIONS)
+    cells = (len(candidates), 4)
     mean = mean.reshape(cells)
     blocks = covariance.reshape(*cells, *cells)
     return Posterior(

@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
-from tuning.robot.candidates import Candidates
+from tuning.robot.posterior import Candidates
 from tuning.search.bounds import TRIED, Bounds
 from tuning.search.breakaway import Breakaway, BreakawayObjective
 from tuning.settings import RobotSettings
 
-Array = NDArray[np.float64]
 MARGIN = 0.97
 """Share of the displacement limit that the second pass aims at [-], because it interpolates
 (assumed)."""
@@ -49,10 +48,6 @@ def grid(bounds: Bounds, joint: int, settings: RobotSettings) -> list[AmplitudeR
 
 def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int, Candidates]:
     """Return the candidates of all joints with simulated ratios and displacements.
-
-    Args:
-        objective: the arm, its bounds and largest displacements, under one friction or several.
-        settings: numbers of the method.
 
     Raises:
         StictionError: bounds or a limit that leave a joint without settings.

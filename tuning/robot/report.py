@@ -17,9 +17,8 @@ from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
-from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
 from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
-from tuning.robot.posterior import Posterior, posterior_of
+from tuning.robot.posterior import CONFIGURATIONS, Candidates, Posterior, Readings, posterior_of
 from tuning.robot.robot_study import BaseTorques, Predicted, readings
 from tuning.settings import RobotSettings
 from tuning.study.record import Record
@@ -80,7 +79,6 @@ class State:
 
     robot: str
     joint_names: tuple[str, ...]
-    """Names of all the arm's joints."""
     joints: tuple[JointState, ...]
     missing: tuple[tuple[int, str, str], ...]
     """Cells whose base torque was not measured: (joint, pose, direction)."""
@@ -88,7 +86,6 @@ class State:
     told: int = 0
     """Number of settings that were new in the last table."""
     note: str = ""
-    """Shown at the top of the report."""
 
     @property
     def asked(self) -> list[dict[str, float]]:
@@ -115,6 +112,17 @@ class State:
             ],
             "told": self.told,
         }
+
+    def __str__(self) -> str:
+        """Return the rows of ask.csv and a line of advice."""
+        lines: list[str] = []
+        if rows := self.asked:
+            header, settings = _ask_lines(rows)
+            lines = [",".join(map(str, line)) for line in (header, *settings)]
+        stopped = ", ".join(str(j.candidates.joint) for j in self.joints if not j.asked)
+        if stopped:
+            lines.append(f"done: joints {stopped}: no untried setting is likely to be better")
+        return "\n".join(lines)
 
 
 def state_of(
@@ -155,18 +163,6 @@ def state_of(
     )
 
 
-def describe(summary: JsonRecord) -> str:
-    """Return the rows of ask.csv and a line of advice."""
-    rows, lines = summary["ask"], []
-    if rows:
-        header = _ask_columns(rows)
-        lines = [",".join(header), *(",".join(str(r[c]) for c in header) for r in rows)]
-    stopped = ", ".join(str(j["joint"]) for j in summary["joints"] if j["stop"])
-    if stopped:
-        lines.append(f"done: joints {stopped}: no untried setting is likely to be better")
-    return "\n".join(lines)
-
-
 def write_state(folder: Path, state: State, *, asked: bool) -> None:
     """Write final.csv, final.yaml, report.md; if ``asked``, ask.csv and measure.csv."""
     write_final(folder, [j.final for j in state.joints], state.joint_names)
@@ -176,10 +172,13 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
 
-def _ask_columns(rows: Sequence[JsonRecord]) -> tuple[str, ...]:
-    """Columns of ask.csv: an amplitude table; the number within the joint if there are several."""
+def _ask_lines(
+    rows: Sequence[JsonRecord],
+) -> tuple[tuple[str, ...], list[tuple[str | float, ...]]]:
+    """Return header and lines of ask.csv; with numbers within a joint if there are several."""
     several = max(r["setting"] for r in rows) > 1
-    return (*AMPLITUDE_COLUMNS, "setting") if several else AMPLITUDE_COLUMNS
+    columns = (*AMPLITUDE_COLUMNS, "setting") if several else AMPLITUDE_COLUMNS
+    return columns, [tuple(r[c] for c in columns) for r in rows]
 
 
 def _cells(row: AmplitudeRow) -> dict[str, float]:
@@ -189,13 +188,11 @@ def _cells(row: AmplitudeRow) -> dict[str, float]:
 
 def _write_asked(folder: Path, state: State) -> None:
     """Write ask.csv, and measure.csv: every cell to measure, with an empty torque."""
-    asked = state.asked
-    if not asked:
+    if not (asked := state.asked):
         for name in ("ask.csv", "measure.csv"):
             (folder / name).unlink(missing_ok=True)
         return
-    header = _ask_columns(asked)
-    write_lines(folder / "ask.csv", header, [tuple(r[c] for c in header) for r in asked])
+    write_lines(folder / "ask.csv", *_ask_lines(asked))
     open_joints = {r["joint"] for r in asked}
     missing = [cell for cell in state.missing if cell[0] in open_joints]
     rows: list[tuple[str | float, ...]] = [(*cell, 0.0, 0.0) for cell in missing]
@@ -209,8 +206,8 @@ def _write_asked(folder: Path, state: State) -> None:
                 if not done[s, c]
             ]
     empty = ("",) * (len(SJE_COLUMNS) - 6)
-    lines = [(state.robot, *row, *empty) for row in rows]
-    write_lines(folder / "measure.csv", SJE_COLUMNS, lines)
+    cells = [(state.robot, *row, *empty) for row in rows]
+    write_lines(folder / "measure.csv", SJE_COLUMNS, cells)
 
 
 def _words(state: State) -> dict[str, object]:

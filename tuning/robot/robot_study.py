@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import optuna
@@ -17,8 +17,8 @@ from optuna.distributions import FloatDistribution, IntDistribution
 from optuna.trial import TrialState
 
 from stiction_envs.reporting.json_text import JsonRecord
-from tuning.robot.candidates import CONFIGURATIONS, Candidates, Readings
 from tuning.robot.measured_table import MeasuredRow
+from tuning.robot.posterior import CONFIGURATIONS, Candidates, Readings
 from tuning.study.record import Record
 from tuning.study.storage import writing
 
@@ -48,13 +48,9 @@ class Predicted:
 
     def to_json(self) -> dict[str, object]:
         """Return JSON values; floats read back exactly."""
-        names = (
-            *("frequency_hz", "amplitude_nm", "predicted", "deviation"),
-            *("displacement", "eligible"),
-        )
         return {
             "joints": {
-                str(j): {name: getattr(c, name).tolist() for name in names}
+                str(j): {f.name: getattr(c, f.name).tolist() for f in fields(c)[1:]}
                 for j, c in self.candidates.items()
             },
             "base": [[*cell, tau] for cell, tau in self.base_nm.items()],
@@ -91,12 +87,8 @@ def add_measured(
 ) -> int:
     """Add a measured table, a trial per setting; return the number of new trials.
 
-    Args:
-        record: the study.
-        rows: rows of the table.
-        file: hash of the table.
-        most: largest possible frequency [Hz] or amplitude [N·m].
-        n: number of joints.
+    ``file`` is the table's hash, ``most`` the largest possible frequency [Hz] or amplitude [N·m],
+    ``n`` the number of joints.
     """
     known = {(t["file"], tuple(t["setting"])) for t in measured_trials(record)}
     groups: dict[tuple[int, float, float], list[MeasuredRow]] = {}

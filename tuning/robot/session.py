@@ -14,7 +14,6 @@ from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -23,26 +22,17 @@ from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.provenance import sha256
-from tuning.robot.candidates import Candidates
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
+from tuning.robot.posterior import Candidates
 from tuning.robot.prediction import mean_of, predict
 from tuning.robot.report import State, state_of, write_state
-from tuning.robot.robot_study import (
-    Predicted,
-    add_measured,
-    predictions,
-    write_predictions,
-)
-from tuning.search.bounds import bounds_of
+from tuning.robot.robot_study import Predicted, add_measured, predictions, write_predictions
+from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
-from tuning.search.reference_tables import reference_tables
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.record import Record
-from tuning.study.tuning_run import open_run
-
-Array = NDArray[np.float64]
-Progress = Callable[[str, float, float], None]
+from tuning.study.tuning_run import Progress, open_run
 
 
 class Session:
@@ -67,21 +57,9 @@ class Session:
     ) -> None:
         """Check everything; nothing is written yet.
 
-        Args:
-            robot: name, model file, arm, or an arm with its friction (`load_model`).
-            bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
-            limit: amplitude table whose displacement may not be exceeded; None for thesis Table 4.9
-                on the Panda, and on other arms for the first one of `reference_tables`.
-            out: output folder; None for ``runs/ask-ROBOT``.
-            force: whether the files of *another* run in it are replaced; a session's own are kept.
-            seed: of the simulations.
-            storage: URL of the study; None for a SQLite file in ``out``.
-            study: name of the study; None for ``ROBOT-robot``.
-            friction: friction of the arm, or its TOML; None for the robot's own.
-            protocol: protocol of the simulated SJE; None for the robot's.
-            threads: threads, 0 for all processors.
-            progress: called with (stage, done, total).
-            settings: constants that differ from ``settings.toml``.
+        The arguments are those of `search.search`, but for: ``limit``, an amplitude table whose
+        displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; ``force``, which
+        keeps the study of this session; ``study``, its name, None for ``ROBOT-robot``.
 
         Raises:
             StictionError: bad input, or a folder of another run.
@@ -118,17 +96,15 @@ class Session:
                 raise
             # only now: `force` would also delete the study of this session
             self.run = open_it(force=True)
-        self._outside, self._progress = storage is not None, progress
+        self._outside = storage is not None
+        self._progress = None if progress is None else self._counting(progress)
         self._study = study or f"{arm.name}-robot"
 
     def ask(self, count: int = 1) -> State:
-        """Write the settings to measure next: ask.csv, and measure.csv to fill in and enter.
+        """Write the next ``count`` settings of each unfinished joint: ask.csv, and measure.csv.
 
         The first call simulates all candidates (minutes; for an arm that nobody has fitted under
         several frictions, which takes as many times longer); later calls read them from the study.
-
-        Args:
-            count: settings per joint that is not finished yet.
 
         Raises:
             StictionError: bad input, or a study of another robot; nothing was written.
@@ -145,20 +121,16 @@ class Session:
     def tell(self, table: str | Path) -> State:
         """Add measured torques to the study, and write the new predictions.
 
-        Args:
-            table: see `measured_table.read_measured`; settings that were not proposed count too,
-                within the bounds.
+        The table is that of `measured_table.read_measured`; settings that were not proposed count
+        too, within the bounds.
 
         Raises:
             StictionError: a table that cannot be this robot's, or as in `ask`; nothing was changed.
         """
         path, experiment = Path(table), self.experiment
         rows = read_measured(path, experiment.sticking.arm.name, experiment.n)
-        rough = {
-            (c.joint, c.load, c.direction): experiment.expected(j)
-            for j in experiment.jobs()
-            for c in (j.configuration,)
-        }
+        jobs = {j.configuration: j for j in experiment.jobs()}
+        rough = {(c.joint, c.load, c.direction): experiment.expected(j) for c, j in jobs.items()}
         check_measured(rows, self.bounds, rough, self.settings.robot)
         self.reach()
         with self.run.folder:
@@ -208,7 +180,7 @@ class Session:
             plausible(e.sticking.parameters, s),
             iterations=s.iterations,
             limits=self.limits,
-            progress=self._simulated(),
+            progress=self._progress,
         )
 
     def with_measured(
@@ -241,11 +213,9 @@ class Session:
         write_predictions(record, out)
         return out
 
-    def _simulated(self) -> Callable[[float], None] | None:
+    def _counting(self, progress: Progress) -> Callable[[float], None]:
         """Return a progress function for simulated seconds, whose total is known only roughly."""
-        if self._progress is None:
-            return None
-        s, e, progress, done = self.settings.robot, self.experiment, self._progress, 0.0
+        s, e, done = self.settings.robot, self.experiment, 0.0
         settings = s.frequencies * (s.amplitudes + 1) + 2
         total = settings * e.expected_seconds(e.jobs(), s.iterations)
         total *= len(plausible(e.sticking.parameters, s))

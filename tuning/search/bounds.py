@@ -8,22 +8,25 @@ setting in one is not simulated.
 from __future__ import annotations
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
+from stiction_envs.arrays import Array
+from stiction_envs.dither.tables import HERE
 from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.measured import AmplitudeRow
-from tuning.settings import BoundsSettings, tuning_settings
+from stiction_envs.measured import AmplitudeRow, read_amplitudes, thesis_robots
+from stiction_envs.robots.tables import read_toml
+from tuning.protocol.rules import frequencies_of
+from tuning.settings import BoundsSettings, TuningSettings, tuning_settings
 from tuning.study.record import Parameters
 
-Array = NDArray[np.float64]
+Table = tuple[AmplitudeRow, ...]
 BELOW_NYQUIST = 0.9
 """Highest frequency without a user's file over half the controller's rate [-] (assumed)."""
 TRIED = 2000
@@ -139,10 +142,7 @@ def bounds_of(
 ) -> Bounds:
     """Return the bounds of an arm, changed by a user's file.
 
-    Args:
-        experiment: the arm, for its limits and base torques.
-        file: TOML with ``[all]``, ``[joint.N]`` (`PER_JOINT`) and ``[arm]`` (`WHOLE_ARM`).
-        settings: constants; None for those of ``settings.toml``.
+    The TOML has ``[all]``, ``[joint.N]`` (`PER_JOINT`) and ``[arm]`` (`WHOLE_ARM`).
 
     Raises:
         StictionError: a file that cannot be read, or bounds that leave nothing.
@@ -183,22 +183,44 @@ def bounds_of(
     return out
 
 
+def reference_tables(
+    experiment: SingleJointExperiment, bounds: Bounds, settings: TuningSettings
+) -> dict[str, Table]:
+    """Return the tables to compare a search with, by name; the first limits it.
+
+    They are the thesis's and the protocol's. Other arms get the protocol's rule of thumb: the base
+    torque at its second lowest frequency, or at its only one.
+    """
+    robot, out = experiment.sticking.arm.registered_name, {}
+    if robot in thesis_robots("4.9"):
+        out["Table 4.9"] = thesis_final_dither()
+    shipped = HERE / f"{robot}.csv"
+    if shipped.exists():
+        out["make tune"] = tuple(read_amplitudes(shipped, n_joints=experiment.n))
+    if not out:
+        frequency = sorted(frequencies_of(robot, settings.thesis))[:2][-1]
+        out["base torque"] = tuple(
+            AmplitudeRow(j, frequency, min(base, bounds.largest(j, frequency)))
+            for j, base in enumerate(base_torques(experiment).tolist(), 1)
+        )
+    return out
+
+
 def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) -> Bounds:
     """Return bounds changed by a user's file; a joint's own table overrides ``[all]``."""
-    try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise StictionError(f"{file}: cannot be read as TOML ({error})") from None
-    joints, arm = table.get("joint", {}), table.get("arm", {})
+    table = read_toml(file)
+    every, joints, arm = (table.get(name, {}) for name in ("all", "joint", "arm"))
     numbers = tuple(str(j + 1) for j in range(bounds.n))
     _check_names(table, f"{file}: ", "table", ("all", "joint", "arm"))
+    _check_names(every, f"{file}: [all]: ", "key", PER_JOINT)
     _check_names(joints, f"{file}: ", "[joint]", numbers)
     _check_names(arm, f"{file}: [arm]: ", "key", WHOLE_ARM)
     amplitude, frequency = bounds.amplitude_nm.copy(), bounds.frequency_hz.copy()
     displacement, forbidden = bounds.displacement_rad.copy(), list(bounds.forbidden_hz)
     for j, name in enumerate(numbers):
-        mine = {**table.get("all", {}), **joints.get(name, {})}
-        _check_names(mine, f"{file}: ", "key", PER_JOINT)
+        own = joints.get(name, {})
+        _check_names(own, f"{file}: [joint.{name}]: ", "key", PER_JOINT)
+        mine = {**every, **own}
         where = f"{file}: joint {name}: "
         if "amplitude_nm" in mine:
             amplitude[j] = _pair(mine["amplitude_nm"], f"{where}amplitude_nm")
@@ -217,7 +239,12 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
         if "displacement_rad" in mine:
             displacement[j] = _positive(mine["displacement_rad"], f"{where}displacement_rad")
         if "forbidden_hz" in mine:
-            forbidden[j] = _bands(mine["forbidden_hz"], f"{where}forbidden_hz")
+            bands = mine["forbidden_hz"]
+            if not isinstance(bands, list):
+                raise StictionError(
+                    f"{where}forbidden_hz is {bands!r}: expected a list of [low, high]"
+                )
+            forbidden[j] = tuple(_pair(band, f"{where}forbidden_hz") for band in bands)
     moving, resting = (
         _positive(arm[key], f"{file}: {key}") / 1e3 if key in arm else now
         for key, now in zip(WHOLE_ARM, bounds.vibration_m, strict=True)
@@ -232,7 +259,9 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
     )
 
 
-def _check_names(table: Mapping[str, object], where: str, kind: str, known: Sequence[str]) -> None:
+def _check_names(table: object, where: str, kind: str, known: Sequence[str]) -> None:
+    if not isinstance(table, Mapping):
+        raise StictionError(f"{where}is {table!r}: expected a table of {', '.join(known)}")
     for name in table:
         if name not in known:
             raise StictionError(f"{where}{unknown(kind, name, known)}")
@@ -250,9 +279,3 @@ def _pair(value: object, where: str) -> tuple[float, float]:
     if not low < high:
         raise StictionError(f"{where} is {value!r}: expected [low, high] with low < high")
     return low, high
-
-
-def _bands(value: object, where: str) -> tuple[tuple[float, float], ...]:
-    if not isinstance(value, list):
-        raise StictionError(f"{where} is {value!r}: expected a list of [low, high]")
-    return tuple(_pair(band, where) for band in value)

@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job, Measurement, configurations
@@ -24,8 +24,6 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from tuning.search.bounds import Bounds
 from tuning.study.record import LIMITS, Outcome, Parameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,9 +86,6 @@ class BreakawayObjective:
             limits: a table whose displacement no setting may pass, where ``bounds`` has none.
             pareto: whether displacement is a second objective, and no constraint.
             progress: called with simulated seconds.
-
-        Raises:
-            ExperimentError: a joint that sticks without dither.
         """
         self.bounds, self.iterations, self.progress = bounds, iterations, progress
         self.pareto = pareto

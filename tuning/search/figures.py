@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from stiction_envs.reporting.png import save_full
-from tuning.search.bounds import Bounds
-from tuning.search.tracking import Table
+from tuning.search.bounds import Bounds, Table
 from tuning.search.trials import allowed, complete, front
 from tuning.search.verify import LEFT, Verified
 from tuning.study.record import Record
@@ -23,11 +22,11 @@ LEAST = 8
 """Fewest trials for a landscape (assumed)."""
 
 
-def _joints(n: int, width: float = 3.4, height: float = 3.0) -> tuple[Figure, list[Axes]]:
+def _joints(n: int) -> tuple[Figure, list[Axes]]:
     """Return a figure with one plot per joint and an empty one for the legend."""
     columns = min(4, n + 1)
     rows = -(-(n + 1) // columns)
-    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    figure = Figure(figsize=(3.4 * columns, 3.0 * rows), layout="constrained")
     axes = list(np.ravel(figure.subplots(rows, columns, squeeze=False)))
     for spare in axes[n:]:
         spare.axis("off")
@@ -121,8 +120,16 @@ def tables(verified: Verified, path: Path) -> None:
         for column, part in enumerate(LEFT):
             axis = axes[row][column]
             for k, (name, found) in enumerate(verified.tracking.items()):
-                shaking = found[where].vibration_at_rest_m
-                _mark(axis, k, shaking, getattr(found[where], part), name)
+                mean, low, high = (100 * x for x in getattr(found[where], part))
+                axis.errorbar(
+                    1e3 * found[where].vibration_at_rest_m,
+                    mean,
+                    yerr=None if np.isnan(low) else [[mean - low], [high - mean]],
+                    fmt=MARKS[k % len(MARKS)],
+                    color=COLOURS[k % len(COLOURS)],
+                    capsize=2,
+                    label=name,
+                )
             axis.set(
                 title=f"{where}: {part.replace('resting_', 'at rest, ')}",
                 xlabel="vibration at rest, rms [mm]",
@@ -131,22 +138,6 @@ def tables(verified: Verified, path: Path) -> None:
             axis.grid(alpha=0.3)
     axes[0][0].legend(frameon=False, fontsize=8)
     save_full(figure, path)
-
-
-def _mark(
-    axis: Axes, k: int, shaking: float, share: tuple[float, float, float], label: str
-) -> None:
-    """Draw the ``k``-th table: a share with its interval [%] over its vibration [1e-3]."""
-    mean, low, high = (100 * x for x in share)
-    axis.errorbar(
-        1e3 * shaking,
-        mean,
-        yerr=None if np.isnan(low) else [[mean - low], [high - mean]],
-        fmt=MARKS[k % len(MARKS)],
-        color=COLOURS[k % len(COLOURS)],
-        capsize=2,
-        label=label,
-    )
 
 
 def _legend(axes: Sequence[Axes], used: int) -> None:

@@ -21,14 +21,7 @@ UNKNOWN = ("rotor_inertia", "bristle_stiffness")
 def frictions(
     nominal: FrictionParameters, count: int, *, spread: float, seed: int
 ) -> list[FrictionParameters]:
-    """Return ``count`` frictions, the nominal one first.
-
-    Args:
-        nominal: friction of one arm.
-        count: at least 1.
-        spread: standard deviation of the logarithm of every factor [-].
-        seed: seed of the factors.
-    """
+    """Return ``count`` frictions, the nominal one first; ``spread`` is of the ln of factors [-]."""
     out = [nominal]
     for k in range(1, count):
         rng = np.random.default_rng([seed, k])
@@ -42,10 +35,6 @@ def plausible(nominal: FrictionParameters, settings: RobotSettings) -> list[Fric
 
     In the others these joints have a spring, and rotor, bristles and spring are drawn, the
     logarithm of each normally. An arm of which every joint was fitted has the nominal one alone.
-
-    Args:
-        nominal: friction of one arm.
-        settings: how many, and spreads.
     """
     n, s = nominal.n, settings
     generic = load_friction(GENERIC, n)

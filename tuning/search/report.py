@@ -18,9 +18,10 @@ from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
+from tuning.protocol.tune import gains_table
 from tuning.search import figures
+from tuning.search.bounds import Table
 from tuning.search.stages import SEARCHED, Stages
-from tuning.search.tracking import Table
 from tuning.search.trials import allowed, complete
 from tuning.search.verify import LEFT, NOTHING, Verified
 
@@ -34,9 +35,16 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     chosen = list(found.tables)[-1]
     _write_verification(folder / "verification.csv", found, verified, chosen)
     _write_comparison(folder / "comparison.csv", verified)
-    _draw(found, folder, verified)
+    if "sje" in found.records:
+        tables = {**found.tables, **found.others}
+        figures.landscape(found.bounds, found.records["sje"], tables, folder / "landscape.png")
+    if found.options.pareto:
+        figures.pareto(found.records, folder / "pareto.png")
+    if verified.tracking:
+        figures.tables(verified, folder / "comparison.png")
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     gains = _gains(found)
+    trials = [t for group in found.records.values() for r in group for t in r.trials]
     summary: dict[str, object] = {
         "robot": found.sje.sticking.arm.name,
         "objective": objective,
@@ -60,7 +68,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         summary=summary,
         objective=objective,
         final=_final(found, final) if final else "",
-        gains=_gains_table(gains),
+        gains=table_text(*gains_table(gains)) if gains else "",
         met={j: words for j, words in met.items() if words},
         better=_better_without_dither(verified, found.chosen) if found.chosen == SEARCHED else [],
         treatments=_treatment_table(found, verified),
@@ -68,10 +76,8 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         rest_margin=f"{1e3 * found.search.rest_margin:g}",
         joints=_joint_table(found, verified),
         paths=_path_table(verified) if verified.tracking else "",
-        failed=sum(t.values is None for g in found.records.values() for r in g for t in r.trials),
-        shaken=sum(
-            not allowed(t) for g in found.records.values() for r in g for t in complete(r.trials)
-        ),
+        failed=sum(t.values is None for t in trials),
+        shaken=sum(not allowed(t) for t in complete(trials)),
         landscape="sje" in found.records,
         pareto=found.options.pareto,
         draws=found.search.verify_draws,
@@ -80,14 +86,11 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     return summary
 
 
-def _joints(found: Stages) -> range:
-    return range(1, found.bounds.n + 1)
-
-
 def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
     """Return a table's mean reduction over all joints [%]; a joint without dither counts as 0."""
     joints = verified.breakaway[name]
-    each = [joints[j].reduction[0] if j in joints else 0.0 for j in _joints(found)]
+    every = range(1, found.bounds.n + 1)
+    each = [joints[j].reduction[0] if j in joints else 0.0 for j in every]
     return 100.0 * float(np.mean(each))
 
 
@@ -148,20 +151,6 @@ def _treatment_table(found: Stages, verified: Verified) -> str:
             says = "no: it shakes at rest, or helps nothing"
         rows.append([name, left, says, found.needs(name)])
     return table_text(header, rows) if rows else ""
-
-
-def _draw(found: Stages, folder: Path, verified: Verified) -> None:
-    if "sje" in found.records:
-        figures.landscape(
-            found.bounds,
-            found.records["sje"],
-            {**found.tables, **found.others},
-            folder / "landscape.png",
-        )
-    if found.options.pareto:
-        figures.pareto(found.records, folder / "pareto.png")
-    if verified.tracking:
-        figures.tables(verified, folder / "comparison.png")
 
 
 def _write_verification(path: Path, found: Stages, verified: Verified, name: str) -> None:
@@ -225,20 +214,13 @@ def _gains(found: Stages) -> JsonRecord | None:
     return {"kind": c.kind, **{name: [row[name] for row in rows] for name in columns}}
 
 
-def _gains_table(gains: JsonRecord | None) -> str:
-    """Return `_gains` as a table."""
-    columns = {name: x for name, x in (gains or {}).items() if name != "kind"}
-    rows = zip(*columns.values(), strict=True)
-    lines = [[f"{j}", *(f"{x:.4g}" for x in row)] for j, row in enumerate(rows, 1)]
-    return table_text(["joint", *columns], lines) if lines else ""
-
-
 def _joint_table(found: Stages, verified: Verified) -> str:
-    header = ["table", *(f"joint {j}" for j in _joints(found)), "mean"]
+    every = range(1, found.bounds.n + 1)
+    header = ["table", *(f"joint {j}" for j in every), "mean"]
     rows = []
     for name, joints in verified.breakaway.items():
         row = [name]
-        for j in _joints(found):
+        for j in every:
             if j not in joints:
                 row.append("–")
                 continue

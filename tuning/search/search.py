@@ -1,15 +1,12 @@
 """`search`: the dither of an arm by Bayesian or evolutionary search, under constraints.
 
-found = search("panda", objective="sje", out="runs/panda-search")
-print(found)
-
-    bounds -> SJE: a study per joint -> table
-                      |  its frequencies are where the next begins
-                      v
-              GTE: one study of whole tables -> table
-                      |
-                      v
-    final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
+bounds -> SJE: a study per joint -> table
+                  |  its frequencies are where the next begins
+                  v
+          GTE: one study of whole tables -> table
+                  |
+                  v
+final.csv -> measured again, with other tables: unseen seeds, frictions, paths -> report.md
 """
 
 from __future__ import annotations
@@ -29,13 +26,11 @@ from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
-from tuning.search.bounds import Bounds, bounds_of
-from tuning.search.options import Options
-from tuning.search.reference_tables import reference_tables
+from tuning.search.bounds import Bounds, bounds_of, reference_tables
 from tuning.search.report import write_search_report
-from tuning.search.stages import Progress, Stages
+from tuning.search.stages import Options, Stages
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.tuning_run import open_run
+from tuning.study.tuning_run import Progress, open_run
 
 
 def search(
@@ -82,16 +77,10 @@ def search(
         out: output folder: trials.csv, final.csv (dither, or else gains), final.yaml (both, for
             ROS 2), compensation.csv, a folder for each of several treatments, verification.csv,
             comparison.csv, report.md, plots, study.db. None for ``runs/search-ROBOT``.
-        force: whether the files of another run in it are replaced.
-        seed: of scatter, drawn frictions and samplers.
-        storage: URL of the study; None for a SQLite file in ``out``.
-        study: prefix of the studies' names; None for the arm's name.
-        friction: of the arm, or its TOML; None for the robot's own.
-        sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
-        protocol: of the SJE; None for the robot's.
-        threads: threads, 0 for all processors.
+        seed: seed of scatter, drawn frictions and samplers.
         progress: called with (stage, done, total).
-        settings: constants that differ from ``settings.toml``.
+
+    All other arguments are those of `tune`.
 
     Raises:
         StictionError: bad input, or a folder or study of another run; nothing was written.
@@ -158,7 +147,7 @@ def search(
         limits=limits,
         options=options,
         settings=s,
-        progress=progress,
+        progress=progress or (lambda *_: None),
     )
     if storage is not None:
         stages.reach()

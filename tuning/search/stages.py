@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.laws import LAWS
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import ExperimentError, StictionError, unknown
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
@@ -22,36 +22,70 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
 from stiction_envs.reporting.kept_rows import KeptRows
-from tuning.search.bounds import Bounds
+from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
+from tuning.search.bounds import Bounds, Table
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import frictions
-from tuning.search.options import Options
-from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
-from tuning.search.verify import (
-    NOTHING,
-    PathResult,
-    Unseen,
-    Verified,
-    another_start,
-    verify_breakaway,
-    verify_tracking,
-)
+from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_start
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Search, Space
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import TuningRun
+from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import Evaluate, fill
 
-Progress = Callable[[str, float, float], None]
 TUNED = TRAJECTORIES[:1]
 """Paths on which a table is tuned; it is verified on others too."""
 SEARCHED = "search gte"
-"""Name of what was searched on paths."""
 BELIEVED = ("feedforward", "push", "momentum_observer")
 """Compensations with the gains of the model, to compare with; the last leaves least error."""
 UNSEEN = 7919
 """Added to the seed of drawn frictions [-]; assumed: larger than the seeds that people use."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a search, besides arm and bounds: see the arguments of `search`."""
+
+    objective: str = "sje"
+    sampler: str | None = None
+    pareto: bool = False
+    treatment: str | None = None
+    evaluations: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, choices in (
+            ("objective", OBJECTIVES),
+            ("sampler", (None, *SAMPLERS)),
+            ("treatment", (None, *TREATMENTS)),
+        ):
+            if getattr(self, name) not in choices:
+                raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
+        if self.treatment is not None and self.objective != "gte":
+            raise StictionError("treatment: expected objective gte")
+        if self.evaluations is not None and self.evaluations < 1:
+            raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
+        paths = self.objective != "sje"
+        if self.sampler == "grid" and paths:
+            raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
+        if self.pareto and self.sampler in ("gp", "cmaes"):
+            raise StictionError(
+                f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"
+            )
+        if self.sampler == "nsga2" and not self.pareto:
+            raise StictionError("sampler nsga2: expected pareto (two objectives)")
+
+    @property
+    def searched(self) -> tuple[str, ...]:
+        """Names of the treatments that are searched one after the other."""
+        return ("",) if self.treatment is None else TREATMENTS[self.treatment]
+
+    def sampler_of(self, objective: str) -> str:
+        """Return the sampler of a stage."""
+        if self.sampler is not None:
+            return self.sampler
+        return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
 
 
 @dataclasses.dataclass(kw_only=True, eq=False)
@@ -62,18 +96,15 @@ class Stages:
     sje: SingleJointExperiment
     bounds: Bounds
     others: dict[str, Table]
-    """Tables to compare with, by name."""
     limits: Table
     """Table whose displacement and vibration may not be exceeded."""
     options: Options
     settings: TuningSettings
-    progress: Progress | None
+    progress: Progress
     records: dict[str, list[Record]] = dataclasses.field(default_factory=dict)
     """Studies per stage, ``sje`` and ``gte``."""
     tables: dict[str, Table] = dataclasses.field(default_factory=dict)
-    """Tables of the finished stages."""
     compensation: Compensation | None = None
-    """Compensation that was found."""
     treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
     """What was found on paths, by the name of its treatment, or ``search gte``."""
     chosen: str = ""
@@ -127,18 +158,11 @@ class Stages:
             write_treatment(folder, found.dither, found.compensation, names)
 
     def reach(self) -> None:
-        """Open the first study before anything is simulated or written: it may be unavailable.
-
-        Raises:
-            StictionError: a storage that cannot be opened, or a study of something else.
-        """
+        """Open the first study before anything is simulated or written: it may be unavailable."""
         stage, study = "sje", "sje-joint1"
         if self.options.objective == "gte":
             stage, study = "gte", _study(self.options.searched[0])
         self.run.record(study, 1 + self.options.pareto, self.options.sampler_of(stage))
-
-    def _progress(self, stage: str) -> Callable[[float, float], None] | None:
-        return None if self.progress is None else partial(self.progress, stage)
 
     def _search(
         self,
@@ -179,7 +203,7 @@ class Stages:
         )
 
     def _fill(self, stage: str, searches: list[Search], evaluate: Evaluate) -> None:
-        fill(searches, evaluate, self._progress(stage))
+        fill(searches, evaluate, partial(self.progress, stage))
         self.records.setdefault(stage, []).extend(s.record for s in searches)
 
     # ---- the SJE -----------------------------------------------------------------------------
@@ -187,13 +211,12 @@ class Stages:
     @cached_property
     def objective(self) -> BreakawayObjective:
         """The SJE of this search, its base torques measured."""
-        progress, done = self._progress("base torques"), 0.0
+        done = 0.0
 
         def report(seconds: float) -> None:
             nonlocal done
             done += seconds
-            if progress is not None:
-                progress(done, max(done, 1.0))  # the total is not known
+            self.progress("base torques", done, max(done, 1.0))  # the total is not known
 
         out = BreakawayObjective(
             self.sje,
@@ -309,9 +332,9 @@ class Stages:
         return sorted(allowed, key=lambda name: self.left(verified, name))
 
     def left(self, verified: Verified, name: str) -> float:
-        """Return the error left on paths that were not searched on, geometric mean [-].
+        """Return the error left on unseen paths over no treatment's, geometric mean [-].
 
-        Of position and orientation, over all goals, relative to no treatment.
+        The mean is over position and orientation at all goals.
         """
         unseen = [r for path, r in verified.tracking[name].items() if path not in TUNED]
         values = [x for r in unseen for x in (r.position[0], r.orientation[0])]
@@ -332,12 +355,16 @@ class Stages:
         out |= {name: Treatment(dither=table) for name, table in self.others.items()}
         for kind in BELIEVED:
             out[f"{kind}, as believed"] = Treatment(compensation=experiment.compensation(kind))
-        random = self.options.treatment is not None and _has_random_paths(unseen)
-        return verify_tracking(unseen, out, self._unseen, random=random)
+        random = self.options.treatment is not None
+        try:
+            unseen.path(f"{RANDOM}-0")
+        except StictionError:  # this arm can follow none around its start
+            random = False
+        return self._unseen.tracking(unseen, out, random=random)
 
     @cached_property
     def _unseen(self) -> Unseen:
-        """What both repeated measurements have in common."""
+        """Repeated measurements of tables and treatments."""
         s, parameters = self.search, self.sje.sticking.parameters
         draws = frictions(parameters, s.verify_draws, spread=s.spread, seed=self.seed + UNSEEN)
         return Unseen(
@@ -345,29 +372,19 @@ class Stages:
             frictions=draws,
             settings=s,
             kept=KeptRows(self.run.folder.path / "verified.jsonl"),
-            progress=self._progress("verification"),
+            progress=partial(self.progress, "verification"),
         )
 
     def verify(
         self, tables: Mapping[str, Table], tracking: dict[str, dict[str, PathResult]]
     ) -> Verified:
         """Measure tables again in the SJE, under frictions and seeds not seen; add paths."""
-        breakaway = verify_breakaway(
+        breakaway = self._unseen.breakaway(
             self.sje.replace(seed=self.seed + 1),
             # a ramp takes long: if only paths were searched, the table found is enough
             tables if "search sje" in tables else self.tables,
-            self._unseen,
         )
         return Verified(breakaway=breakaway, tracking=tracking)
-
-
-def _has_random_paths(experiment: GeneratedTrajectoryExperiment) -> bool:
-    """Return whether the arm can follow some around its start."""
-    try:
-        experiment.path(f"{RANDOM}-0")
-    except StictionError:
-        return False
-    return True
 
 
 def _study(kind: str) -> str:

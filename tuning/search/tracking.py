@@ -11,13 +11,14 @@ arm is tried on every path, stiffness and friction:
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from optuna.distributions import BaseDistribution, FloatDistribution
 
+from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
@@ -25,12 +26,10 @@ from stiction_envs.experiments.gte.measures import Measures, measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
-from tuning.search.bounds import Bounds
+from tuning.search.bounds import Bounds, Table
 from tuning.settings import BoundsSettings, tuning_settings
 from tuning.study.record import LIMITS, Outcome, Parameters
 
-Array = NDArray[np.float64]
-Table = tuple[AmplitudeRow, ...]
 Place = tuple[str, tuple[float, float, float]]
 """A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
 
@@ -40,7 +39,6 @@ class Treatment:
     """A measure against friction: dither, compensation, both or nothing."""
 
     dither: Table = ()
-    """Rows of the dithered joints."""
     compensation: Compensation | None = None
     """Added to the controller's torque."""
 
@@ -136,10 +134,9 @@ class TrackingObjective:
             limits: a table whose vibration no other may exceed, where ``bounds`` has none.
             penalty: added to the value per unit of a constraint, for samplers without constraints.
             pareto: whether vibration in motion is a second objective, and no constraint.
-            settings: range of the compensation; None for those of ``settings.toml``.
+            settings: range of the compensation; None for the defaults.
             rest_margin: how much more than an untreated arm any may vibrate at rest [m]; torque
-                may then change no faster than with ``limits``, and a push has a load gain. None
-                for neither.
+                may then change no faster than with ``limits``, and a push has a load gain.
         """
         self.pareto = pareto
         self.experiment, self.bounds, self.places = experiment, bounds, tuple(places)
@@ -147,6 +144,13 @@ class TrackingObjective:
         self.joints, self.penalty = tuple(joints), penalty
         self._settings = settings or tuning_settings().bounds
         self._believed = None if compensation == "none" else experiment.compensation(compensation)
+        self._largest: dict[str, float] = {}
+        self._usual: dict[str, float] = {}
+        """Defaults of the numbers of the compensation that are searched."""
+        if self._believed is not None:
+            law = LAWS[compensation]
+            self._largest = {field.name: field.largest for field in law.fields}
+            self._usual = {name: getattr(self._believed, name)[0] for name in law.searched}
         self._loaded = rest_margin is not None and compensation == "push"
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
@@ -174,7 +178,7 @@ class TrackingObjective:
         if self._believed is not None:
             reach = self._settings.compensation_reach
             out["compensation"] = FloatDistribution(*self._settings.compensation_factor)
-            for name, usual in self._usual().items():
+            for name, usual in self._usual.items():
                 most = min(usual * reach, self._largest[name])
                 out[f"compensation_{name}"] = FloatDistribution(usual / reach, most, log=True)
             if self._loaded:
@@ -182,35 +186,19 @@ class TrackingObjective:
                 out["compensation_load"] = FloatDistribution(0.0, most)
         return out
 
-    def _usual(self) -> dict[str, float]:
-        """Return the defaults of the numbers of the compensation that are searched."""
-        if self._believed is None:
-            return {}
-        names = LAWS[self._believed.kind].searched
-        return {name: getattr(self._believed, name)[0] for name in names}
-
-    @property
-    def _largest(self) -> dict[str, float]:
-        fields = () if self._believed is None else LAWS[self._believed.kind].fields
-        return {field.name: field.largest for field in fields}
-
     def treatment(self, parameters: Parameters) -> Treatment:
         """Return the treatment that parameters of `space` describe."""
         compensation = None
         if self._believed is not None:
             factor, n = parameters["compensation"], self._believed.n
-            names = [*self._usual(), *(["load"] if self._loaded else [])]
+            names = [*self._usual, *(["load"] if self._loaded else [])]
             more: Parameters = {name: (parameters[f"compensation_{name}"],) * n for name in names}
             compensation = dataclasses.replace(self._believed.times(factor), **more)
-        return Treatment(dither=self.table(parameters), compensation=compensation)
-
-    def table(self, parameters: Parameters) -> Table:
-        """Return the table that parameters of `space` describe."""
         rows = []
         for j in self.joints:
             mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j)}
             rows.append(self.bounds.setting(j, mine))
-        return tuple(rows)
+        return Treatment(dither=tuple(rows), compensation=compensation)
 
     def parameters(self, table: Table) -> Parameters:
         """Return the parameters of `space` that are nearest to a table."""
@@ -221,7 +209,7 @@ class TrackingObjective:
             out |= {f"{name}_{j}": value for name, value in self.bounds.share(row).items()}
         if self._believed is not None:
             out["compensation"] = float(np.mean(self._settings.compensation_factor))
-            out |= {f"compensation_{name}": usual for name, usual in self._usual().items()}
+            out |= {f"compensation_{name}": usual for name, usual in self._usual.items()}
             if self._loaded:
                 out["compensation_load"] = 0.0
         return out
@@ -230,14 +218,11 @@ class TrackingObjective:
 
     def measure(self, treatments: Sequence[Treatment]) -> list[Tracking]:
         """Try treatments, all in one batch."""
-        cases, parameters = [], []
-        for treatment in treatments:
-            for place in self.places:
-                for friction in self.frictions:
-                    cases.append(treatment.case(place))
-                    parameters.append(friction)
-        runs = self.experiment.run(cases, iterations=self.iterations, parameters=parameters)
         e = self.experiment
+        tried = list(itertools.product(treatments, self.places, self.frictions))
+        cases = [treatment.case(place) for treatment, place, _ in tried]
+        frictions = [friction for _, _, friction in tried]
+        runs = e.run(cases, iterations=self.iterations, parameters=frictions)
         found = [measure(run, e.protocol, e.motion) for run in runs]
         shape = (len(treatments), len(self.places), len(self.frictions))
         goals = np.array([len(e.path(path).position) for path, _ in self.places])
@@ -245,14 +230,19 @@ class TrackingObjective:
             np.array([_left_at_goals(m, part, goals.max()) for m in found]).reshape(*shape, -1)
             for part in range(2)
         )
-        values = np.array([_numbers(m) for m in found]).reshape(*shape, -1)
-        names = ("vibration", "vibration_at_rest", "power", "torque_rate")
+        numbers = {
+            "vibration": [_rms(m.shaking) for m in found],
+            "vibration_at_rest": [_rms(m.shaking_at_rest) for m in found],
+            "power": [(m.dither_energy / m.duration).mean() for m in found],
+            "torque_rate": [m.torque_rate.max() for m in found],
+        }
+        values = {name: np.array(x, dtype=float).reshape(shape) for name, x in numbers.items()}
         return [
             Tracking(
                 position=position[k],
                 orientation=orientation[k],
                 goals=goals,
-                **{name: values[k, ..., i] for i, name in enumerate(names)},
+                **{name: x[k] for name, x in values.items()},
             )
             for k in range(len(treatments))
         ]
@@ -310,16 +300,6 @@ def _left_at_goals(m: Measures, part: int, count: int) -> Array:
     """Return the error left at each goal, mean over iterations (count,), NaN after the last."""
     left = m.left[..., part].mean(axis=0)
     return np.concatenate([left, np.full(count - len(left), np.nan)])
-
-
-def _numbers(m: Measures) -> list[float]:
-    """Return the other quantities that `Tracking` holds of one case."""
-    return [
-        _rms(m.shaking),
-        _rms(m.shaking_at_rest),
-        float((m.dither_energy / m.duration).mean()),
-        float(m.torque_rate.max()),
-    ]
 
 
 def _mean_of_goals(values: Array, goals: Array) -> Array:

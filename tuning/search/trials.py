@@ -50,12 +50,9 @@ def write_trials(
     records: Mapping[str, Sequence[Record]],
     chosen: Callable[[list[FrozenTrial]], list[FrozenTrial]] = list,
 ) -> None:
-    """Write trials: stage, study, number, state, allowed, parameters and measures.
+    """Write trials of every stage: study, number, state, allowed, parameters and measures.
 
-    Args:
-        path: the table.
-        records: studies of every stage.
-        chosen: which trials of a study are written; default all.
+    ``chosen`` selects the trials of a study; all by default.
     """
     rows: list[dict[str, str | float]] = []
     found = [

@@ -9,25 +9,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.experiments.gte.rows import thesis_stiffness
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import Arm
-from tuning.search.bounds import Bounds
+from tuning.search.bounds import Bounds, Table
 from tuning.search.breakaway import Breakaway, BreakawayObjective, interval
-from tuning.search.tracking import Place, Table, TrackingObjective, Treatment
+from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.settings import SearchSettings
 from tuning.study.workers import Progress
 
-Array = NDArray[np.float64]
-PATHS = TRAJECTORIES
 NOTHING = "no dither"
 LEFT = ("position", "orientation", "resting_position", "resting_orientation")
 """Errors that are compared with those without dither."""
@@ -46,11 +43,8 @@ class PathResult:
     resting_orientation: tuple[float, float, float]
     """Orientation error left there [-]."""
     vibration_m: float
-    """Vibration during the motion [m]."""
     vibration_at_rest_m: float
-    """Vibration at rest [m]."""
     power_w: float
-    """Power of the dither [W]."""
     torque_rate_nm_s: float
     """Largest change of torque on any joint [N·m/s]."""
 
@@ -60,7 +54,6 @@ class Verified:
     """All results of the repeated measurement."""
 
     breakaway: Mapping[str, Mapping[int, Breakaway]]
-    """Per table and joint."""
     tracking: Mapping[str, Mapping[str, PathResult]]
     """Per table and path; empty where only the SJE was searched."""
 
@@ -70,23 +63,6 @@ class Verified:
         return tuple(next(iter(self.tracking.values()), ()))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unseen:
-    """What both repeated measurements have in common."""
-
-    bounds: Bounds
-    frictions: Sequence[FrictionParameters]
-    settings: SearchSettings
-    kept: KeptRows
-    """Finished measurements, of this run and of one that was interrupted."""
-    progress: Progress | None
-
-    def tell(self, done: int, count: int) -> None:
-        """Report how many measurements are finished."""
-        if self.progress is not None:
-            self.progress(done, count)
-
-
 def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
     """Return joint angles (n,) [rad] up to ``most`` [rad] from the arm's rest, within limits."""
     low, high = arm.limits.position.T
@@ -94,86 +70,87 @@ def another_start(arm: Arm, most: float, seed: int | Sequence[int]) -> Array:
     return np.clip(angles, low + most, high - most)
 
 
-def verify_breakaway(
-    experiment: SingleJointExperiment, tables: Mapping[str, Table], unseen: Unseen
-) -> dict[str, dict[int, Breakaway]]:
-    """Measure every joint of every table in the SJE, all settings in one batch."""
-    rows = {(name, r.joint): r for name, table in tables.items() for r in table if r.amplitude_nm}
-    kept, repeats = unseen.kept, unseen.settings.verify_iterations
-    missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in kept.every]
-    unseen.tell(0, len(missing))
-    if missing:
-        objective = BreakawayObjective(
-            experiment, unseen.bounds, unseen.frictions, iterations=repeats
-        )
-        for row, found in objective.measure(missing).items():
-            kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
-        unseen.tell(len(missing), len(missing))
-    out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
-    for (name, joint), row in rows.items():
-        arrays = {k: np.array(x, dtype=float) for k, x in kept.every[repr(row)].items()}
-        out[name][joint] = Breakaway(**arrays)
-    return out
+@dataclass(frozen=True, kw_only=True)
+class Unseen:
+    """Repeated measurements, under frictions that the search has not seen."""
 
+    bounds: Bounds
+    frictions: Sequence[FrictionParameters]
+    settings: SearchSettings
+    kept: KeptRows
+    """Finished measurements, of this run and of one that was interrupted."""
+    progress: Progress
 
-def verify_tracking(
-    experiment: GeneratedTrajectoryExperiment,
-    treatments: Mapping[str, Treatment],
-    unseen: Unseen,
-    *,
-    random: bool = False,
-) -> dict[str, dict[str, PathResult]]:
-    """Run every treatment on the path used for tuning and on others, random ones if wanted."""
-    treatments = {NOTHING: Treatment(), **treatments}
-    groups: dict[str, Sequence[str]] = {path: (path,) for path in PATHS}
-    if random:
-        groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(unseen.settings.verify_random)]
-    kept = unseen.kept
-    for done, (path, places) in enumerate(groups.items()):
-        unseen.tell(done, len(groups))
-        keys = {name: f"{path} {treatment!r}" for name, treatment in treatments.items()}
-        missing = [name for name, key in keys.items() if key not in kept.every]
+    def breakaway(
+        self, experiment: SingleJointExperiment, tables: Mapping[str, Table]
+    ) -> dict[str, dict[int, Breakaway]]:
+        """Measure every joint of every table in the SJE, all settings in one batch."""
+        rows = {(k, r.joint): r for k, table in tables.items() for r in table if r.amplitude_nm}
+        kept, repeats = self.kept, self.settings.verify_iterations
+        missing = [row for row in dict.fromkeys(rows.values()) if repr(row) not in kept.every]
+        self.progress(0, len(missing))
         if missing:
-            where: list[Place] = [(p, k) for p in places for k in thesis_stiffness()]
-            found = _tracked(experiment, [treatments[name] for name in missing], where, unseen)
-            for name, row in zip(missing, found, strict=True):
-                kept.add(keys[name], row)
-    unseen.tell(len(groups), len(groups))
-    result: dict[str, dict[str, PathResult]] = {}
-    for name, treatment in treatments.items():
-        result[name] = {}
-        for path in groups:
-            row = kept.every[f"{path} {treatment!r}"]
-            left = {k: _left(row[k]) for k in LEFT}
-            result[name][path] = PathResult(**{**row, **left})
-    return result
+            objective = BreakawayObjective(
+                experiment, self.bounds, self.frictions, iterations=repeats
+            )
+            for row, found in objective.measure(missing).items():
+                kept.add(repr(row), {name: x.tolist() for name, x in vars(found).items()})
+            self.progress(len(missing), len(missing))
+        out: dict[str, dict[int, Breakaway]] = {name: {} for name in tables}
+        for (name, joint), row in rows.items():
+            arrays = {k: np.array(x, dtype=float) for k, x in kept.every[repr(row)].items()}
+            out[name][joint] = Breakaway(**arrays)
+        return out
 
+    def tracking(
+        self,
+        experiment: GeneratedTrajectoryExperiment,
+        treatments: Mapping[str, Treatment],
+        *,
+        random: bool,
+    ) -> dict[str, dict[str, PathResult]]:
+        """Run every treatment on the path used for tuning and on others, random ones if wanted."""
+        treatments = {NOTHING: Treatment(), **treatments}
+        groups: dict[str, Sequence[str]] = {path: (path,) for path in TRAJECTORIES}
+        if random:
+            groups[RANDOM] = [f"{RANDOM}-{k}" for k in range(self.settings.verify_random)]
+        every = self.kept.every
+        for done, (path, places) in enumerate(groups.items()):
+            self.progress(done, len(groups))
+            keys = {f"{path} {treatment!r}": treatment for treatment in treatments.values()}
+            if missing := {key: t for key, t in keys.items() if key not in every}:
+                where: list[Place] = [(p, k) for p in places for k in thesis_stiffness()]
+                self._track(experiment, missing, where)
+        self.progress(len(groups), len(groups))
+        result: dict[str, dict[str, PathResult]] = {}
+        for name, treatment in treatments.items():
+            result[name] = {}
+            for path in groups:
+                row = every[f"{path} {treatment!r}"]
+                result[name][path] = PathResult(**{**row, **{k: _left(row[k]) for k in LEFT}})
+        return result
 
-def _tracked(
-    experiment: GeneratedTrajectoryExperiment,
-    treatments: Sequence[Treatment],
-    places: Sequence[Place],
-    unseen: Unseen,
-) -> list[JsonRecord]:
-    """Return what treatments leave on some paths per friction, and how much they shake there."""
-    objective = TrackingObjective(
-        experiment,
-        unseen.bounds,
-        unseen.frictions,
-        places,
-        iterations=unseen.settings.verify_iterations,
-        joints=range(1, experiment.n + 1),
-    )
-    return [
-        {
-            **{k: v.tolist() for k, v in found.by_friction(objective.plain).items()},
-            "vibration_m": found.shaking[0],
-            "vibration_at_rest_m": found.shaking[1],
-            "power_w": float(found.power.mean()),
-            "torque_rate_nm_s": float(found.torque_rate.max()),
-        }
-        for found in objective.measure(treatments)
-    ]
+    def _track(
+        self,
+        experiment: GeneratedTrajectoryExperiment,
+        treatments: Mapping[str, Treatment],
+        places: Sequence[Place],
+    ) -> None:
+        """Keep what treatments leave on some paths per friction, and how much they shake there."""
+        objective = TrackingObjective(
+            experiment,
+            self.bounds,
+            self.frictions,
+            places,
+            iterations=self.settings.verify_iterations,
+            joints=range(1, experiment.n + 1),
+        )
+        for key, found in zip(treatments, objective.measure([*treatments.values()]), strict=True):
+            row = {k: v.tolist() for k, v in found.by_friction(objective.plain).items()}
+            row["vibration_m"], row["vibration_at_rest_m"] = found.shaking
+            row["power_w"] = float(found.power.mean())
+            row["torque_rate_nm_s"] = float(found.torque_rate.max())
+            self.kept.add(key, row)
 
 
 def _left(ratios: list[float]) -> tuple[float, float, float]:

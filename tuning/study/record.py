@@ -15,7 +15,6 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import optuna
@@ -28,15 +27,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.json_text import JsonRecord
 from tuning.settings import SharedSettings
-from tuning.study.storage import (
-    is_shared,
-    only_writer,
-    open_storage,
-    reason_of,
-    shown,
-    storage_file,
-    writing,
-)
+from tuning.study import storage as storages
+from tuning.study.storage import only_writer, open_storage, reason_of, writing
 
 Parameters = dict[str, Any]
 """Setting of a trial by name: numbers, and choices of whatever kind a list has."""
@@ -58,7 +50,6 @@ class Outcome:
     values: tuple[float, ...] | None
     """Objectives, all minimised; None where nothing could be measured (a joint that stuck)."""
     constraints: tuple[float, ...] = ()
-    """Feasible where all are at most 0."""
     measures: JsonRecord = field(default_factory=dict)
     """Other results to store: numbers, strings, lists of them."""
 
@@ -81,19 +72,19 @@ class Record:
             storage: URL of `storage.open_storage`.
             name: name of the study.
             objectives: number of values of a trial, all minimised.
-            about: what defines the search; a study about something else is not continued.
+            about: definition of the search; a study with another definition is not continued.
             settings: time limits for a shared database; None for the defaults.
 
         Raises:
-            StictionError: a storage that cannot be opened, or a study of that name about another
-                robot, protocol, version or option.
+            StictionError: a storage that cannot be opened, or a study with another definition.
         """
+        url = storages.parse(storage)
         self.name = name
-        self.shared = is_shared(storage)
+        self.shared = storages.is_shared(url)
         """Whether several machines fill it: `workers.run` is used instead of `run`."""
-        self.place = shown(storage)
+        self.place = storages.shown(url)
         """The storage as it may be printed."""
-        self.file: Path | None = storage_file(storage)
+        self.file = storages.storage_file(url)
         """File of the storage, None for a database server."""
         opened = open_storage(storage, settings)
         definition = json.dumps([objectives, about], sort_keys=True, default=str)
@@ -140,11 +131,7 @@ class Record:
             return [t for t in self.study.get_trials(deepcopy=False) if has_outcome(t)]
 
     def add(self, trial: FrozenTrial) -> None:
-        """Write a finished trial in one transaction.
-
-        Raises:
-            ExperimentError: the storage cannot be written.
-        """
+        """Write a finished trial in one transaction."""
         with writing(self.place):
             self.study.add_trial(trial)
 
@@ -170,7 +157,6 @@ class Search:
     sampler: Callable[[int], BaseSampler]
     """Makes the sampler of a trial of a given number; see `samplers.sampler`."""
     evaluations: int
-    """Total number of trials."""
     batch: int = 1
     """Trials proposed together; none of them knows the outcomes of the others."""
     first: tuple[Parameters, ...] = ()
@@ -186,13 +172,12 @@ def run(
 
     Args:
         searches: searches to fill.
-        evaluate: outcomes of a list of (number of the search, setting); each independent of the
-            rest of the list.
+        evaluate: returns the outcomes of a list of (number of the search, setting), each
+            independent of the rest of the list.
         progress: called with the number of finished trials and the total.
 
     Raises:
-        StictionError: another process fills one of the records, or has written to it what this
-            search does not propose.
+        StictionError: another process fills a record, or has filled it with other settings.
     """
     with ExitStack() as held:
         for file in sorted({s.record.file for s in searches if s.record.file is not None}):
@@ -248,32 +233,26 @@ class _Fill:
                     f"study {s.record.name!r}: trial {known.number} is not what this search "
                     "proposes there: expected a study that only this search writes to"
                 )
-            self._tell_memory(known.number, _outcome_of(known))
+            self._tell_memory(known.number, known.values, known.user_attrs)
         begun = {t.number for t in self._begun}
         self._begun = []
         return [n for n in self.proposed if n not in begun]
 
     def tell(self, number: int, outcome: Outcome) -> None:
         """Store an outcome."""
-        self._tell_memory(number, outcome)
+        self._tell_memory(number, outcome.values, attributes_of(outcome))
         self.search.record.add(self._memory.get_trials(deepcopy=True)[number])
         self.done += 1
 
-    def _tell_memory(self, number: int, outcome: Outcome) -> None:
+    def _tell_memory(
+        self, number: int, values: Sequence[float] | None, attributes: Parameters
+    ) -> None:
         trial = self.proposed[number]
-        for key, value in attributes_of(outcome).items():
+        for key, value in attributes.items():
             trial.set_user_attr(key, value)
         # `tell` lets the sampler store what it needs later; it must be this trial's own
         self._memory.sampler = self.search.sampler(number)
-        if outcome.values is None:
+        if values is None:
             self._memory.tell(trial, state=TrialState.FAIL)
         else:
-            self._memory.tell(trial, list(outcome.values))
-
-
-def _outcome_of(trial: FrozenTrial) -> Outcome:
-    attributes = dict(trial.user_attrs)
-    attributes.pop(UNMEASURED, None)
-    constraints = tuple(attributes.pop(CONSTRAINTS, ()))
-    values = None if trial.state == TrialState.FAIL else tuple(trial.values)
-    return Outcome(values=values, constraints=constraints, measures=attributes)
+            self._memory.tell(trial, list(values))

@@ -15,8 +15,7 @@ from optuna.samplers import BaseSampler
 from optuna.study import Study
 from optuna.trial import FrozenTrial
 
-from stiction_envs.errors import StictionError, unknown
-from tuning.names import SAMPLERS
+from stiction_envs.errors import StictionError
 from tuning.study.record import CONSTRAINTS, Parameters, Space
 
 
@@ -58,10 +57,8 @@ def installed(name: str) -> str:
     """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``.
 
     Raises:
-        StictionError: unknown name, or cmaes without its package.
+        StictionError: cmaes without its package.
     """
-    if name not in SAMPLERS:
-        raise unknown("sampler", name, SAMPLERS)
     if name == "cmaes" and find_spec("cmaes") is None:
         raise StictionError("sampler cmaes: pip install 'stiction-envs[fit]'")
     return "tpe" if name == "gp" and find_spec("torch") is None else name
@@ -80,17 +77,14 @@ def sampler(
     """Return a function that makes the sampler of a trial from the trial's number.
 
     Args:
-        name: one of `SAMPLERS`; if it is not `installed`, another is used, with a warning. A grid's
-            settings are `cells`; beyond them it draws at random.
+        name: one of `names.SAMPLERS`; if it is not `installed`, another is used, with a warning.
+            A grid's settings are `cells`; beyond them it draws at random.
         space: parameters to search.
         seed: seed of all draws.
-        startup: trials drawn at random before a model is fitted (gp, tpe).
+        startup: as in `SearchSettings`, as are population and step.
         population: trials per generation of cmaes and nsga2.
         first: start of cmaes; None for the middle.
         step: initial step size of cmaes, over the range [-].
-
-    Raises:
-        StictionError: as of `installed`.
     """
     used = installed(name)
     if used != name:

@@ -12,11 +12,12 @@ from pathlib import Path
 import optuna
 from optuna.storages import RDBStorage, RetryHeartbeatStaleTrialCallback
 from sqlalchemy.engine import URL, make_url
-from sqlalchemy.exc import ArgumentError, NoSuchModuleError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, OperationalError, SQLAlchemyError
 
 from stiction_envs.errors import ExperimentError, StictionError, missing_extra
 from tuning.settings import SharedSettings, tuning_settings
 
+POSTGRES = "postgresql+psycopg"
 OPENINGS = 5
 """Tries to create the tables (assumed): machines that start together can block each other."""
 
@@ -24,46 +25,41 @@ OPENINGS = 5
 def open_storage(storage: str, settings: SharedSettings | None = None) -> RDBStorage:
     """Return a storage by its URL (``sqlite:///FILE``, ``postgresql+psycopg://…``).
 
-    Args:
-        storage: the URL.
-        settings: time limits for a shared database; None for the defaults.
-
     Raises:
         StictionError: no URL, or one that cannot be reached or read; passwords are not shown.
     """
-    url = _parse(storage)
-    shared = is_shared(storage)
-    s = settings or tuning_settings().shared
+    url = parse(storage)
     try:
-        for left in range(OPENINGS - 1, -1, -1):
+        if not is_shared(url):
+            return RDBStorage(_template(url))
+        s = settings or tuning_settings().shared
+        for _ in range(OPENINGS - 1):
             try:
-                return _shared_database(url, s) if shared else RDBStorage(_template(url))
-            except OperationalError:
+                return _shared_database(url, s)
+            except OperationalError:  # no connection: further tries would take as long
                 raise
             except SQLAlchemyError:
-                if left == 0 or not shared:
-                    raise
-        raise AssertionError
+                continue
+        return _shared_database(url, s)
     except (SQLAlchemyError, ImportError, optuna.exceptions.OptunaError) as error:
         raise _cannot_open(url, error) from None
 
 
-def is_shared(storage: str) -> bool:
+def is_shared(url: URL) -> bool:
     """Return whether machines can share a storage: a database server, not a file."""
-    return _parse(storage).get_backend_name() != "sqlite"
+    return url.drivername == POSTGRES
 
 
-def storage_file(storage: str) -> Path | None:
+def storage_file(url: URL) -> Path | None:
     """Return the file of a storage, None for a database server or one in memory."""
-    url = _parse(storage)
-    if url.get_backend_name() != "sqlite" or url.database in (None, "", ":memory:"):
+    if is_shared(url) or url.database in (None, "", ":memory:"):
         return None
     return Path(str(url.database))
 
 
-def shown(storage: str) -> str:
-    """Return a storage without password and options, for printing."""
-    return _shown(_parse(storage))
+def shown(url: URL) -> str:
+    """Return a URL without password and options, for printing."""
+    return url.set(query={}).render_as_string(hide_password=True)
 
 
 @contextmanager
@@ -86,13 +82,9 @@ def only_writer(file: Path) -> Iterator[None]:
 
 @contextmanager
 def writing(place: str) -> Iterator[None]:
-    """Replace the errors of a study that cannot be written or read by one line (a full disk, say).
+    """Raise an ExperimentError in place of what Optuna, SQLAlchemy or the system raises.
 
-    Args:
-        place: the storage as it may be printed (`shown`).
-
-    Raises:
-        ExperimentError: in place of what Optuna, SQLAlchemy or the system raised.
+    The message has one line; ``place`` is the storage as it may be printed (`shown`).
     """
     try:
         yield
@@ -100,42 +92,38 @@ def writing(place: str) -> Iterator[None]:
         raise ExperimentError(f"storage {place}: {reason_of(error)}") from error
 
 
-def _parse(text: str) -> URL:
-    """Return the parts of a URL; PostgreSQL's driver is psycopg unless another one is named."""
-    expected = "expected a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
+def parse(text: str) -> URL:
+    """Return the parts of a URL of SQLite or of PostgreSQL, whose driver is psycopg."""
     if text.partition("://")[2].count("@") > 1:
         # what follows the first one would be taken for the host, and printed
         raise StictionError("storage: more than one @ in the URL: expected %40 in a password")
     try:
         url = make_url(text)
-        url.get_backend_name()
     except (ArgumentError, ValueError):
-        raise StictionError(f"storage: {expected}") from None
+        expected = "a URL such as sqlite:///study.db or postgresql+psycopg://USER@HOST/NAME"
+        raise StictionError(f"storage: expected {expected}") from None
     if url.drivername in ("postgres", "postgresql"):
-        url = url.set(drivername="postgresql+psycopg")
+        url = url.set(drivername=POSTGRES)
+    if url.drivername not in ("sqlite", POSTGRES):
+        raise StictionError(
+            f"storage {shown(url)}: unknown kind: expected sqlite or postgresql+psycopg"
+        )
     return url
-
-
-def _shown(url: URL) -> str:
-    return url.set(query={}).render_as_string(hide_password=True)
 
 
 @cache
 def _shared_database(url: URL, settings: SharedSettings) -> RDBStorage:
     """Return the storage of a database server, one for all studies to use few connections."""
-    connect: dict[str, object] = {}
-    if url.get_backend_name() == "postgresql":
-        connect = {"connect_timeout": int(settings.connect_s)}
-        if url.get_driver_name() == "psycopg":
-            # a host that disappears is noticed within two probes 5 s apart (assumed);
-            # heartbeats of all machines are in one time zone
-            connect |= {
-                "keepalives_idle": int(settings.connect_s),
-                "keepalives_interval": 5,
-                "keepalives_count": 2,
-                "tcp_user_timeout": int(2000 * settings.connect_s),
-                "options": "-c timezone=UTC",
-            }
+    connect = {
+        "connect_timeout": int(settings.connect_s),
+        # a host that disappears is noticed within two probes 5 s apart (assumed)
+        "keepalives_idle": int(settings.connect_s),
+        "keepalives_interval": 5,
+        "keepalives_count": 2,
+        "tcp_user_timeout": int(2000 * settings.connect_s),
+        # heartbeats of all machines are in one time zone
+        "options": "-c timezone=UTC",
+    }
     connect = {k: v for k, v in connect.items() if k not in url.query}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
@@ -156,14 +144,9 @@ def _template(url: URL) -> str:
 
 def _cannot_open(url: URL, error: BaseException) -> StictionError:
     """Return one line about a database that cannot be opened, without its password."""
-    place = f"storage {_shown(url)}"
-    if isinstance(error, NoSuchModuleError):
-        return StictionError(f"{place}: unknown kind: expected sqlite or postgresql+psycopg")
+    place = f"storage {shown(url)}"
     if isinstance(error, ImportError):
-        driver = url.get_driver_name()
-        if driver == "psycopg":
-            return missing_extra(place, driver, "postgres")
-        return StictionError(f"{place}: Python package of {driver} is missing")
+        return missing_extra(place, "psycopg", "postgres")
     text = reason_of(error)
     for secret in (url.password, *url.query.values()):
         if secret:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,29 +20,25 @@ from stiction_envs.version import __version__
 from tuning.settings import SharedSettings
 from tuning.study.record import Record
 from tuning.study.samplers import installed
-from tuning.study.storage import shown
+from tuning.study.storage import parse, shown
+
+Progress = Callable[[str, float, float], None]
+"""Called with the name of a stage, how much of it is done, and how much there is."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TuningRun:
-    """Folder and studies of a run; those of another run are refused."""
+    """Folder and studies of a run."""
 
     folder: OutputFolder
     about: Mapping[str, object]
-    """Definition of the run."""
     storage: str
-    """URL of the studies."""
     study: str
     """Prefix of the studies' names."""
     settings: SharedSettings
-    """Time limits of a shared database."""
 
     def record(self, stage: str, objectives: int = 1, sampler: str | None = None) -> Record:
-        """Open the study of a stage.
-
-        Raises:
-            StictionError: a storage that cannot be opened, or a study of another run or sampler.
-        """
+        """Open the study of a stage; errors as of `Record`."""
         about = {**self.about, "stage": stage}
         if sampler is not None:
             about["sampler"] = installed(sampler)
@@ -53,11 +49,7 @@ class TuningRun:
 
     @contextmanager
     def working(self) -> Iterator[Path]:
-        """Create the folder and return its path.
-
-        Raises:
-            ExperimentError: in place of a StictionError after something was written.
-        """
+        """Create the folder; a StictionError after something was written is an ExperimentError."""
         try:
             with self.folder:
                 yield self.folder.path
@@ -85,21 +77,16 @@ def open_run(
     """Check the output folder of a run; nothing is written yet.
 
     Args:
-        name: start of the default folder's name.
+        name: start of the default folder's name, ``runs/NAME-ROBOT``.
         protocol: name of the procedure.
         experiment: the arm, its friction, its protocol and the seed.
-        defining: what else defines the run.
-        out: output folder; None for ``runs/NAME-ROBOT``.
-        force: whether the files of another run in it are replaced.
+        defining: further arguments that tell studies apart.
+        out: output folder, see `OutputFolder` for ``force``.
         storage: URL; None for the SQLite file ``database`` in the folder.
         study: prefix of the studies' names; None for the arm's name.
         settings: time limits of a shared database.
-        inputs: files by the name of their argument; what is no path is left out.
-        database: name of that file.
+        inputs: files by the name of their argument; a value that is no path is left out.
         others: arguments that tell folders apart, but not studies.
-
-    Raises:
-        StictionError: a folder of another run, or one that cannot be written.
     """
     sticking = experiment.sticking
     about = {
@@ -118,7 +105,7 @@ def open_run(
     }
     if not isinstance(out, OutputFolder):
         files = {k: Path(v) for k, v in inputs.items() if isinstance(v, str | Path)}
-        made = {**about, **others, "storage": storage and shown(storage), "study": study}
+        made = {**about, **others, "storage": storage and shown(parse(storage)), "study": study}
         out = OutputFolder(
             default_folder(name, sticking.arm.name) if out is None else Path(out),
             provenance("tune", made, seed=experiment.seed, inputs=files),

@@ -18,7 +18,7 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.trial import FrozenTrial, Trial
 
 from tuning.study import record
-from tuning.study.record import Outcome, Parameters, Search, Space, attributes_of, has_outcome
+from tuning.study.record import Outcome, Parameters, Search, attributes_of, has_outcome
 from tuning.study.samplers import fixed
 from tuning.study.storage import writing
 
@@ -27,21 +27,15 @@ Progress = Callable[[int, int], None]
 
 
 def fill(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
-    """Fill the records of all searches: alone and exactly, or together with other machines.
-
-    The arguments are those of `record.run`; `Record.shared` selects which.
-    """
+    """Fill the records of all searches: by `record.run`, or together with other machines."""
     together = any(s.record.shared for s in searches)
     (run if together else record.run)(searches, evaluate, progress)
 
 
 def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
-    """Work on shared records, one after the other, trial by trial, until each has its budget.
+    """Work on records of one database, trial by trial, until each has its budget.
 
-    Args:
-        searches: searches to fill; all in one database.
-        evaluate: outcomes of a list of (number of the search, setting), as of `record.run`.
-        progress: called with the number of finished trials and the total, of all workers.
+    The arguments are those of `record.run`; ``progress`` counts the trials of all workers.
 
     Raises:
         ExperimentError: the database does not answer; finished trials are kept.
@@ -68,7 +62,12 @@ def _evaluate_one(k: int, search: Search, evaluate: Evaluate) -> None:
         due = _due(search, study.get_trials(deepcopy=False))
         # Optuna asks the study's sampler only when a parameter is suggested
         study.sampler = fixed(due[trial.number % len(due)]) if due else own
-        setting = _suggest(trial, search.space)
+        setting = {
+            name: trial.suggest_float(name, d.low, d.high, log=d.log)
+            if isinstance(d, FloatDistribution)
+            else trial.suggest_categorical(name, d.choices)  # type: ignore[attr-defined]
+            for name, d in search.space.items()
+        }
         study.sampler = own
         (outcome,) = evaluate([(k, setting)])
         try:
@@ -91,15 +90,6 @@ def _evaluate_one(k: int, search: Search, evaluate: Evaluate) -> None:
             "another worker has it, and its outcome here is dropped",
             stacklevel=2,
         )
-
-
-def _suggest(trial: Trial, space: Space) -> Parameters:
-    return {
-        name: trial.suggest_float(name, d.low, d.high, log=d.log)
-        if isinstance(d, FloatDistribution)
-        else trial.suggest_categorical(name, d.choices)  # type: ignore[attr-defined]
-        for name, d in space.items()
-    }
 
 
 def _missing(search: Search, trials: Sequence[FrozenTrial]) -> list[Parameters]:

@@ -139,11 +139,11 @@ class ArmScene:
         decorate(self._scene)
         return self._screen.picture(self._scene)
 
-    def draw_chain(self, scene: mujoco.MjvScene, width: float = 0.03) -> None:
-        """Show an arm without geometry by a chain through its joints, ``width`` in m."""
+    def draw_chain(self, scene: mujoco.MjvScene) -> None:
+        """Show an arm without geometry by a chain through its joints."""
         if self.model.ngeom == 1:
             chain = np.vstack([self.data.xanchor[self.joints], self.flange])
-            polyline(scene, width, chain, GREY)
+            polyline(scene, 0.03, chain, GREY)  # radius of the chain [m]
 
     def close(self) -> None:
         """Free the graphics context."""

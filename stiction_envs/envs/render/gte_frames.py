@@ -13,7 +13,7 @@ from PIL import ImageDraw
 from stiction_envs.arrays import Array
 from stiction_envs.control.rotation import from_rpy, to_matrix
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ball, connect, polyline
-from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
+from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Frame, Renderer
 from stiction_envs.envs.render.panel import (
     BAND,
     BLUE,
@@ -25,7 +25,7 @@ from stiction_envs.envs.render.panel import (
     font,
     round_up,
 )
-from stiction_envs.envs.render.video import Picture, Video
+from stiction_envs.envs.render.video import Video
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import Case, Run, Stiffness
 from stiction_envs.experiments.gte.rig import GTERig
@@ -60,7 +60,6 @@ class Motion:
     path: Array
     """(goals + 1, 3) start and goals [m]."""
     reached: int
-    """Number of goals that were reached."""
     accepted: Array
     """(goals,) when each was accepted [s]; NaN where it was not."""
     reference: Array
@@ -84,7 +83,6 @@ class Motion:
     most: Array
     """(n,) amplitude that fills a bar [N·m]."""
     now: str
-    """How it goes, as text."""
 
 
 class PathRenderer(Renderer[Motion]):
@@ -197,9 +195,6 @@ def gte_video(experiment: GeneratedTrajectoryExperiment, cases: Sequence[Case]) 
     """Return the first iteration of every case of one path.
 
     Runs do not keep joint angles: the iteration is run again, which is the same bits.
-
-    Raises:
-        ExperimentError: a simulation that the engine stopped.
     """
     poses: list[Array] = []
     paths: list[Array] = []
@@ -230,7 +225,7 @@ def _drawing(
     path: Array,
     end: float,
     renderer: PathRenderer,
-) -> Callable[[float], Picture]:
+) -> Callable[[float], Frame]:
     """Return a function that draws the first iteration of a run at a time [s].
 
     Joint angles are (K, n), one per `_SAMPLE` [rad]; the undithered run ends at ``end`` [s].
@@ -242,7 +237,7 @@ def _drawing(
         np.array(dither[name], dtype=float) for name in ("amplitude", "frequency")
     )
 
-    def draw(t: float) -> Picture:
+    def draw(t: float) -> Frame:
         k = max(1, int(np.searchsorted(run.time, t + 1e-9, side="right")))
         x = run.reference[0, k - 1]
         off = 1e3 * float(np.linalg.norm(run.error[0, k - 1, :3]))

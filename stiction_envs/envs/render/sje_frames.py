@@ -12,9 +12,9 @@ from PIL import ImageDraw
 
 from stiction_envs.arrays import Array
 from stiction_envs.envs.render.arm_scene import MARK, PATH, ArmScene, ball, connect, polyline
-from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Renderer
+from stiction_envs.envs.render.env_frames import HEIGHT, PANEL_WIDTH, Frame, Renderer
 from stiction_envs.envs.render.panel import BAND, BLUE, ORANGE, SOFT, Plot, round_up
-from stiction_envs.envs.render.video import Picture, Video
+from stiction_envs.envs.render.video import Video
 from stiction_envs.experiments.sje.episodes import RampTrace
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement, Protocol
@@ -44,7 +44,6 @@ class Ramp:
     tau: float
     """Torque at which it broke away [N·m]; NaN where it has not."""
     over: bool
-    """Whether the ramp has ended."""
 
 
 class JointRenderer(Renderer[Ramp]):
@@ -115,14 +114,9 @@ class JointRenderer(Renderer[Ramp]):
 def draw_joint(
     scene: mujoco.MjvScene, arm: ArmScene, joint: int, angle: float, threshold: float
 ) -> None:
-    """Draw a ring about a joint's axis, with an arrow along its push and a pointer.
+    """Draw a ring about the axis of a joint (from 0), with an arrow along its push and a pointer.
 
-    Args:
-        scene: the scene.
-        arm: the posed arm.
-        joint: from 0.
-        angle: since the joint rested [rad].
-        threshold: angle at which it has broken away, signed [rad].
+    ``angle`` is the joint's since it rested, ``threshold`` that of breakaway, signed [rad].
     """
     arm.draw_chain(scene)
     index = arm.joints[joint]
@@ -170,7 +164,7 @@ def sje_video(experiment: SingleJointExperiment, measurements: Sequence[Measurem
 
 def _run(
     experiment: SingleJointExperiment, m: Measurement, base: float, renderer: JointRenderer
-) -> Callable[[float], Picture]:
+) -> Callable[[float], Frame]:
     """Return a function that draws the first ramp of a measurement at a time [s]."""
     from stiction_envs.experiments.sje.plots import ramps  # loads Matplotlib
 
@@ -180,7 +174,7 @@ def _run(
     joint, load, _ = c.index
     time = m.trace_dt * np.arange(1, len(along) + 1)
 
-    def draw(t: float) -> Picture:
+    def draw(t: float) -> Frame:
         k = int(np.searchsorted(time, t + 1e-9, side="right"))
         position = experiment.poses.q[joint, load].copy()
         position[joint] += angle[max(k - 1, 0)]

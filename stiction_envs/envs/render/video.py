@@ -14,13 +14,11 @@ from types import ModuleType
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.envs.render.arm_scene import Offscreen
-from stiction_envs.envs.render.env_frames import HEIGHT, WIDTH
+from stiction_envs.envs.render.env_frames import HEIGHT, WIDTH, Frame
 from stiction_envs.errors import ExperimentError, StictionError, missing_extra, one_line
 
-Picture = NDArray[np.uint8]
 FPS = 10.0
 """Frames per second; assumed."""
 LONGEST = 20.0
@@ -32,12 +30,11 @@ _LAST_FRAME = 1.0  # how long the last moment is shown [s]; assumed
 class Video:
     """Runs of one arm, two in a row."""
 
-    runs: Sequence[Callable[[float], Picture]]
+    runs: Sequence[Callable[[float], Frame]]
     """Each draws a run at a time since its start [s]; after its end, its last moment."""
     duration: float
     """Duration of the longest run [s]."""
     close: Callable[[], None]
-    """Frees the graphics context."""
 
     @property
     def size(self) -> tuple[int, int]:
@@ -52,7 +49,7 @@ class Video:
         last = round(_LAST_FRAME * FPS)
         return [min(k, moving - 1) * speed / FPS for k in range(moving + last)]
 
-    def frames(self) -> Iterator[Picture]:
+    def frames(self) -> Iterator[Frame]:
         """Yield the frames, (height, width, 3).
 
         Raises:
@@ -74,7 +71,7 @@ class Video:
     def write(self, path: Path, progress: Callable[[int, int], None]) -> None:
         """Write an mp4; errors as `write_frames`. ``progress`` takes frames drawn and all."""
 
-        def counted() -> Iterator[Picture]:
+        def counted() -> Iterator[Frame]:
             for k, frame in enumerate(self.frames()):
                 yield frame
                 progress(k + 1, len(self.times()))
@@ -90,13 +87,10 @@ def check_video() -> None:
     Offscreen(spec.compile()).close()
 
 
-def write_frames(frames: Iterable[Picture], path: Path, *, size: tuple[int, int]) -> None:
-    """Write frames (height, width, 3) as an mp4; a failure leaves what was there before.
+def write_frames(frames: Iterable[Frame], path: Path, *, size: tuple[int, int]) -> None:
+    """Write frames (height, width, 3) as an mp4 of a size, width and height, even numbers [pixel].
 
-    Args:
-        frames: are drawn while they are written.
-        path: the mp4.
-        size: width and height, even numbers [pixel].
+    A failure leaves the file that was there before.
 
     Raises:
         StictionError: no encoder, or no OpenGL.

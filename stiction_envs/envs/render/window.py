@@ -20,12 +20,7 @@ def has_display() -> bool:
 
 
 def check_display(what: str, instead: str) -> None:
-    """Raise a StictionError where no window can be opened.
-
-    Args:
-        what: name of what needs it.
-        instead: advice what to use without one.
-    """
+    """Raise a StictionError where no window can be opened for ``what``; it advises ``instead``."""
     if not has_display():
         raise StictionError(f"{what}: no display found: {instead}")
     if not _opens():
@@ -57,14 +52,9 @@ class Window:
         camera: mujoco.MjvCamera,
         key_callback: Callable[[int], None] | None = None,
     ) -> None:
-        """Open the window, in a thread of its own.
+        """Open the window for ``what``, in a thread of its own.
 
-        Args:
-            what: name of what needs it, for the error.
-            model: the model.
-            data: its state.
-            camera: its view.
-            key_callback: called with the GLFW code of every key that is pressed, in that thread.
+        ``key_callback`` gets the GLFW code of every key that is pressed, in that thread.
 
         Raises:
             StictionError: it cannot be opened.

@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.envs.render import push_window, window
-from stiction_envs.envs.render.push_window import (
-    SPACE,
-    UP,
-    PushView,
-    PushWindow,
-)
+from stiction_envs.envs.render.push_window import SPACE, UP, PushView, PushWindow
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
 from stiction_envs.friction.sticking import sticking_model

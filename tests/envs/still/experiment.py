@@ -9,13 +9,7 @@ import numpy as np
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.episodes import Episodes, Outcome
-from stiction_envs.experiments.observation import (
-    DITHER,
-    TORQUE,
-    Group,
-    observed_action,
-    pack,
-)
+from stiction_envs.experiments.observation import DITHER, TORQUE, Group, observed_action, pack
 from stiction_envs.experiments.rig import Rig
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.sticking import sticking_model
@@ -50,7 +44,7 @@ class StillRig(Rig):
 
 @dataclass(frozen=True)
 class Weights:
-    """Of the penalties."""
+    """Weights of the penalties."""
 
     power_weight: float = 0.01
     torque_rate_weight: float = 0.01

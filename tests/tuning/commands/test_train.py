@@ -1,6 +1,5 @@
 """``stiction train`` and ``stiction evaluate`` from the command line to their files."""
 
-import csv
 import json
 import shlex
 
@@ -11,6 +10,7 @@ from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
 from stiction_envs.reporting.output_folder import NAME
 from tests.cli.short_commands import EPISODES, TRAINING
+from tests.command_line import csv_rows
 from tests.tuning.policies.small import made_up
 from tuning import names
 
@@ -39,11 +39,6 @@ def train(cli, settings):
     return run
 
 
-def rows(path) -> list[dict[str, str]]:
-    with open(path, newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.mark.slow
 def test_train_writes_what_the_contract_says(train, cli, work):
     ran = train("--out", "out", "--json")
@@ -51,10 +46,10 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     result = json.loads(ran.out)
     files = {"policy.zip", "evaluation.csv", "curve.csv", "curve.png"}
     assert {p.name for p in (work / "out").iterdir()} - {"tensorboard"} == files | {NAME}
-    assert [r["steps"] for r in rows(work / "out" / "curve.csv")] == ["0", "32", "64"]
+    assert [r["steps"] for r in csv_rows(work / "out" / "curve.csv")] == ["0", "32", "64"]
     assert result["steps"] == 64
     assert "100 % ppo: return" in ran.err
-    found = rows(work / "out" / "evaluation.csv")
+    found = csv_rows(work / "out" / "evaluation.csv")
     assert [r["policy"] for r in found] == ["none", "none", "trained", "trained"]
     assert found[0]["seed"] == found[2]["seed"]
     # the policy plays in the environment that it was trained for, on seeds of its own
@@ -65,7 +60,7 @@ def test_train_writes_what_the_contract_says(train, cli, work):
     result = json.loads(ran.out)
     assert list(result["summary"]) == ["none", "out/policy.zip"]
     assert result["summary"]["out/policy.zip"]["power"] > 0
-    assert len(rows(work / "evaluated" / "evaluation.csv")) == 4
+    assert len(csv_rows(work / "evaluated" / "evaluation.csv")) == 4
     assert (work / "evaluated" / NAME).exists()
 
 
@@ -91,7 +86,7 @@ def test_ctrl_c_and_the_same_command_again(train, work, monkeypatch):
     ran = train("--out", "parts", *often)
     assert ran.code == 0
     assert ran.out.startswith("ppo, 64 steps: evaluated return ")
-    assert [r["steps"] for r in rows(work / "parts" / "curve.csv")] == ["0", "32", "64"]
+    assert [r["steps"] for r in csv_rows(work / "parts" / "curve.csv")] == ["0", "32", "64"]
 
 
 BAD_TRAINING = {
@@ -107,6 +102,9 @@ BAD_OPTIONS = {
     "--checkpoint-every 0": "whole numbers from 1",
     "--env gravity=0": "unknown argument of the sje environment 'gravity'",
     "--env gravity": "--env gravity: expected NAME=VALUE",
+    "--env friction=3": "arguments of the sje environment: ",
+    "--env control_interval_s=x": "arguments of the sje environment: ",
+    "--env fixed_options=3": "--env fixed_options=3: expected a JSON object",
     "--env control_interval_s=0.123": "control_interval_s 0.123",
     """--env 'fixed_options={"knot":6}'""": "unknown reset option 'knot'",
     """--env 'randomise={"mass":1}'""": "unknown spread to randomise 'mass'",
@@ -126,7 +124,7 @@ def test_bad_training_is_refused(refused, settings, inputs, line, says):
 
 
 BAD_POLICIES = {
-    "gte --policy best": "unknown policy 'best': expected one of none, gated, random, rule",
+    "gte --policy best": "unknown policy 'best': expected one of none, gated, random",
     "gte --policy policy.zip": "policy.zip: no such file",
     "gte --policy none none": "expected each once",
     "gte --policy {iiwa.zip}": "GTE-v0 of iiwa7: expected one for GTE-v0 of panda",

@@ -2,16 +2,15 @@
 
 import csv
 import json
-from pathlib import Path
 
 import pytest
 
 from stiction_envs.control.laws import LAWS
+from tests.command_line import csv_rows
 from tests.robots.arms import chain
 from tuning import names
 from tuning.protocol import tune as tuner
 
-ROOT = Path(__file__).parents[3]
 SEARCH = ["--protocol", "search"]
 ROBOT = [*SEARCH, "--out", "out", "--threads", 1]
 TUNE = ["--iterations", 1, "--no-scatter", "--frequencies", 15, "--scales", 1.0]
@@ -61,8 +60,7 @@ def test_search_writes_what_the_contract_says_and_goes_on(cli, work):
     assert [r["joint"] for r in result["final"]] == [1, 2]
     files = ("trials.csv", "final.csv", "verification.csv", "comparison.csv", "report.md")
     before = {name: (work / "found" / name).read_bytes() for name in files}
-    with (work / "found" / "trials.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == 6
+    assert len(csv_rows(work / "found" / "trials.csv")) == 6
     assert cli(*argv).code == 0  # it goes on where it was: at its end
     assert before == {name: (work / "found" / name).read_bytes() for name in files}
     ran = cli("sje", "two.xml", "--dither", "found/final.yaml", "--iterations", 1, "--out", "ros")
@@ -111,7 +109,7 @@ def test_ask_tell_ask(cli, work, two):
     table = (work / "out" / "ask.csv").read_text()
     assert table.splitlines()[0] == "joint,frequency_hz,amplitude_nm"
     assert table.strip() in ran.out, "the table is on standard output too"
-    rows = list(csv.DictReader((work / "out" / "measure.csv").open()))
+    rows = csv_rows(work / "out" / "measure.csv")
     for row in rows:
         row["tau_nm"] = (1 if row["direction"] == "+" else -1) * (
             0.7 if float(row["amplitude_nm"]) else 0.8

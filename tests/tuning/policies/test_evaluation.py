@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.measured import read_amplitudes
+from tests.command_line import csv_rows
 from tests.tuning.policies.small import SPRINT, made_up
 from tuning.policies.evaluation import evaluate_all, read_agent
 
@@ -52,8 +52,7 @@ def test_every_policy_meets_the_same_episodes(policy, tmp_path):
     assert summary["none"]["return_error"] == pytest.approx(none.std(ddof=1) / math.sqrt(3))
     assert summary["none"]["power"] == 0
     evaluated.save(tmp_path)
-    with open(tmp_path / "evaluation.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "evaluation.csv")
     assert [float(r["return"]) for r in rows[:3]] == none.tolist()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from tests.command_line import csv_rows
 from tests.tuning.policies.small import SPRINT, small_settings
 
 pytest.importorskip("stable_baselines3")
@@ -91,8 +91,7 @@ def test_an_interrupted_training_goes_on_from_its_last_checkpoint(tmp_path, algo
 def test_a_finished_training_has_its_curve_and_is_not_begun_again(tmp_path, monkeypatch):
     said = []
     trained = training(steps=96).run(tmp_path, lambda stage, share: said.append((stage, share)))
-    with open(tmp_path / "curve.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "curve.csv")
     assert [int(r["steps"]) for r in rows] == [0, 64, 96]
     returns = [p.evaluation_return for p in trained.points]
     assert [float(r["evaluation_return"]) for r in rows] == returns

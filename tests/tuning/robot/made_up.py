@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tuning.robot import next_setting, posterior
-from tuning.robot.candidates import Candidates, Readings
-from tuning.robot.posterior import Posterior
+from tuning.robot.posterior import Candidates, Posterior, Readings
 from tuning.settings import tuning_settings
 
 S = tuning_settings().robot

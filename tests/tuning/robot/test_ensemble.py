@@ -1,4 +1,4 @@
-"""Frictions of an arm that nobody has fitted, and what readings say about them."""
+"""Frictions under which settings are tried, and what readings say about them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,9 @@ import numpy as np
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
-from tests.tuning.robot.made_up import (
-    S,
-    joint,
-    posterior_of,
-    read,
-)
-from tuning.search.frictions import plausible
+from tests.tuning.robot.made_up import S, joint, posterior_of, read
+from tuning.search.frictions import DRAWN, frictions, plausible
 
-FLAT = np.full(4, 0.8)
 LOW_FIRST, LOW_LAST = np.array([0.5, 0.7, 0.9, 1.1]), np.array([1.1, 0.9, 0.7, 0.5])
 
 
@@ -26,6 +20,19 @@ def unsure(*each: np.ndarray):
     cells = np.repeat(np.array(each)[:, :, None], 4, axis=2)
     c = joint(cells.mean(axis=0)[:, 0])
     return dataclasses.replace(c, deviation=cells - cells.mean(axis=0))
+
+
+def test_the_first_is_the_models_own_and_the_others_spread_about_it():
+    nominal = load_friction("panda")
+    drawn = frictions(nominal, 400, spread=0.1, seed=3)
+    assert drawn[0] is nominal
+    for name in DRAWN:
+        ratio = np.array([getattr(p, name) for p in drawn[1:]]) / getattr(nominal, name)
+        spread = np.log(ratio).std(axis=0)
+        assert np.all(np.abs(spread - 0.1) < 0.02)
+        assert np.all(np.abs(np.log(ratio).mean(axis=0)) < 0.02)
+    up, down = (np.array([p.stiction[:, k] for p in drawn[1:]]) for k in (0, 1))
+    assert np.allclose(up / down, nominal.stiction[:, 0] / nominal.stiction[:, 1])
 
 
 def test_an_arm_that_was_fitted_has_one_friction():

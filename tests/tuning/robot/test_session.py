@@ -9,6 +9,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
+from tests.command_line import csv_rows
 from tests.tuning.conftest import small
 from tuning.robot.robot_study import measured_trials
 from tuning.robot.session import Session
@@ -18,8 +19,8 @@ COLUMNS = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm"
 BASE_NM = 0.8
 
 
-def ask(arm, count=1, **options):
-    return Session(arm, **options).ask(count)
+def ask(arm, **options):
+    return Session(arm, **options).ask()
 
 
 def tell(arm, table, **options):
@@ -46,7 +47,7 @@ def session(asked, tmp_path):
 
 def fill(out, name="told.csv", *, left=lambda joint, f: 0.9):
     """Answer measure.csv as a robot whose dither leaves ``left`` of the base torque."""
-    rows = list(csv.DictReader((out / "measure.csv").open()))
+    rows = csv_rows(out / "measure.csv")
     for row in rows:
         f, dithered = float(row["frequency_hz"]), float(row["amplitude_nm"]) > 0
         sign = 1 if row["direction"] == "+" else -1
@@ -79,7 +80,7 @@ def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
     assert [r.joint for r in rows] == [1, 2]
     for row, j in zip(rows, state.joints, strict=True):
         assert row == j.row(int(j.candidates.predicted.mean(axis=1).argmin()))
-    form = list(csv.DictReader((options["out"] / "measure.csv").open()))
+    form = csv_rows(options["out"] / "measure.csv")
     assert len(form) == 2 * 4 * 2, "base torques and one setting, four cells each"
     assert {r["tau_nm"] for r in form} == {""}
     with pytest.raises(StictionError, match="every tau_nm is empty"):
@@ -144,7 +145,7 @@ def test_a_setting_that_was_not_asked_for_counts_too(session):
 
 def test_a_stuck_joint_is_not_asked_for_that_again(session):
     arm, options, _ = session
-    rows = list(csv.DictReader(fill(options["out"]).open()))
+    rows = csv_rows(fill(options["out"]))
     rows = [r | ({"tau_nm": "nan"} if float(r["amplitude_nm"]) else {}) for r in rows]
     before = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
     tell(arm, write(options["out"].parent / "stuck.csv", rows), **options)
@@ -163,7 +164,7 @@ def test_force_does_not_wipe_what_was_told(session):
 def test_torques_are_held_against_the_base_torques_of_their_day(session):
     """If all torques rise by a quarter overnight, the ratios stay."""
     arm, options, _ = session
-    today = list(csv.DictReader(fill(options["out"]).open()))
+    today = csv_rows(fill(options["out"]))
     tell(arm, options["out"].parent / "told.csv", **options)
     later = [r | {"tau_nm": 1.25 * float(r["tau_nm"])} for r in today]
     found = tell(arm, write(options["out"].parent / "later.csv", later), **options)

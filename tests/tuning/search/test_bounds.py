@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.measured import AmplitudeRow
-from tuning.search.bounds import bounds_of
+from stiction_envs.method_settings import override
+from tuning.search.bounds import bounds_of, reference_tables
+from tuning.settings import tuning_settings
 
 
 @pytest.fixture(scope="module")
@@ -77,6 +79,8 @@ def test_bounds_that_are_met_are_named(panda):
         ("[all\n", "TOML"),
         ("[joints]\n", "table 'joints'"),
         ("[joint.9]\n", "'9'"),
+        ("all = 5\n", r"\[all\]: is 5: expected a table"),
+        ("[joint]\n1 = 3\n", r"\[joint.1\]: is 3: expected a table"),
         ("[all]\namplitude = [0, 1]\n", "'amplitude'"),
         ("[arm]\nvibration = 1\n", "'vibration'"),
         ("[all]\nfrequency_hz = [50, 20]\n", "low < high"),
@@ -93,3 +97,13 @@ def test_bad_bounds_are_one_clear_line(panda, tmp_path, text, what):
     with pytest.raises(StictionError, match=what) as error:
         bounds_of(panda, put(tmp_path / "bounds.toml", text))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("tried", [(30.0,), (50.0, 20.0, 30.0)])
+def test_the_limit_is_the_base_torque_at_the_second_slowest_frequency(small_arm, fast, tried):
+    """On an arm that the thesis did not measure."""
+    experiment = SingleJointExperiment(small_arm, protocol=fast)
+    settings = override(tuning_settings(), {"thesis.frequencies_hz": tried})
+    found = reference_tables(experiment, bounds_of(experiment), settings)
+    assert [r.frequency_hz for r in found.pop("base torque")] == [30.0, 30.0]
+    assert found == {}

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-
 import pytest
 
 from stiction_envs.control.compensation_files import read_compensation
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes, read_sje
+from tests.command_line import csv_rows
 from tuning.names import TREATMENTS
-from tuning.search.options import Options
 from tuning.search.search import search
+from tuning.search.stages import Options
 
 QUICK = {"search.draws": 1, "search.verify_draws": 2, "search.verify_iterations": 1}
-
-
-def rows(path):
-    with path.open() as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture
@@ -41,7 +35,7 @@ def test_what_is_found_keeps_the_limit_and_beats_no_dither(small, tmp_path):
     found = small("out", sampler="random", evaluations=12)
     folder = tmp_path / "out"
     assert read_amplitudes(folder / "final.csv", n_joints=2) == list(found.final)
-    trials = rows(folder / "trials.csv")
+    trials = csv_rows(folder / "trials.csv")
     assert len(trials) == 24
     for row in found.final:
         mine = [t for t in trials if t["joint"] == str(row.joint) and t["allowed"] == "1"]
@@ -81,7 +75,7 @@ def test_stopped_anywhere_it_ends_with_the_same_files(small, tmp_path):
 
 def test_two_objectives_make_a_front(small, tmp_path):
     small("out", pareto=True, sampler="random", evaluations=8)
-    front = rows(tmp_path / "out" / "pareto.csv")
+    front = csv_rows(tmp_path / "out" / "pareto.csv")
     assert front
     for one in front:
         same = [r for r in front if r["study"] == one["study"]]
@@ -116,10 +110,10 @@ def test_treatments_are_compared_under_the_same_limits(small, tmp_path):
     """Each has its study and budget; the best that does not shake at rest is written."""
     found = small("out", treatment="observer", evaluations=2)
     folder = tmp_path / "out"
-    trials = rows(folder / "trials.csv")
+    trials = csv_rows(folder / "trials.csv")
     studies = {row["study"] for row in trials}
     assert len(trials) == 2 * len(TREATMENTS["observer"]) == 2 * len(studies)
-    compared = rows(folder / "comparison.csv")
+    compared = csv_rows(folder / "comparison.csv")
     rest = {
         (r["table"], r["where"]): float(r["value"])
         for r in compared

@@ -1,4 +1,4 @@
-"""The error that a treatment leaves at the goals, and its vibration."""
+"""The error that a treatment leaves at the goals, its vibration, and the unseen start."""
 
 import dataclasses
 
@@ -10,8 +10,10 @@ from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperime
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.robots import load_arm
 from tuning.search.bounds import bounds_of
 from tuning.search.tracking import TrackingObjective, Treatment
+from tuning.search.verify import another_start
 from tuning.study.record import LIMITS
 
 PLACE = ("triangle", (200.0, 20.0, 0.0))
@@ -129,3 +131,16 @@ def test_treatments_are_limited_at_rest_and_in_torque_rate(make, dithered):
     over = objective.outcome(dithered, -np.inf).measures[LIMITS]
     assert over[1] > 0
     assert over[2] == 0.0
+
+
+@pytest.mark.parametrize("robot", ["panda", "iiwa7", "iiwa14"])
+def test_another_start_is_another_pose_off_the_limits(robot):
+    arm, most = load_arm(robot), 0.1
+    low, high = arm.limits.position.T
+    starts = np.array([another_start(arm, most, seed) for seed in range(20)])
+    assert np.all(starts >= low + most)
+    assert np.all(starts <= high - most)
+    moved = np.abs(starts - np.clip(arm.rest, low + most, high - most))
+    assert np.all(moved <= most)
+    assert moved.mean() > 0.3 * most, "of even draws half"
+    assert np.array_equal(another_start(arm, most, [3, 4]), another_start(arm, most, [3, 4]))

@@ -23,11 +23,6 @@ from tuning.names import SAMPLERS
 from tuning.study.record import Record, run
 
 
-@pytest.fixture(autouse=True)
-def quiet():
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-
-
 class Killed(BaseException):
     """Stands in for the end of the process."""
 

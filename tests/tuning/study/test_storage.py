@@ -7,7 +7,6 @@ import socket
 import sys
 import time
 
-import optuna
 import pytest
 from sqlalchemy import event
 from sqlalchemy.engine import Engine
@@ -19,11 +18,6 @@ from tuning.study.record import run
 from tuning.study.storage import open_storage
 
 SECRET = "gr4vel"
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
 def refused(storage, settings=None):
@@ -41,7 +35,6 @@ def refused(storage, settings=None):
         ("study.txt", "expected a URL such as sqlite:///study.db"),
         (f"postgresql://tuner:p@{SECRET}@host/name", "more than one @ in the URL"),
         (f"nix://tuner:{SECRET}@host/name", "unknown kind: expected sqlite or postgresql"),
-        (f"mysql+pymysql://tuner:{SECRET}@host/name", "Python package of pymysql is missing"),
         (f"postgresql://tuner:{SECRET}@127.0.0.1:1/name", "cannot be opened: Connection refused"),
         (f"postgresql://tuner@127.0.0.1:1/name?password={SECRET}", "tuner@127.0.0.1:1/name: cann"),
         ("sqlite:////nowhere/study.db", "cannot be opened: unable to open database file"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 
-import optuna
 import pytest
 from optuna.trial import TrialState
 
@@ -24,11 +23,6 @@ from tuning.study import record, workers
 from tuning.study.samplers import cells
 
 CELLS = sorted(tuple(cell.values()) for cell in cells(SPACE, 4, seed=0))
-
-
-@pytest.fixture(autouse=True)
-def quiet():
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
 
 
 def start(url, log, count=1, **options):
