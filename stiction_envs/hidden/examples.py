@@ -22,12 +22,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import write_text_atomic
 
-Array = NDArray[np.float64]
 SHIPPED = Path(__file__).parent
 EXAMPLES = ("panda", "so101")
 ANGLE, TORQUE, RATE_HZ = 5e-6, 0.01, 500

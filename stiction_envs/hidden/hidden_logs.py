@@ -15,8 +15,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
@@ -26,7 +26,6 @@ from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
 LINKS = 27
 """Number of the random stream of links, apart from that of all else."""
 STEPS_PER_ROW = 2

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
 """Middle of the motions of joints 1 to 7 [rad]; assumed."""
 REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])

@@ -6,8 +6,9 @@ That is no hidden cause: it is what a diagnosis must tolerate.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
@@ -17,7 +18,6 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
 )
 
-Array = NDArray[np.float64]
 CENTRE_M = 0.1
 """Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""
 MOST = 0.2

@@ -10,15 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stiction_envs.arrays import Array
 from stiction_envs.errors import unknown
 from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.gap.servo.questions import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
-Array = NDArray[np.float64]
 STRIBECK_VELOCITY = 0.05
 """Stribeck velocity of hidden friction [rad/s]; assumed."""
 DEEPEST = 0.1

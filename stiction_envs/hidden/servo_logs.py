@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import unknown
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.gap.servo.parameters import INDEX, absent
@@ -23,7 +23,6 @@ from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 RATE_HZ = 50.0
 """Rows per second; assumed."""
 ENCODER = 2 * np.pi / 4096

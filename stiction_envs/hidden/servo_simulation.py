@@ -14,15 +14,14 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.hidden.worlds import add_to_flange
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 """Step of the simulation [s]; assumed."""
 LIGHTEST = 1e-4

@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.hidden.hidden_motions import REACH
 from stiction_envs.hidden.worlds import World
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
-Array = NDArray[np.float64]
 Values = dict[str, float | list[float]]
 FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
 """(7,) usual dry friction [N·m]; assumed."""

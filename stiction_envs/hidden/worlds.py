@@ -8,12 +8,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.hidden.hidden_motions import CENTRE
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
 STEP = 1e-3
 """Step of the simulation [s]; assumed."""
 PRESLIDING_DISTANCE = 1e-4

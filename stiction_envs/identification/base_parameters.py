@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import BaseSet, base_set, inertial_names, torque_regressor
 
-Array = NDArray[np.float64]
 SPEED_UP_TIME = 0.3
 """Time in which a joint usually comes to its speed limit [s]; assumed."""
 STATES_PER_JOINT = 40

@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
@@ -44,7 +45,6 @@ from stiction_envs.robots import Arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
-Array = NDArray[np.float64]
 SWEEP_TRIES = 20
 """Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
 DRAWN_HZ = 50.0

@@ -15,14 +15,13 @@ from itertools import combinations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.identification.excitation_motion import State
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.tables import lookup, per_joint
 
-Array = NDArray[np.float64]
 NEAR = 0.05
 """Links that are nearer at rest are neighbours: half of their distance there is kept [m]; assumed.
 """

@@ -6,10 +6,10 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 SPEEDS = (0.02, 0.08, 0.3)
 """Speeds of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
 SPAN = 0.3

@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
@@ -36,7 +36,6 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-Array = NDArray[np.float64]
 POWER = 2.0
 """p of the smooth condition number [-]; assumed."""
 PENALTIES = (1e1, 1e3, 1e5)

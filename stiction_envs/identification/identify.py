@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
@@ -56,7 +56,6 @@ from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
 __all__ = ["Identification", "identify"]
 
-Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
 """Samples of all logs together; assumed. Longer logs are thinned out after the filter."""

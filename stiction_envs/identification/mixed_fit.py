@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import TOLERANCES, Cause, Shape
 from stiction_envs.gap.causes.base import THE_ARM, Prior
 from stiction_envs.gap.causes.body.link_inertia import LinkInertia
@@ -30,7 +30,6 @@ from stiction_envs.identification.base_parameters import columns_of
 from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.robots.regressor import inertial_parameters
 
-Array = NDArray[np.float64]
 SCALES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
 """Sizes of the links' errors over the tolerance of CAD that are tried [-]; assumed: a user's model
 may be far off, and is never exact."""

@@ -9,13 +9,12 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, arm_title
 
-Array = NDArray[np.float64]
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
 """Colours of `identification.MODELS`."""
 

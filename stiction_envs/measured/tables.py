@@ -13,8 +13,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.dither.dither import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
@@ -245,7 +246,7 @@ class BaseTable:
     """Base torques of one arm: breakaway without dither for each joint, pose and direction."""
 
     robot: str
-    tau: NDArray[np.float64]
+    tau: Array
     """(n, 2, 2) N·m, signed: [joint, load | no_load, + | −]."""
 
     def __post_init__(self) -> None:
@@ -263,12 +264,12 @@ class BaseTable:
         return self.tau.shape[0]
 
     @property
-    def friction(self) -> NDArray[np.float64]:
+    def friction(self) -> Array:
         """Half-width of the band, (τ₊ − τ₋)/2, (n, 2) N·m [joint, load | no_load]: friction."""
         return (self.tau[..., 0] - self.tau[..., 1]) / 2
 
     @property
-    def offset(self) -> NDArray[np.float64]:
+    def offset(self) -> Array:
         """Middle of the band, (τ₊ + τ₋)/2, (n, 2) N·m [joint, load | no_load].
 
         Bias of gravity model or sensor, not friction; dither narrows the band around it.

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
@@ -61,7 +61,7 @@ class Arm:
     """Turn of the hand's frame from the flange's about the flange's z, rad."""
     limits: Limits
     """Position, velocity, torque and torque rate."""
-    rest: NDArray[np.float64]
+    rest: Array
     """Rest pose, (n,), rad."""
     controller_rate_hz: float
     """Rate at which the robot takes torque commands, Hz."""
@@ -241,7 +241,7 @@ def _shipped(files: ArmFiles) -> Table:
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
     n = len(joints)
 
-    def numbers(key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def numbers(key: str, shape: tuple[int, ...]) -> Array:
         return per_joint(lookup(files.table, key), shape, f"{files.toml.name}, {key}")
 
     shapes = {"position": (n, 2), "velocity": (n,), "torque": (n,), "torque_rate": (n,)}

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.mjcf import free_name
 
@@ -206,7 +206,7 @@ def _drop_other_trees(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             spec.delete(other)
 
 
-def rest_key(model: mujoco.MjModel) -> NDArray[np.float64] | None:
+def rest_key(model: mujoco.MjModel) -> Array | None:
     """Return (nq,) angles of the keyframe ``home``, else of the first; None without any."""
     if not model.nkey:
         return None
@@ -214,7 +214,7 @@ def rest_key(model: mujoco.MjModel) -> NDArray[np.float64] | None:
     return np.array(model.key_qpos[names.index("home") if "home" in names else 0])
 
 
-def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
+def _rest(model: mujoco.MjModel) -> Array:
     """Return (nq,) where the robot rests."""
     key = rest_key(model)
     if key is not None:
@@ -228,7 +228,7 @@ def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def _move_to_rest(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, joint: mujoco.MjsJoint, rest: NDArray[np.float64]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, joint: mujoco.MjsJoint, rest: Array
 ) -> None:
     """Move a joint's link to where the joint rests, before the joint is deleted."""
     body, found = joint.parent, model.joint(joint.name)
@@ -262,7 +262,7 @@ def _move_to_rest(
 
 
 def _delete_other_joints(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: NDArray[np.float64]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: Array
 ) -> None:
     """Delete the other joints and what may name them; keep one keyframe of the arm's joints."""
     at = sorted(int(model.joint(j.name).qposadr[0]) for j in spec.joints if j.name in kept)

@@ -10,8 +10,8 @@ from collections import Counter
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.precomputed import store
 
 POSES = 200
@@ -20,7 +20,7 @@ SHARE = 0.95
 """Least share of poses in which a pair touches that is excluded [-] (MoveIt's default: 0.95)."""
 
 
-def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> None:
+def exclude_overlapping(root: ET.Element, position: Array) -> None:
     """Add a contact exclusion for every pair of links that touches in (nearly) all poses.
 
     Args:
@@ -50,7 +50,7 @@ def excluded_pairs(xml: str) -> list[tuple[str, str]]:
     return [(e.get("body1", ""), e.get("body2", "")) for e in mine]
 
 
-def _overlapping(model: mujoco.MjModel, position: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _overlapping(model: mujoco.MjModel, position: Array) -> list[tuple[int, int]]:
     """Return the ids of the bodies of such pairs."""
     data, count = mujoco.MjData(model), Counter[tuple[int, int]]()
     low, high = position.T

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 
 MOUNTINGS = ("floor", "free")
@@ -25,16 +26,16 @@ Table = dict[str, Any]
 class Limits:
     """Limits of the joints: float64 arrays, read-only, base to flange."""
 
-    position: NDArray[np.float64]
+    position: Array
     """Lower and upper joint angle, (n, 2), rad."""
-    velocity: NDArray[np.float64]
+    velocity: Array
     """Largest joint speed, (n,), rad/s."""
-    torque: NDArray[np.float64]
+    torque: Array
     """Largest joint torque, (n,), N·m."""
-    torque_rate: NDArray[np.float64]
+    torque_rate: Array
     """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
 
-    def assumed(self, name: str) -> NDArray[np.bool_]:
+    def assumed(self, name: str) -> Bools:
         """(n,) whether limits (``position``, ``velocity``, ``torque``) are those of `generic`.
 
         A joint whose position is not limited, as a continuous one, turns as far as it likes.
@@ -42,7 +43,7 @@ class Limits:
         default = lookup(generic(), f"limits.{name}")
         return np.array([bool((np.abs(x) == default).all()) for x in getattr(self, name)])
 
-    def doubtful(self, name: str) -> NDArray[np.bool_]:
+    def doubtful(self, name: str) -> Bools:
         """(n,) whether limits of ``velocity`` or ``torque`` are assumed, or may fill a gap.
 
         An exporter that knows none writes one number for all joints, or a tiny one.
@@ -120,7 +121,7 @@ def hand_yaw(table: Mapping[str, object], where: str) -> float:
     return angle
 
 
-def per_joint(value: object, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
+def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:
     """``value`` as float64 array of ``shape``; a single number fills it.
 
     Raises:

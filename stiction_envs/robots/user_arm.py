@@ -15,8 +15,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
 from stiction_envs.robots.chain import (
@@ -102,7 +103,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         shape: tuple[int, ...] = (n,),
         low: float = -np.inf,
         allow_inf: bool = False,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return the TOML's numbers, else the model's custom ones, its joints', or the default."""
         given = lookup(table, key)
         where = f"{path if given is None else table_file}, {key}"
@@ -213,7 +214,7 @@ def _above(model: mujoco.MjModel, body: int) -> list[int]:
     return out
 
 
-def _hinges(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
+def _hinges(model: mujoco.MjModel, path: Path) -> Index:
     """Ids of the hinges from base to tip.
 
     Raises:
@@ -257,14 +258,14 @@ def _hinges(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
     return hinges
 
 
-def _positions(model: mujoco.MjModel, chain: NDArray[np.int64]) -> NDArray[np.float64]:
+def _positions(model: mujoco.MjModel, chain: Index) -> Array:
     """Joint ranges, (n, 2), rad; ±pi for a hinge without one."""
     half = lookup(generic(), "limits.position")
     limited = model.jnt_limited[chain].astype(bool)
     return np.where(limited[:, None], model.jnt_range[chain], (-half, half))
 
 
-def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
+def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:
     """Largest torque of each hinge, N·m: the smallest limit of joint and actuators."""
     out = []
     for j in chain:
@@ -291,9 +292,7 @@ def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
     return out
 
 
-def _rest(
-    model: mujoco.MjModel, chain: NDArray[np.int64], position: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _rest(model: mujoco.MjModel, chain: Index, position: Array) -> Array:
     """The keyframe ``home``, else the first keyframe, else zero, or the middle of its range, rad.
 
     Zero only where it is a twentieth of the range (assumed) or more away from both ends: an arm
@@ -359,7 +358,7 @@ def _flange(
 def _rigid_xml(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
-    chain: NDArray[np.int64],
+    chain: Index,
     path: Path,
     end: str | None,
 ) -> tuple[ET.Element, str]:

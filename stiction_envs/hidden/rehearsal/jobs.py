@@ -6,12 +6,11 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, Protocol, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed
 
-Array = NDArray[np.float64]
 NOTHING = "nothing"
 """Key of the run in which nothing is hidden."""
 LARGE_NOISE, LARGE_SHARE = 25.0, 0.1

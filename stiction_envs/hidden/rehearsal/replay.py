@@ -20,9 +20,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import DRY
@@ -34,7 +34,6 @@ from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.spectra import resample
 from stiction_envs.measured.logs.reader import JointLog
 
-Array = NDArray[np.float64]
 Fields = dict[str, Any]
 """Arrays (T, ...) by field of `Recording`, and what is left of torques and angles."""
 LEAST_ROWS = 16

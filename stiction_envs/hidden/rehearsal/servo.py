@@ -17,8 +17,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.findings import ALIKE
 from stiction_envs.gap.servo.joint import JointMotion
@@ -49,7 +49,6 @@ from stiction_envs.hidden.torque_effects import COM
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 USUAL_PERCENT, REACHED_PERCENT = 70.0, 99.5
 """Percentiles of a joint's angle where it mostly is, and of what it reaches [%]; assumed."""
 TRIED, SMALLEST = 40, 1e-4

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes import Cause, cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
@@ -38,7 +38,6 @@ from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World, inverse_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED
 
-Array = NDArray[np.float64]
 DAMPING = 0.1
 """Damping ratio of a soft gear [-]; assumed."""
 TURN = 0.1

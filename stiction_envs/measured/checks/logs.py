@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, csd, sosfiltfilt, welch
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
 from stiction_envs.measured.motion import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
@@ -41,7 +41,6 @@ FASTEST = 20.0
 """No joint of an arm moves faster, whatever its limits say [rad/s]; assumed: hobby servos do 10."""
 TOO_FAST = 3.0
 """No arm moves at more than this times its joint's largest speed [-]; assumed."""
-Array = NDArray[np.float64]
 _DEGREE = np.pi / 180
 
 
@@ -350,7 +349,7 @@ def _speed_findings(found: Array, step: float) -> list[str]:
     return warnings
 
 
-def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.int64]) -> list[str]:
+def _commanded_angles(grid: dict[str, Array], rate: float, movers: Index) -> list[str]:
     """Warn where q lacks a vibration that dq and tau show: then q is not what was measured."""
     found: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
     for j in movers:

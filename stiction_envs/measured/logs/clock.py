@@ -20,9 +20,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.measured.logs.corrections import Correction, RawLog
 
 REGULAR = 1e-3
@@ -64,7 +64,6 @@ LATE_ROWS = (5, 10, 20, 40)
 TURNED = 0.5
 """Largest change of the speeds about a row over the speeds, where a row may tell its time [-];
 assumed: more is an arm that stops."""
-Array = NDArray[np.float64]
 
 
 def usual_step(rows: RawLog) -> float:
@@ -74,7 +73,7 @@ def usual_step(rows: RawLog) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def find_gaps(t: Array, step: float) -> NDArray[np.int64]:
+def find_gaps(t: Array, step: float) -> Index:
     """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
     return np.flatnonzero(np.diff(t) > _gap(step)) + 1
 
@@ -112,7 +111,7 @@ def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
     return corrections
 
 
-def _not_rising(rows: RawLog) -> NDArray[np.bool_]:
+def _not_rising(rows: RawLog) -> Bools:
     """Whether the next row of a recording has no later time: (T-1,)."""
     return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
 
@@ -211,9 +210,7 @@ def _recordings(rows: RawLog) -> list[slice]:
     return [slice(a, b) for a, b in bounds if b - a > 2 * AROUND]
 
 
-def _samples_passed(
-    q: Array, logged: Array, step: float
-) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
+def _samples_passed(q: Array, logged: Array, step: float) -> tuple[Array, Bools, Bools]:
     """Samples that passed from row to row by the motion of (T, n), ``step`` [s] apart.
 
     ``logged`` (T-1,) are those by the stamps. Two joints or more must show it: one alone may have
@@ -246,7 +243,7 @@ def _samples_passed(
     return passed, evident, odd & (left < AGREED * size.sum(axis=1))
 
 
-def _pace(t: Array, ticks: Array, groups: NDArray[np.int64]) -> float:
+def _pace(t: Array, ticks: Array, groups: Index) -> float:
     """Return the time per tick [s], fitted to groups of rows, each from its own start."""
     count = np.maximum(np.bincount(groups), 1)
     x, y = (v - (np.bincount(groups, v) / count)[groups] for v in (ticks, t))

@@ -12,9 +12,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 
 CHANCE_ROWS = 1e4
@@ -36,7 +36,6 @@ LEAST_STEPS = 3.0
 smaller change repeats itself by chance."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
-Array = NDArray[np.float64]
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")
@@ -68,7 +67,7 @@ class RawLog:
     """Logged time, (T,), s; row numbers where the log has none."""
     data: dict[str, Array]
     """The required channels (`columns.CHANNELS`) and optional ones, (T, n) each."""
-    run: NDArray[np.int64]
+    run: Index
     """Number of the recording of each row, (T,), from 0."""
     place: Callable[[int], str]
     """Where a row is, such as ``a.csv, line 17``."""
@@ -91,7 +90,7 @@ class RawLog:
         """Add a note on how it was read, which may concern some rows."""
         self.notes.append(Correction(kind="source", rows=rows, text=text))
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Bools) -> None:
         """Drop the rows where ``mask`` is False."""
         self.t, self.run = self.t[mask], self.run[mask]
         self.data = {name: array[mask] for name, array in self.data.items()}
@@ -280,25 +279,25 @@ def spread_held(rows: RawLog) -> list[Correction]:
     return corrections
 
 
-def longest_run(flags: NDArray[np.bool_]) -> int:
+def longest_run(flags: Bools) -> int:
     """Longest run of True."""
     return max((end - start for start, end in _runs(flags)), default=0)
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(flags: Bools) -> list[tuple[int, int]]:
     """First row of each run of True, and the row after it."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _corrected(kind: str, mask: NDArray[np.bool_], text: str) -> list[Correction]:
+def _corrected(kind: str, mask: Bools, text: str) -> list[Correction]:
     """The correction of some rows, their number in the text; nothing for no rows."""
     count = int(mask.sum())
     shown = text.format(f"{count} row{'s' if count > 1 else ''}")
     return [Correction(kind=kind, rows=count, text=shown)] if count else []
 
 
-def _refill(rows: RawLog, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
+def _refill(rows: RawLog, name: str, old: Bools, kept: Bools) -> None:
     array = rows.data[name]
     good = kept & ~old
     for j in range(array.shape[1]):
@@ -308,7 +307,7 @@ def _refill(rows: RawLog, name: str, old: NDArray[np.bool_], kept: NDArray[np.bo
             array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
 
 
-def _through(t: Array, x: Array, good: NDArray[np.bool_]) -> Array:
+def _through(t: Array, x: Array, good: Bools) -> Array:
     """``x`` (T,) where it is good, and a cubic through its good values elsewhere."""
     rising = good & np.r_[True, np.diff(t) > 0]
     out, old = x.copy(), ~good
@@ -318,7 +317,7 @@ def _through(t: Array, x: Array, good: NDArray[np.bool_]) -> Array:
     return out
 
 
-def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+def _short(flags: Bools, most: int) -> Bools:
     """The flags without runs of more than ``most``, which are rest."""
     short = flags.copy()
     for start, end in _runs(flags):
@@ -327,7 +326,7 @@ def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     return short
 
 
-def _freshness(rows: RawLog) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+def _freshness(rows: RawLog) -> tuple[dict[str, Bools], dict[str, Bools]]:
     """For each channel: rows that differ from the one before; rows where a repeat is no chance.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
@@ -357,7 +356,7 @@ def _freshness(rows: RawLog) -> tuple[dict[str, NDArray[np.bool_]], dict[str, ND
     return fresh, active
 
 
-def _changes(x: Array, run: NDArray[np.int64]) -> Array:
+def _changes(x: Array, run: Index) -> Array:
     """Absolute change of ``x`` (T,) from row to row in its smallest steps, (T-1,); 0 at a run."""
     change = np.abs(np.diff(x))
     change[run[1:] != run[:-1]] = 0.0

@@ -12,8 +12,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_finite, check_pace, check_speeds, check_time
 from stiction_envs.measured.logs.clock import SLOWEST, correct_clock, find_gaps, usual_step
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from stiction_envs.robots.tables import Limits
 
 Path = str | os.PathLike[str]
-Array = NDArray[np.float64]
 LogT = TypeVar("LogT", bound=RobotLog)
 
 LEAST_SECONDS = 1.0

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, opening
 
 RADIANS, DEGREES, PERCENT, TICKS = UNITS = ("rad", "deg", "percent", "ticks")
@@ -38,7 +38,6 @@ RANGE = (100, TURN)
 MOST_BYTES = 2**20
 """Most bytes of a calibration file; assumed."""
 
-Array = NDArray[np.float64]
 _KEYS = ("id", "range_min", "range_max")
 _GRIPPER = re.compile(r"gripper|jaw", re.IGNORECASE)
 

@@ -20,8 +20,8 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -95,9 +95,9 @@ class _Stream:
     kind: Kind
     joints: tuple[str, ...]
     """Names of joints 1 to n; () where the messages have none."""
-    marks: NDArray[np.int64]
+    marks: Index
     """(T, 3) stamp, 0 where there is none, and time of recording [ns]; number from 1."""
-    data: dict[str, NDArray[np.float64]]
+    data: dict[str, Array]
     """(T, n) by channel."""
     others: int
     """Messages of other joints."""

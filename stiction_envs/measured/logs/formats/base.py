@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
 from stiction_envs.measured.logs.columns import (
@@ -127,9 +128,7 @@ class ColumnFile(NamedColumns):
         return _from_columns(where, flat, ours, wanted)
 
 
-def held(
-    told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def held(told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]) -> tuple[Index, Bools]:
     """Return which of the commands at times (K,) holds at others (T,), and where one does."""
     last = np.searchsorted(told, at, side="right") - 1
     return np.maximum(last, 0), last >= 0
@@ -222,7 +221,7 @@ def log_of_columns(
         label = column(columns.run)
         run[1:] = np.cumsum(label[1:] != label[:-1])
 
-    def converted(c: int) -> NDArray[np.float64]:
+    def converted(c: int) -> Array:
         values = np.asarray(column(c), np.float64)
         return values * ours.factors[c] if c in ours.factors else values
 

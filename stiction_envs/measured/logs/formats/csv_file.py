@@ -17,6 +17,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.dialect import (
     UTF8,
@@ -47,7 +48,6 @@ HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
-Array = NDArray[np.float64]
 _GZIP = b"\x1f\x8b"
 """The first bytes of a gzip file."""
 

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size, held
@@ -42,8 +42,8 @@ _STATE, _COMMAND = "/state/Joint", "/command/Joint"
 class Stream:
     """One topic: stamps (T,) [ns] and values (T, 7)."""
 
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamps: Index
+    values: Array
 
 
 def arms(types: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -136,9 +136,7 @@ def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: W
     return log
 
 
-def _interpolated(
-    stamps: NDArray[np.int64], stream: Stream
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _interpolated(stamps: Index, stream: Stream) -> tuple[Array, Bools]:
     """Return values (T, 7) at stamps (T,) [ns], and where there are some on both sides."""
     # float of seconds since 1970 would round by 100 ns
     first = stream.stamps[0]

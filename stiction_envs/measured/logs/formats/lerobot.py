@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, opening
 from stiction_envs.measured.dialect import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -53,8 +53,6 @@ ALWAYS_DEGREES = ("openarm", "damiao")
 """Parts of the names of robots whose driver knows degrees only. Source: lerobot,
 robots/openarm_follower, motors/damiao."""
 _CHANNELS = {"pos": "q", "vel": "dq", "torque": "tau"}
-
-Array = NDArray[np.float64]
 
 
 class LeRobotDataset(LogFormat):

@@ -30,9 +30,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 Message = Any
 """A message of ROS, or a part of one: rosbags makes their classes at run time."""
 

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.formats.header import Header
 from stiction_envs.measured.logs.formats.messages import COMMANDS
@@ -119,13 +119,13 @@ def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:
     return {}
 
 
-def measured_rows(data: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+def measured_rows(data: dict[str, Array]) -> Bools:
     """Hold the commands of sparse rows until the next one, in place; return rows with angles.
 
     Args:
         data: channels (T, n), NaN where a row has no new value.
     """
-    keep: NDArray[np.bool_] = np.asarray((~np.isnan(data["q"])).any(axis=1))
+    keep: Bools = np.asarray((~np.isnan(data["q"])).any(axis=1))
     if "q_cmd" in data:
         index = np.arange(len(data["q"]))
         for x in data["q_cmd"].T:

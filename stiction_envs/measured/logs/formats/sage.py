@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import is_unsigned
 from stiction_envs.measured.dialect import refuse_pointer
@@ -40,8 +40,6 @@ from stiction_envs.measured.logs.units import (
 
 COMMANDS, STATES, NAMES = "control.csv", "state_motor.csv", "joint_list.txt"
 _PER_SECOND = 1e6
-
-Array = NDArray[np.float64]
 
 
 class SageFolder(LogFormat):
