@@ -43,15 +43,7 @@ def log_csv(t: Array, *, digits: int = 6, **channels: Array) -> str:
 
 
 def write_example(name: str, folder: Path) -> None:
-    """Write an example's files.
-
-    Args:
-        name: of `EXAMPLES`.
-        folder: that is not there yet.
-
-    Raises:
-        StictionError: the folder is there already; it might hold somebody's logs.
-    """
+    """Write an example of `EXAMPLES` into a new folder; one that is there already is refused."""
     if folder.exists():
         raise StictionError(f"{folder}: exists already: expected a new folder")
     folder.mkdir(parents=True)

@@ -181,7 +181,7 @@ def make_case(
 
 
 def _visible_size(w: World, q: Array, effect: Array) -> Array:
-    """Return (7,) size of an effect, of a smooth torque only what no straight line over angle is.
+    """Return (7,) size of an effect; a straight line over angle is no effect of a smooth torque.
 
     Along a motion in which a joint hardly turns every smooth torque is an offset or a spring.
     """
@@ -221,11 +221,8 @@ def _dynamics(m: mujoco.MjModel, d: mujoco.MjData, q: Array, v: Array, mass: Arr
 def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden.
 
-    Args:
-        w: what is simulated.
-        bare: the same arm without what is hidden, with which it is compared.
-        t: (T,) [s].
-        wanted: (T, 7) angles of the motion [rad].
+    ``w`` is simulated and compared with the same arm ``bare`` of what is hidden; t is (T,) [s] and
+    ``wanted`` (T, 7) the angles of the motion [rad].
     """
     true = dataclasses.replace(w, phantom=None)
     model, plain = true.model(), bare.model()

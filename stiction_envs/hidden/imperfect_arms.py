@@ -30,15 +30,7 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
     Of each link the mass is multiplied by 1 + N(0, s), the centre moved by N(0, s · `CENTRE_M`)
     along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
-    (`pseudo_inertia`).
-
-    Args:
-        phi: (n, 10) parameters of physically consistent links.
-        scatter: s [-].
-        rng: for the draws.
-
-    Raises:
-        StictionError: a scatter out of range.
+    (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
     """
     if not 0 <= scatter <= MOST:
         raise StictionError(f"scatter {scatter:g}: expected 0 to {MOST:g}")

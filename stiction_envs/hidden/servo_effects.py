@@ -95,11 +95,7 @@ class ServoEffect(Hideable):
 
 
 def effect_of(name: str) -> ServoEffect:
-    """Return how to hide a cause.
-
-    Raises:
-        StictionError: an unknown one.
-    """
+    """Return how to hide a cause; an unknown one is refused."""
     if name not in EFFECTS:
         raise unknown("cause", name, tuple(EFFECTS))
     return EFFECTS[name]

@@ -83,7 +83,7 @@ def hide(
     start: Array | None = None,
     only_slow: bool = False,
 ) -> HiddenServoLog:
-    """Simulate a servo log with hidden causes, each on a drawn joint.
+    """Simulate a servo log with hidden ``causes``, each on a drawn joint.
 
     Args:
         arm: as its user models it.
@@ -93,9 +93,6 @@ def hide(
         scatter: of the links [-].
         start: (n,) middle of the motion [rad]; None for a bent pose.
         only_slow: whether all commands are slow waves.
-
-    Raises:
-        StictionError: an unknown cause.
     """
     for cause in causes:
         if cause not in CAUSES:

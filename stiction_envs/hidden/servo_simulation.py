@@ -38,9 +38,7 @@ def weightless(
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return an arm whose gravity is compensated, so that ``qfrc_gravcomp`` holds its weight.
 
-    Args:
-        arm: the rigid arm.
-        payload: mass [kg] and centre of mass x, y, z in the flange's frame [m].
+    ``payload`` is mass [kg] and centre of mass x, y, z in the flange's frame [m].
     """
     spec = arm.spec()
     if payload is not None:

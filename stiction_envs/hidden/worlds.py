@@ -92,12 +92,9 @@ class World(_Joints):
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))
 
     def friction_level(self, v: Array, t: float | Array, load: Array) -> Array:
-        """Return (..., n) level of dry friction [N·m] of fast sliding.
+        """Return (..., n) level of dry friction of fast sliding [N·m], at a time [s].
 
-        Args:
-            v: (..., n) speeds [rad/s].
-            t: time since the start [s].
-            load: (..., n) torque that the gears carry [N·m].
+        Speeds ``v`` are (..., n) [rad/s], torques ``load`` that the gears carry (..., n) [N·m].
         """
         level = self.coulomb + self.more_coulomb + self.drift * t + self.load * np.abs(load)
         return np.asarray(level + self.asymmetry * np.sign(v))

@@ -28,12 +28,8 @@ rounding [-]; assumed."""
 def columns_of(model: pin.Model, q: Array, dq: Array, ddq: Array, own: Array) -> Array:
     """Return (T, n, 10 n + k n) torque per parameter: ten per link, then k per joint.
 
-    Args:
-        model: the arm.
-        q: (T, n) [rad].
-        dq: (T, n) [rad/s].
-        ddq: (T, n) [rad/s²].
-        own: (T, n, k) torque per parameter of a joint's own: rotor, friction, offset.
+    q, dq, ddq are (T, n) [rad, s]; ``own`` (T, n, k) is torque per parameter of a joint's own:
+    rotor, friction, offset.
     """
     joints = np.einsum("tjk,ji->tjki", own, np.eye(own.shape[1]))
     links = torque_regressor(model, q, dq, ddq)
@@ -43,11 +39,8 @@ def columns_of(model: pin.Model, q: Array, dq: Array, ddq: Array, own: Array) ->
 def structural_base(arm: Arm, kinds: tuple[str, ...]) -> tuple[BaseSet, Array]:
     """Return the base parameters that some motion excites, and (r,) the torque of one unit of each.
 
-    The torque is over its joint's limit, root-mean-square over states all over the range.
-
-    Args:
-        arm: the arm.
-        kinds: parameters of each joint, a part of "rotor", "Fc", "Fv", "offset".
+    The torque is over its joint's limit, root mean square over states all over the range; ``kinds``
+    are parameters of each joint, a part of "rotor", "Fc", "Fv", "offset".
     """
     n, limits = arm.n, arm.limits
     rows = STATES_PER_JOINT * n
@@ -77,16 +70,12 @@ class BaseFit:
 
 
 def fit_base(predictor: TorquePredictor, columns: Array) -> BaseFit:
-    """Return least squares of the measured torque, with a predictor's weights and noise.
+    """Return least squares of the measured torque on columns (T, n, r), by a predictor's weights.
 
     The variance is that of noise that neighbouring rows share, or the mean of it and of the
     jackknife over folds, if that is larger. The former does not see what the model leaves at the
     motion's own frequencies; the latter is too large for few folds (B. Efron, C. Stein, "The
     jackknife estimate of variance", Annals of Statistics 1981).
-
-    Args:
-        predictor: of the logs, with the noise that a model like this leaves.
-        columns: (T, n, r) torque per base parameter.
     """
     data, r = predictor.data, columns.shape[2]
     xx, xr = np.zeros((FOLDS, r, r)), np.zeros((FOLDS, r))

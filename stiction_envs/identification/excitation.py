@@ -109,20 +109,12 @@ class Excitation(Result):
         return q, dq, ddq
 
     def times(self, rate_hz: float) -> Array:
-        """Return (T,) times of samples from start to end [s].
-
-        Raises:
-            StictionError: a rate that is not positive.
-        """
+        """Return (T,) times of samples from start to end [s]; the rate must be positive."""
         _check_rate(rate_hz)
         return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
 
     def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
-        """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s].
-
-        Raises:
-            StictionError: a rate that is not positive.
-        """
+        """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s]."""
         t = self.times(rate_hz)
         q, dq, _ = self.state(t)
         joints = range(1, self.n + 1)
@@ -282,11 +274,7 @@ def _check_rate(hz: float) -> None:
 
 
 def _sweeps(problem: Problem, start: Array) -> tuple[Sweeps, State]:
-    """Return sweeps inside all limits, and their states; first directions turn and spans shrink.
-
-    Raises:
-        ExperimentError: none are inside.
-    """
+    """Return sweeps inside all limits, and their states; first directions turn and spans shrink."""
     rng, b = np.random.default_rng(0), problem.bounds
     for trial in range(SWEEP_TRIES):
         side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))

@@ -178,12 +178,8 @@ class Clearance:
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
         """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
 
-        Args:
-            q: (T, n) [rad].
-            wanted: distance to keep [m].
-
-        Returns:
-            The sum, and (T, n) its derivative per rad.
+        Poses are (T, n) [rad], ``wanted`` is the distance to keep [m]; the gradient is (T, n)
+        [1/rad].
         """
         total, gradient = 0.0, np.zeros_like(q)
         ends = np.zeros((6, 1))

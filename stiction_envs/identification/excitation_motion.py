@@ -121,14 +121,10 @@ class Sweeps:
 def sweeps_from(
     start: Array, low: Array, high: Array, *, side: Array | None = None, part: float = 1.0
 ) -> Sweeps:
-    """Return there-and-back sweeps of all joints from a pose, towards the middle of their ranges.
+    """Return there-and-back sweeps of all joints from a pose (n,), between angles (n,) [rad].
 
-    Args:
-        start: (n,) [rad].
-        low: (n,) lowest allowed angle [rad].
-        high: (n,) highest [rad].
-        side: (n,) ±1, first direction; None for towards the middle.
-        part: of the largest span.
+    ``side`` (n,) ±1 are the first directions, by default towards the middle of the ranges; ``part``
+    is that of the largest span.
     """
     if side is None:
         side = np.where(start > (low + high) / 2, -1.0, 1.0)

@@ -142,11 +142,7 @@ class Problem:
         return self.clearance.keeps(state[0], self.settings.clearance)
 
     def random(self, rng: np.random.Generator) -> Array:
-        """Return a random point inside all limits.
-
-        Raises:
-            ExperimentError: none is found.
-        """
+        """Return a random point inside all limits, or raise an ExperimentError."""
         found = self._drawn(rng, self.arm.rest) if self._home is None else None
         if found is None:
             self._home = self._held() if self._home is None else self._home
@@ -286,13 +282,7 @@ def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
 def search(
     problem: Problem, x: Array, progress: Callable[[], None] = lambda: None
 ) -> tuple[Array, float] | None:
-    """Return the best point found from ``x`` inside all limits, and its condition number.
-
-    Args:
-        problem: the arm.
-        x: where to start, inside all limits.
-        progress: called once per iteration.
-    """
+    """Return the best point found inside all limits from ``x``, and its condition number."""
     best: tuple[Array, float] | None = None
     each = -(-problem.settings.iterations // len(PENALTIES))
     for weight in PENALTIES:

@@ -163,10 +163,7 @@ def parameters(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
 def held_out(predictor: TorquePredictor, columns: Array, values: Array) -> Array:
     """Return (n,) error on folds that a model was not fitted to, root mean square [N·m].
 
-    Args:
-        predictor: of the logs.
-        columns: (T, n, p) torque per parameter.
-        values: (1 + F, p) as of `parameters`.
+    ``columns`` (T, n, p) are torque per parameter, ``values`` (1 + F, p) as of `parameters`.
     """
     data, rows = predictor.data, np.flatnonzero(predictor.fold >= 0)
     torque = np.einsum("tjp,tp->tj", columns[rows], values[1 + predictor.fold[rows]])

@@ -28,7 +28,6 @@ from stiction_envs.measured.ros_parameters import (
     read_parameters,
     write_parameters,
 )
-from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.atomic import write_text_atomic
 
 Path = str | os.PathLike[str]
@@ -153,8 +152,7 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     optional = 3 if gated else 2 if shaped else 0
     header = AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL[:optional]
     text = table_text(header, [astuple(row)[: len(header)] for row in rows])
-    for _ in _parse_amplitudes(parse_lines(path, text, header)):
-        pass
+    list(_parse_amplitudes(parse_lines(path, text, header)))
     write_text_atomic(path, text)
 
 
@@ -164,13 +162,9 @@ def write_final(
     joint_names: Sequence[str],
     more: Sequence[Group] = (),
 ) -> None:
-    """Write ``final.csv``, and the same as ``final.yaml`` for a controller of ROS 2.
+    """Write ``final.csv``, and the same with ``more`` as ``final.yaml`` for a controller of ROS 2.
 
-    Args:
-        folder: where they go.
-        rows: dither of the joints that have some; without any there is no ``final.csv``.
-        joint_names: of all the arm's joints.
-        more: what else ``final.yaml`` holds.
+    Without rows there is no ``final.csv``. ``joint_names`` are those of all the arm's joints.
     """
     rows, groups = list(rows), list(more)
     if rows or not groups:
@@ -287,10 +281,10 @@ class BaseTable:
 
 
 def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTable:
-    """Read the base torques of one robot from an SJE table or one in the form of thesis table 4.3.
+    """Read base torques of one robot from an SJE table, or a table in the form of thesis table 4.3.
 
-    Of an SJE table only the rows without dither count. ``robot`` may be left out when the file
-    holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
+    Rows of an SJE table with dither do not count. ``robot`` may be left out where the file holds
+    one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
     thesis = "tau_base_Nm" in header_of(path)
     lines = read_lines(path, BASE_COLUMNS if thesis else SJE_COLUMNS)
@@ -324,6 +318,11 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
             f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: expected all, once"
         )
     return BaseTable(robot, tau)
+
+
+def our_name(robot: str) -> str:
+    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
+    return "iiwa7" if robot == "iiwa" else robot
 
 
 def _check_sign(tau: float, direction: int, where: str) -> None:

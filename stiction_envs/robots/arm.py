@@ -143,11 +143,8 @@ class Arm:
     def pinocchio(self, *, compensated: bool = False) -> pin.Model:
         """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
 
-        Frames carry the names of bodies, joints and sites, so ``end_effector`` is a frame.
-
-        Args:
-            compensated: bodies have only the share of their mass whose weight the gravity
-                compensation of the robot's file carries.
+        Frames have the names of bodies, joints and sites. If ``compensated``, bodies have only the
+        share of their mass whose weight the gravity compensation of the robot's file carries.
         """
         import pinocchio as pin  # only identification needs it: not loaded with an environment
 
@@ -263,11 +260,7 @@ def _shipped(files: ArmFiles) -> Table:
 
 
 def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
-    """Return the chain of a robot's file.
-
-    Raises:
-        StictionError: not two names, or of a robot that is known by its name.
-    """
+    """Return the chain; raise where it is not two names, or the robot is one arm by its name."""
     if chain is None:
         return None
     if str(robot) in ARMS:

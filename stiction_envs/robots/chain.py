@@ -40,16 +40,10 @@ def lock_other_joints(
     path: Path,
     build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
 ) -> tuple[str, mujoco.MjModel]:
-    """Lock every joint that is not between base and tip.
+    """Lock every joint of a named ``spec`` that is not between base and tip, in place.
 
-    Args:
-        spec: of the robot, all bodies and joints named; changed in place.
-        chain: names of base and tip.
-        path: file it came from, for messages.
-        build: compiles a spec, or raises an error that names the file.
-
-    Returns:
-        Name of the flange site, and the model before any joint was locked.
+    Return the name of the flange site, and the model before any joint was locked. ``build``
+    compiles a spec, or raises an error that names the file.
 
     Raises:
         StictionError: an unknown name, a tip that is not behind the base, or a joint between them
@@ -85,12 +79,7 @@ def lock_other_joints(
 
 
 def lock_slides(spec: mujoco.MjSpec, model: mujoco.MjModel) -> set[str]:
-    """Hold every slide of an arm still that is not behind its last hinge; return their names.
-
-    Args:
-        spec: all bodies and joints named; changed in place.
-        model: compiled from it.
-    """
+    """Hold slides of an arm that are not behind its last hinge, in place; return their names."""
     hinged = {b.name for b in spec.bodies if any(int(j.type) == _HINGE for j in b.joints)}
     held = {
         joint.name
@@ -113,11 +102,9 @@ def _lock(spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str]) -> None:
 
 
 def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
-    """Return the arms of a robot, longest first: chains of hinges without a branch.
+    """Return the arms of a named robot, longest first: chains of hinges without a branch.
 
-    Args:
-        spec: of the robot, all bodies named.
-        joints: smallest and largest number of hinges of an arm.
+    ``joints`` are the smallest and the largest number of hinges of an arm.
     """
     moving = {body.name: body for body in spec.bodies if body.joints}
     above = {
@@ -147,7 +134,7 @@ def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
 
 
 def balance_inertias(spec: mujoco.MjSpec) -> list[str]:
-    """Balance inertias that no body can have as MuJoCo's ``balanceinertia``; return a clause each.
+    """Balance inertias that no body can have as MuJoCo's ``balanceinertia``; return clauses.
 
     Principal moments A ≤ B ≤ C with A + B < C become their mean. Bodies that do not move become
     round without a word: their inertia has no effect.

@@ -59,13 +59,8 @@ def frames(phi: Array) -> Frames:
 def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
     """Return (n, 10) links that exist and minimise ½ (x − φ)ᵀH(x − φ).
 
-    Args:
-        phi: (n, 10) parameters of links, which need not exist.
-        hessian: (10 n, 10 n) H.
-        nominal: (n, 10) links that give the units.
-
-    Raises:
-        StictionError: as of `least_consistent`.
+    ``phi`` (n, 10) are links that need not exist, ``hessian`` (10 n, 10 n) is H, and ``nominal``
+    (n, 10) are links that give the units.
     """
     if consistent(phi).all():
         return phi
@@ -79,12 +74,9 @@ def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
 
 
 def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
-    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist.
+    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist; x is their lower triangles.
 
-    Args:
-        hessian: (10 n, 10 n) H, positive definite.
-        slope: (10 n,) h.
-        n: number of links: x is their lower triangles.
+    ``hessian`` (10 n, 10 n) is positive definite, ``slope`` (10 n,) is h.
 
     Raises:
         StictionError: the solver finds none.

@@ -41,11 +41,7 @@ def find_model(robot: str | Path) -> str | Path:
 
 
 def in_folder(folder: Path) -> Path:
-    """Return the arm's file in a folder: the one that its scene includes, or the only one.
-
-    Raises:
-        StictionError: no such file, or several.
-    """
+    """Return the arm's file in a folder: the one that its scene includes, or the only one."""
     wanted = f"expected {SCENE} that includes one model, or a single {', '.join(ENDS)}"
     scene = folder / SCENE
     found = sorted(x for x in folder.iterdir() if x.suffix.lower() in ENDS and x.is_file())
@@ -68,11 +64,7 @@ def in_folder(folder: Path) -> Path:
 
 
 def described(name: str) -> Path:
-    """Return the file of a model of `robot_descriptions` that is in its cache.
-
-    Raises:
-        StictionError: the package or the model is not there.
-    """
+    """Return the file of a model of `robot_descriptions` that is in its cache."""
     try:
         cache: Descriptions = importlib.import_module("robot_descriptions._cache")
         repositories = importlib.import_module("robot_descriptions._repositories").REPOSITORIES

@@ -21,11 +21,9 @@ SHARE = 0.95
 
 
 def exclude_overlapping(root: ET.Element, position: Array) -> None:
-    """Add a contact exclusion for every pair of links that touches in (nearly) all poses.
+    """Exclude contacts of links that touch in (nearly) all poses, in place.
 
-    Args:
-        root: the ``mujoco`` element of an arm of n hinges; changed in place.
-        position: (n, 2) ranges that poses are drawn from [rad].
+    Poses are drawn from the ranges ``position`` (n, 2) [rad].
     """
     text = ET.tostring(root, encoding="unicode")
     of = store.digest(text, position, POSES, SHARE)

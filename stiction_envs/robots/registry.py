@@ -71,17 +71,12 @@ ARMS: Mapping[str, ArmFiles] = MappingProxyType(_arms)
 
 
 def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
-    """Register the arms of a folder by name, until the process ends.
+    """Register the arms of a folder by name, until the process ends; return their names, sorted.
 
     Each works like an arm of the package: ``load_arm(NAME)``, ``stiction sje NAME`` and, where its
-    TOML has ``environment``, ``<environment>SJE-v0`` and ``<environment>GTE-v0``.
-
-    Args:
-        folder: holds ``robots/NAME.xml`` with ``robots/NAME.toml``, and maybe
-            ``friction/NAME.toml``; without it the friction is that of ``generic.toml``.
-
-    Returns:
-        Their names, sorted.
+    TOML has ``environment``, ``<environment>SJE-v0`` and ``<environment>GTE-v0``. The folder holds
+    ``robots/NAME.xml`` with ``robots/NAME.toml``, and maybe ``friction/NAME.toml``; without it the
+    friction is that of ``generic.toml``.
 
     Raises:
         StictionError: no arm there, an unreadable TOML, or a name that is taken.
@@ -137,11 +132,7 @@ def _same_files(path: Path, arm: ArmFiles) -> bool:
 
 
 def robot_files(robot: str | Path) -> dict[str, Path]:
-    """Return the files of a robot by name or path that exist.
-
-    Returns:
-        ``robot``: MJCF or URDF; ``robot_table``: the TOML of the same stem.
-    """
+    """Return a robot's files that exist: ``robot`` (MJCF, URDF), ``robot_table`` (its TOML)."""
     known = ARMS.get(str(robot))
     path = Path(find_model(robot)).expanduser() if known is None else known.model
     if not path.name:  # "." or "/"

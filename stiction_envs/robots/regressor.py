@@ -41,14 +41,7 @@ def inertial_parameters(model: pin.Model) -> Array:
 
 
 def torque_regressor(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return (T, n, 10 n): W with W @ φ = τ [N·m] (pinocchio's joint torque regressor).
-
-    Args:
-        model: the arm.
-        q: (T, n) [rad].
-        dq: (T, n) [rad/s].
-        ddq: (T, n) [rad/s²].
-    """
+    """Return (T, n, 10 n): W with W @ φ = τ [N·m], along q, dq, ddq (T, n) [rad, s]."""
     data = model.createData()
     out = np.empty((len(q), model.nv, 10 * model.nv))
     for k in range(len(q)):
@@ -123,9 +116,7 @@ def _term(coefficient: float, name: str) -> str:
 def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
     """Return the base parameters of a regressor, by QR with column pivoting.
 
-    Args:
-        columns: (R, p) of exciting motions, the rows of all joints below one another.
-        names: (p,) of the parameters.
+    ``columns`` (R, p) are those of exciting motions, the rows of all joints below one another.
     """
     size = np.linalg.norm(columns, axis=0)
     acts = np.flatnonzero(size > RANK * size.max())

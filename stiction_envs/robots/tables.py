@@ -61,11 +61,7 @@ class Limits:
 
 
 def read_toml(path: Path) -> Table:
-    """Tables of the TOML file ``path``.
-
-    Raises:
-        StictionError: the file cannot be read, or is not TOML.
-    """
+    """Tables of a TOML file; raises a StictionError for one that cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -96,11 +92,7 @@ def payload_radius() -> float:
 
 
 def on_floor(table: Mapping[str, object], where: str) -> bool:
-    """Whether ``mounting`` says that the arm stands on a floor at its world's z = 0.
-
-    Raises:
-        StictionError: another word than ``floor`` and ``free``, the default.
-    """
+    """Whether ``mounting`` says ``floor``, z = 0 of the arm's world; ``free`` is the default."""
     mounting = table.get("mounting", "free")
     if mounting not in MOUNTINGS:
         raise StictionError(f"{where}: {unknown('mounting', mounting, MOUNTINGS)}")
@@ -108,11 +100,7 @@ def on_floor(table: Mapping[str, object], where: str) -> bool:
 
 
 def hand_yaw(table: Mapping[str, object], where: str) -> float:
-    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s.
-
-    Raises:
-        StictionError: not a finite number.
-    """
+    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s."""
     given = lookup(table, "hand_yaw")
     value = lookup(generic(), "hand_yaw") if given is None else given
     angle = float(per_joint(value, (), f"{where}, hand_yaw"))
@@ -122,11 +110,7 @@ def hand_yaw(table: Mapping[str, object], where: str) -> float:
 
 
 def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:
-    """``value`` as float64 array of ``shape``; a single number fills it.
-
-    Raises:
-        StictionError: not numbers, another number of joints, or NaN.
-    """
+    """``value`` as float64 array of ``shape``, which a single number fills; NaN is refused."""
     lone = np.ndim(value) == 0  # type: ignore[arg-type]
     array = checked_array(value, where, () if lone else shape, finite=False)
     if np.isnan(array).any():
@@ -137,17 +121,9 @@ def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:
 def check_range(
     value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, allow_inf: bool = False
 ) -> None:
-    """Raise if a number is impossible for a joint: larger than `[largest]` of `generic.toml`.
+    """Raise if a number is below ``low`` or above `[largest]` of `generic.toml` for its unit.
 
-    Args:
-        value: numbers of any shape.
-        unit: theirs.
-        where: file and name, for the message.
-        low: least value.
-        allow_inf: whether inf passes.
-
-    Raises:
-        StictionError: naming the number and what is expected.
+    Only if ``allow_inf`` may it be inf; ``where`` begins the message.
     """
     array, most = np.asarray(value, dtype=np.float64), largest(unit)
     good = (array >= low) & (np.abs(array) <= most) | (allow_inf & (array == np.inf))

@@ -58,12 +58,9 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
-    """Fields of an ``Arm`` from a user's file.
+    """Fields of an ``Arm`` from a user's MJCF or URDF, and the TOML of the same stem beside it.
 
-    Args:
-        path: an existing MJCF or URDF. A TOML of the same stem beside it may give
-            limits, rest pose and interface.
-        chain: links at the base and the tip of the arm, in a file of a bigger robot.
+    ``chain`` are the links at the base and the tip of the arm, in a file of a bigger robot.
 
     Raises:
         StictionError: not readable, or not one serial chain of 1 to 9 hinges with massive links.
@@ -152,14 +149,9 @@ def _one_line(error: Exception) -> str:
 
 
 def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
-    """Return the compiled model of a user's MJCF or URDF, friction and actuators included.
+    """Return the compiled model of a user's file, friction and actuators included.
 
-    Args:
-        path: an existing file.
-        chain: links at the base and the tip of the arm whose joints are not locked; None for all.
-
-    Raises:
-        StictionError: not readable, or no such chain.
+    ``chain`` are base and tip of the arm whose joints are not locked; None for all.
     """
     spec = _named(path)[0]
     if chain is not None:
@@ -215,11 +207,7 @@ def _above(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _hinges(model: mujoco.MjModel, path: Path) -> Index:
-    """Ids of the hinges from base to tip.
-
-    Raises:
-        StictionError: not one serial chain of hinges.
-    """
+    """Ids of the hinges from base to tip; raises where they are not one serial chain."""
     for j in range(model.njnt):
         if int(model.jnt_type[j]) not in (_HINGE, _SLIDE):
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
@@ -293,7 +281,7 @@ def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:
 
 
 def _rest(model: mujoco.MjModel, chain: Index, position: Array) -> Array:
-    """The keyframe ``home``, else the first keyframe, else zero, or the middle of its range, rad.
+    """Rest pose [rad]: the keyframe ``home``, else the first, else zero or the middle of ranges.
 
     Zero only where it is a twentieth of the range (assumed) or more away from both ends: an arm
     that rests against a stop cannot follow a path.
@@ -331,8 +319,8 @@ def _flange(
 ) -> tuple[str, str | None]:
     """Site name of the flange, and the body to which it has to be added, if it is new.
 
-    A well-known site name on the last link or a body fixed to it wins, then a fixed link of such
-    a name (URDF), then any site of the last link, then the last link's own frame.
+    A well-known site name on the last link or a body fixed to it wins, then a fixed link of such a
+    name (URDF), then any site of the last link, then the last link's own frame.
     """
     tail = [
         b
@@ -362,10 +350,7 @@ def _rigid_xml(
     path: Path,
     end: str | None,
 ) -> tuple[ET.Element, str]:
-    """MJCF of the bare rigid arm with all digits, and the name of its flange site.
-
-    ``end`` is that site where it is known.
-    """
+    """MJCF of the bare rigid arm with all digits, and the name ``end`` of its flange site."""
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}
     tip = int(model.jnt_bodyid[chain[-1]])
     end_effector, add_to = (end, None) if end else _flange(spec, model, tip, fingers)

@@ -70,13 +70,9 @@ class Plan:
         progress: Callable[[str, float], None] | None = None,
         kept: Path | None = None,
     ) -> Rehearsal:
-        """Hide, diagnose and judge.
+        """Hide, diagnose and judge; ``threads`` and ``progress`` are as of `rehearse`.
 
-        Args:
-            threads: as of `rehearse`.
-            progress: as of `rehearse`.
-            kept: file in which finished jobs are kept; what is there already is not done again.
-                None keeps nothing.
+        Finished jobs are kept in the file ``kept``, and not done again; None keeps nothing.
         """
         asked = {job.key: job for job in self.jobs if not job.why_not}
 
@@ -126,16 +122,18 @@ def rehearse(
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
-        data: as of `plan`, and so are the other arguments.
+        data: a joint log or servo log, or several.
         robot: name, model file or arm.
-        causes: names of the causes to hide; None for all that are registered.
+        causes: names of the causes to hide; None for all that are registered. All are always
+            looked for.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: of `diagnose`.
+        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
+            ``poses``.
 
     Raises:
-        StictionError: as of `plan`.
+        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
     """
     planned = plan(data, robot, causes=causes, progress=progress, **options)
     return planned.run(threads=threads, progress=progress)
@@ -149,20 +147,7 @@ def plan(
     progress: Callable[[str, float], None] | None = None,
     **options: Unpack[LogOptions],
 ) -> Plan:
-    """Diagnose logs as they are, and plan what to hide in them.
-
-    Args:
-        data: a joint log or servo log, or several.
-        robot: name, model file or arm.
-        causes: names of the causes to hide; None for all that are registered. All are always
-            looked for.
-        progress: called with what is done and the part of the whole, 0.
-        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
-            ``poses``.
-
-    Raises:
-        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
-    """
+    """Diagnose logs as they are, and plan what to hide in them; arguments are as of `rehearse`."""
     for name in ("check", "poses", "method"):
         if name in options:
             raise StictionError(f"{name}: cannot be used to rehearse")

@@ -213,12 +213,7 @@ def _behind_wall(angle: Array, depth: Array | float) -> Array:
 
 
 def subject_of(own: ServoDiagnosis, arm: Arm) -> HiddenServos:
-    """Return the logs of a diagnosis, to hide causes in them.
-
-    Args:
-        own: their diagnosis.
-        arm: the rigid arm that was judged.
-    """
+    """Return the logs of a diagnosis of the rigid ``arm``, to hide causes in them."""
     motions = joint_motions(arm, own.logs)
     base = _base(own, motions)
     left = []

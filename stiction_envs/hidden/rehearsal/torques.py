@@ -241,12 +241,8 @@ class HiddenTorques:
 def link_behind_gear(data: Data, joint: int, stiffness: float) -> tuple[Array, Array]:
     """Return (T,) the link's angle less the motor's, δ [rad], and its speed [rad/s].
 
-    M δ̈ = −L − K δ − D δ̇, where L is the load at the link's angle, to first order in δ.
-
-    Args:
-        data: the motor's motion.
-        joint: from 0.
-        stiffness: K of the gear [N·m/rad].
+    M δ̈ = −L − K δ − D δ̇, where L is the load at the link's angle, to first order in δ, and K the
+    ``stiffness`` of the gear [N·m/rad]; ``joint`` counts from 0.
     """
     model, nudge = data.pinocchio, 1e-5
     mass = mass_matrices(model, data.q)[:, joint, joint]

@@ -1,8 +1,4 @@
-"""`check`: what is wrong in files of measurements, torque tables and joint logs.
-
-found = check("base.csv", "log.csv", robot="panda")
-print(found)                   # one finding in a line
-"""
+"""`check`: what is wrong in files of measurements, torque tables and joint logs."""
 
 from __future__ import annotations
 
@@ -19,9 +15,8 @@ from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Reading, naming_of
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.measured.logs.reader import IGNORED, drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
-from stiction_envs.measured.logs.timing import IGNORED
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
@@ -118,10 +113,10 @@ def check(
     arm = None if robot is None else load_arm(robot, chain=chain)
     n, limits = (0, None) if arm is None else (arm.n, arm.limits)
     naming = naming_of(arm, reading)
-    kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
     logs: list[JointLog] = []
-    for path, kind in kinds.items():
+    for path in paths:
+        kind = file_kind(path)
         try:
             if kind == TABLE:
                 for d in check_table(path, limits):

@@ -45,11 +45,7 @@ _DEGREE = np.pi / 180
 
 
 def check_finite(rows: RawLog) -> None:
-    """No value is infinite or larger than any joint's, and every row has a time.
-
-    Raises:
-        StictionError: naming the first such cell.
-    """
+    """Raise a StictionError at the first infinite or too large value, or row without time."""
     if not np.isfinite(rows.t).all():
         i = int(np.argmin(np.isfinite(rows.t)))
         raise StictionError(f"{rows.place(i)}: t is {rows.t[i]}: expected finite numbers in s")
@@ -67,11 +63,7 @@ def check_finite(rows: RawLog) -> None:
 
 
 def check_time(rows: RawLog) -> None:
-    """Time never falls within a recording, and is in seconds.
-
-    Raises:
-        StictionError: naming the first row where it falls, or the unit it looks like.
-    """
+    """Raise a StictionError at the first row where time falls, or for a unit other than s."""
     step = np.diff(rows.t)
     fell = (step < 0) & (rows.run[1:] == rows.run[:-1])
     if fell.any():
@@ -95,13 +87,10 @@ def check_time(rows: RawLog) -> None:
 
 
 def check_angles(rows: RawLog, limits: Limits | None, channel: str = "q") -> list[str]:
-    """Angles are in radians, as far as the joint ``limits`` show.
-
-    Returns:
-        Warnings about angles beyond the limits that no unit explains.
+    """Return warnings about angles beyond the joint ``limits`` that no unit explains.
 
     Raises:
-        StictionError: they look like degrees.
+        StictionError: angles look like degrees.
     """
     warnings = []
     unlimited = None if limits is None else limits.assumed("position")
@@ -141,10 +130,7 @@ def check_angles(rows: RawLog, limits: Limits | None, channel: str = "q") -> lis
 
 
 def check_units(rows: RawLog, limits: Limits | None) -> list[str]:
-    """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
-
-    Returns:
-        Warnings about values beyond the limits that no unit explains.
+    """Return warnings about angles and torques beyond the ``limits`` that no unit explains.
 
     Raises:
         StictionError: q looks like degrees, or tau like percent or mN·m.
@@ -183,7 +169,7 @@ def _limit(limits: Limits, name: str, j: int, unit: str) -> str:
 
 
 def check_channels(rows: RawLog) -> list[str]:
-    """Check that something moves; warn of channels that never change or stay at a limit.
+    """Return warnings about channels that never change or stay at a limit.
 
     Raises:
         StictionError: no torque, or neither angle nor torque, ever changes.
@@ -247,18 +233,10 @@ def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
 
 
 def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
-    """No joint moves several times faster than it can, as small angles in degrees would.
-
-    Args:
-        rows: a log without repeats and gaps.
-        step: time between rows, s.
-        limits: limits of the robot, or None.
-
-    Returns:
-        Warnings where the limit is doubtful.
+    """Return warnings about joints of a log without gaps that move faster than a doubtful limit.
 
     Raises:
-        StictionError: naming the joint.
+        StictionError: a joint moves several times faster than it can: its angles look like degrees.
     """
     t = np.arange(rows.t[0], rows.t[-1], step)
     warnings: list[str] = []
@@ -281,16 +259,10 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
 
 
 def check_speeds(rows: RawLog, step: float) -> list[str]:
-    """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
+    """Return warnings about dq against the derivative of q: unit, sign, lag, low-pass.
 
-    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
-
-    Args:
-        rows: a log without repeats and gaps.
-        step: time between rows, s.
-
-    Returns:
-        Warnings.
+    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`, of a log
+    without repeats and gaps, whose rows are ``step`` [s] apart.
 
     Raises:
         StictionError: dq is in degrees per second.

@@ -1,7 +1,6 @@
 """Checks of a servo log by itself: units of its commands, channels that never move or are copies.
 
-A servo's log repeats itself: its angles come in steps of the encoder, and a joint that sticks
-rests while its command moves. Nothing of that is a defect.
+Angles in steps of the encoder, and joints that rest while their command moves, are no defects.
 """
 
 from __future__ import annotations
@@ -28,13 +27,10 @@ MOST_LAG = 0.2
 
 
 def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
-    """Commanded and measured angles are in radians, as far as limits and each other show.
-
-    Returns:
-        Warnings about angles beyond the limits that no unit explains.
+    """Return warnings about commanded and measured angles beyond the ``limits``.
 
     Raises:
-        StictionError: they look like degrees, or are in different units.
+        StictionError: angles look like degrees, or are in different units.
     """
     warnings = [w for name in ("q", "q_cmd") for w in check_angles(rows, limits, name)]
     ratios = []
@@ -52,7 +48,7 @@ def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
 
 
 def check_servo_channels(rows: RawLog) -> list[str]:
-    """Check that something moves; warn of commands and angles that never do, and of copies.
+    """Return warnings about commands and angles that never change, and about copies.
 
     Raises:
         StictionError: neither command nor angle ever changes.

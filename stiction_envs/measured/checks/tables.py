@@ -48,9 +48,7 @@ class Defect:
 def check_table(path: str | os.PathLike[str], limits: Limits | None = None) -> Iterator[Defect]:
     """Yield the defects of an SJE table, a table of base torques or an amplitude table.
 
-    Args:
-        path: the file.
-        limits: of the robot, for amplitudes; None where it is not known.
+    ``limits`` of the robot bound amplitudes; None where the robot is not known.
 
     Raises:
         StictionError: the file cannot be read as such a table.
@@ -77,10 +75,9 @@ def _check_sign(where: str, direction: str, tau: float) -> Iterator[Defect]:
 
 
 def _check_sje(lines: list[Line]) -> Iterator[Defect]:
-    """Check torques' signs, reductions, and rows of the same setting.
+    """Yield wrong signs, reductions that are not 1 − |tau|/|base|, and contradicting repetitions.
 
-    ``reduction`` is 1 − abs(tau_nm)/abs(base) with a base row of the same robot, joint, pose and
-    direction. NaN and rows without a base row pass.
+    NaN and rows without a base row of the same robot, joint, pose and direction pass.
     """
     rows = parse_sje(lines)
     tau = [Decimal(line.fields["tau_nm"]) for line in lines]

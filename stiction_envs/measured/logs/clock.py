@@ -86,9 +86,7 @@ def _gap(step: float) -> float:
 def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
 
-    Args:
-        rows: a log.
-        slowest: longest usual step at which the motion is asked for the clock [s].
+    The motion is asked where the usual step is at most ``slowest`` [s].
     """
     corrections: list[Correction] = []
     equal = np.r_[False, _not_rising(rows)]
@@ -211,13 +209,10 @@ def _recordings(rows: RawLog) -> list[slice]:
 
 
 def _samples_passed(q: Array, logged: Array, step: float) -> tuple[Array, Bools, Bools]:
-    """Samples that passed from row to row by the motion of (T, n), ``step`` [s] apart.
+    """Return how many samples passed from row to row by the motion of (T, n), (T-1,).
 
-    ``logged`` (T-1,) are those by the stamps. Two joints or more must show it: one alone may have
-    slipped.
-
-    Returns:
-        (T-1,) each: how many, where two joints show it, and where the stamps say otherwise.
+    Also where two joints or more show it (one alone may have slipped), and where the stamps, by
+    which ``logged`` (T-1,) samples passed, say otherwise; ``step`` [s].
     """
     change = np.diff(q, axis=0)
     # speeds before and after, so that a row in which much time passed is no part of either

@@ -90,13 +90,13 @@ def sort_columns(
     time: bool = True,
     drive: str = TORQUE,
 ) -> Columns:
-    """Find the channels of a robot with ``n_joints`` joints in the ``header``.
+    """Find the channels of a robot with ``n_joints`` joints in the ``header``, in any order.
 
     Args:
         where: file, the beginning of every message.
-        header: names of the columns, in any order; spaces around them do not count.
+        header: names of the columns.
         n_joints: joints of the robot.
-        shown: their names in the file; () where these are those.
+        shown: names of the columns in the file; () where the header has them.
         time: whether there must be a column ``t``; without, ``t`` is -1.
         drive: which channels, of `CHANNELS`.
 

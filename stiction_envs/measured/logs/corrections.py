@@ -36,6 +36,9 @@ LEAST_STEPS = 3.0
 smaller change repeats itself by chance."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
+TURN = 2 * np.pi
+OFF = 0.5
+"""A jump is a turn to this much, which the joint moves meanwhile [rad]; assumed."""
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")
@@ -101,15 +104,11 @@ class RawLog:
 
 
 def fill_missing(rows: RawLog) -> tuple[list[Correction], list[str]]:
-    """Interpolate isolated missing values (NaN) of ``rows``, in place.
+    """Interpolate isolated missing values (NaN), in place; return corrections and warnings.
 
-    Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped; so are up to
-    `MOST_MISSING_RUN` incomplete rows at either end. Slow extra channels are interpolated over any
-    length, and left out if they have fewer than two values; dq is left out where too much of it is
-    missing.
-
-    Returns:
-        What was corrected, and warnings.
+    Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped, as are incomplete rows at
+    the ends. Slow extra channels are interpolated over any length, or left out with fewer than two
+    values; dq is left out where too much is missing.
 
     Raises:
         StictionError: too many values of a channel that is needed are missing.
@@ -363,3 +362,32 @@ def _changes(x: Array, run: Index) -> Array:
     moved = change[change > 0]
     # Rounded decimals differ by rounding of floats too, far below any sensor's step.
     return change / max(np.percentile(moved, 1), 1e-7 * np.ptp(x)) if len(moved) else change
+
+
+def unwrap(rows: RawLog) -> list[Correction]:
+    """Add whole turns to angles where they jump by one, and to commands a turn away, in place."""
+    found: dict[str, int] = {}
+    for name in (x for x in ("q", "q_cmd") if x in rows.data):
+        for j, x in enumerate(rows.data[name].T):
+            if jumps := _unwrap(x):
+                found[f"{name}{j + 1}"] = jumps
+    if "q_cmd" in rows.data:
+        for j, (x, q) in enumerate(zip(rows.data["q_cmd"].T, rows.data["q"].T, strict=True)):
+            both = ~np.isnan(x - q)
+            apart = float(np.median((x - q)[both])) if both.any() else 0.0
+            if (turns := round(apart / TURN)) and abs(apart - turns * TURN) < OFF:
+                x -= turns * TURN
+                found.setdefault(f"q_cmd{j + 1}", 1)
+    text = f"{', '.join(found)}: angles within one turn, which jump at its ends: unwrapped"
+    return [Correction(kind="wrap", rows=sum(found.values()), text=text)] if found else []
+
+
+def _unwrap(x: Array) -> int:
+    """Add whole turns to angles (T,) within one turn, in place; return how often they jump."""
+    known = np.flatnonzero(~np.isnan(x))
+    if not len(known) or np.ptp(x[known]) > TURN + 1e-3:
+        return 0
+    jump = np.diff(x[known])
+    turns = -np.sign(jump) * (np.abs(jump) > TURN - OFF)
+    x[known[1:]] += TURN * np.cumsum(turns)
+    return int(np.count_nonzero(turns))

@@ -1,7 +1,4 @@
-"""Read joint logs of any kind of file into arrays, as they are.
-
-:mod:`stiction_envs.measured.logs.reader` checks whether they can be a measurement.
-"""
+"""Read joint logs of any kind of file into arrays, as they are."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
@@ -41,14 +38,7 @@ def read_raw(
     naming: Naming | None = None,
     drive: str = TORQUE,
 ) -> RawLog:
-    """Read the numbers of a log file of any kind.
-
-    Args:
-        path: a file whose name ends in one of `log_ends`, or a folder that ROS 2 recorded into.
-        n_joints: joints of the robot.
-        time: whether there must be time.
-        naming: names of the joints, for kinds of files that have them.
-        drive: what drives its joints, torque or position, and so which channels it has.
+    """Read the numbers of a log file of any kind, or of a folder that ROS 2 recorded into.
 
     Raises:
         StictionError: the file cannot be read, is too large, or is not a log of such a robot.
@@ -77,11 +67,7 @@ def read_raw(
 
 
 def _without_held(raw: RawLog, naming: Naming) -> RawLog:
-    """Take joints that the robot's model holds still out of a log.
-
-    Raises:
-        StictionError: one of them moves.
-    """
+    """Take joints that the robot's model holds still out of a log; raise if one of them moves."""
     for place, name in naming.held:
         moved = float(np.ptp(raw.data["q"][:, place])) if len(raw.t) else 0.0
         if moved > RESTS:
@@ -98,10 +84,6 @@ def _without_held(raw: RawLog, naming: Naming) -> RawLog:
 def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> int:
     """Return for how many joints a log has angles.
 
-    Args:
-        path: the log.
-        naming: names of the joints, for kinds of files that have them.
-
     Raises:
         StictionError: a log without angles, or that cannot be read.
     """
@@ -114,15 +96,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
 
 
 def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
-    """Return what may have driven the joints of a log: torque, position, both, or none is there.
-
-    Args:
-        path: the log.
-        naming: names of the joints, for kinds of files that have them.
-
-    Raises:
-        StictionError: a log that cannot be read.
-    """
+    """Return what may have driven the joints of a log: torque, position, both or neither."""
     return _kind(path).drives(os.fspath(path), naming or Naming())
 
 
@@ -140,11 +114,7 @@ def no_log(path: Path, expected: str) -> StictionError:
 
 
 def _kind(path: str | os.PathLike[str]) -> LogFormat:
-    """Return the kind of what is there.
-
-    Raises:
-        StictionError: nothing is, or something that is no log.
-    """
+    """Return the kind of log that is there; raise a StictionError where there is none."""
     where, ends = os.fspath(path), ", ".join(log_ends())
     kind = format_of(Path(path))
     # Asked before opening: a pipe or a device would never end.

@@ -93,7 +93,7 @@ def find_joints(
 
     Args:
         where: the log, the beginning of every message.
-        names: all that are in it.
+        names: all names in the log.
         n_joints: joints of the robot; None where no robot is known: those of the longest series.
         naming: what the caller and the robot say.
 
@@ -123,12 +123,9 @@ def find_joints(
 def joints_in_order(
     where: str, names: Sequence[str], n_joints: int, naming: Naming
 ) -> tuple[str, ...]:
-    """Return joints 1 to n of a log whose joints have a fixed order; see `find_joints`.
+    """Return joints 1 to n of a log whose joints have a fixed order: as `find_joints`.
 
-    They are taken in that order where there are n of them and nobody names them.
-
-    Raises:
-        StictionError: as of `find_joints`, or a topic is asked for, which such logs have not.
+    The order counts where there are n joints and nobody names them. A topic is refused.
     """
     if naming.topic is not None:
         raise StictionError(f"topic: {where} has no topics: expected ROS bags only")

@@ -53,11 +53,7 @@ class MotorRange:
 
 
 def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
-    """Read a calibration file of lerobot: the ranges of motors by their names.
-
-    Raises:
-        StictionError: it cannot be read, or is none.
-    """
+    """Read a calibration file of lerobot: the ranges of motors by their names."""
     where = os.fspath(path)
     wanted = "expected lerobot's JSON: a motor's name, then id, range_min and range_max"
     with opening(path, wanted.removeprefix("expected ")):
@@ -127,17 +123,14 @@ def to_radians(
     names: Sequence[str],
     calibration: str | os.PathLike[str] | None,
 ) -> list[str]:
-    """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place.
+    """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place; return a remark a unit.
 
     Args:
         where: the log, the beginning of every message.
-        data: its channels.
+        data: channels of the log.
         units: of `UNITS`, one for each joint.
-        names: of its joints or motors; () where they have none, then joint j is motor j.
-        calibration: lerobot's file with the ranges of its motors; None where they are not known.
-
-    Returns:
-        How each joint in another unit than radians was read, a sentence each.
+        names: of the joints or motors; () where they have none, then joint j is motor j.
+        calibration: lerobot's file with the ranges of the motors; None where they are not known.
 
     Raises:
         StictionError: percent of a range that neither calibration nor steps show, or a calibration

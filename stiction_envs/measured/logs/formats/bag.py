@@ -23,7 +23,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size, held

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.dialect import (
+from stiction_envs.measured.csv_text import (
     UTF8,
     Dialect,
     dialect_of,
@@ -32,6 +32,8 @@ from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     MOST_LINE_BYTES,
+    OUR_COLUMNS,
+    Header,
     NamedColumns,
     RawLog,
     Wanted,
@@ -39,7 +41,6 @@ from stiction_envs.measured.logs.formats.base import (
     log_of_columns,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
-from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming, check_unnamed
 
@@ -59,7 +60,38 @@ class CsvFile(NamedColumns):
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         """See `LogFormat.read`."""
-        return _read_csv(where, wanted)
+        text = _open(where, wanted.naming)
+        kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
+        columns = sort_columns(
+            where,
+            ours.names,
+            wanted.n_joints,
+            shown=text.names,
+            time=wanted.time,
+            drive=wanted.drive,
+        )
+        table, numbers = _table(where, text, columns)
+        log = log_of_columns(
+            where,
+            columns,
+            ours,
+            table.__getitem__,
+            len(numbers),
+            wanted.time,
+            lambda i: f"line {numbers[i]}",
+        )
+        for remark in text.notes:
+            log.note(remark)
+        if wanted.time:
+            log.t /= kind.per_second
+        if kind.sparse:
+            keep = measured_rows(log.data)
+            numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
+            log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
+        if kind is not OUR_COLUMNS:
+            log.side, log.ignored = kind.side, ()
+            log.note(kind.note)
+        return log
 
     def names(self, where: str, naming: Naming) -> list[str]:
         """See `NamedColumns.names`."""
@@ -83,41 +115,6 @@ class _Table:
     """Number and bytes in UTF-8 of each line below."""
     notes: list[str]
     """Remarks for a person."""
-
-
-def _read_csv(where: str, wanted: Wanted) -> RawLog:
-    text = _open(where, wanted.naming)
-    kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
-    columns = sort_columns(
-        where,
-        ours.names,
-        wanted.n_joints,
-        shown=text.names,
-        time=wanted.time,
-        drive=wanted.drive,
-    )
-    table, numbers = _table(where, text, columns)
-    log = log_of_columns(
-        where,
-        columns,
-        ours,
-        table.__getitem__,
-        len(numbers),
-        wanted.time,
-        lambda i: f"line {numbers[i]}",
-    )
-    for remark in text.notes:
-        log.note(remark)
-    if wanted.time:
-        log.t /= kind.per_second
-    if kind.sparse:
-        keep = measured_rows(log.data)
-        numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
-        log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
-    if kind is not OUR_COLUMNS:
-        log.side, log.ignored = kind.side, ()
-        log.note(kind.note)
-    return log
 
 
 def _our_names(
@@ -163,11 +160,7 @@ def _open(where: str, naming: Naming) -> _Table:
 
 
 def _lines(where: str) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the bytes in UTF-8 of each line that is not blank.
-
-    Raises:
-        StictionError: the file cannot be read, is too large, damaged, or packed and not named so.
-    """
+    """Yield the number and the bytes in UTF-8 of each line that is not blank."""
     packed, number, total = where.lower().endswith(".gz"), 0, 0
     try:
         with open(where, "rb") as file:
@@ -226,13 +219,7 @@ def _text(where: str, number: int, line: bytes) -> str:
 def _table(
     where: str, text: _Table, columns: Columns
 ) -> tuple[dict[int, Array], NDArray[np.int32]]:
-    """Return the used columns by their place, and the line of each row.
-
-    Of the runs' labels there are numbers, one for each label.
-
-    Raises:
-        StictionError: a row with too few or too many values, or a value that is no number.
-    """
+    """Return the used columns by their place, and the line of each row; runs have numbers."""
     used = columns.numbers
     pick, width, split = itemgetter(*used), len(text.names), text.dialect.cells
     values, labels, numbers = array("d"), array("d"), array("i")

@@ -67,11 +67,7 @@ def drives_of(topics: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def arm_of(where: str, found: dict[str, dict[str, str]], topic: str | None) -> dict[str, str]:
-    """Return the topics of the only arm, or of that which has a topic.
-
-    Raises:
-        StictionError: several arms, or no such topic.
-    """
+    """Return the topics of the only arm, or of that which has a topic."""
     if topic is not None:
         names = {t: name for name, topics in found.items() for t in topics.values()}
         if topic not in names:
@@ -86,11 +82,7 @@ def arm_of(where: str, found: dict[str, dict[str, str]], topic: str | None) -> d
 
 
 def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: Wanted) -> RawLog:
-    """Read an arm's topics as one log.
-
-    Raises:
-        StictionError: another robot, or a topic that is missing or empty.
-    """
+    """Read an arm's topics as one log."""
     if wanted.n_joints != len(JOINTS):
         raise StictionError(
             f"{where}: iiwa_stack's arm has 7 joints, but the robot has {wanted.n_joints}: "

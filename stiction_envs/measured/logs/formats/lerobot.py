@@ -25,7 +25,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, opening
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.parquet import opened

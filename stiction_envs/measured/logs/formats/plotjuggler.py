@@ -23,7 +23,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.base import Header
 from stiction_envs.measured.logs.formats.messages import COMMANDS
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 
@@ -120,11 +120,7 @@ def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:
 
 
 def measured_rows(data: dict[str, Array]) -> Bools:
-    """Hold the commands of sparse rows until the next one, in place; return rows with angles.
-
-    Args:
-        data: channels (T, n), NaN where a row has no new value.
-    """
+    """Hold commands (T, n), NaN between them, until the next, in place; return rows with angles."""
     keep: Bools = np.asarray((~np.isnan(data["q"])).any(axis=1))
     if "q_cmd" in data:
         index = np.arange(len(data["q"]))

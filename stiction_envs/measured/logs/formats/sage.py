@@ -18,15 +18,15 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, opening
 from stiction_envs.measured.checks.logs import is_unsigned
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import (
-    MOST_BYTES,
     LogFormat,
     RawLog,
     Wanted,
+    check_bytes,
     check_size,
     held,
 )
@@ -107,15 +107,10 @@ class SageFolder(LogFormat):
 def _convert(where: str, log: RawLog, joints: tuple[str, ...], naming: Naming) -> None:
     """Bring angles to rad: as asked, else they are, but for grippers between 0 and 1."""
     units = [naming.units or RADIANS] * len(joints)
-    if naming.units is None:
-        q = log.data["q"]
-        for j, name in enumerate(joints):
-            if (
-                is_gripper(name)
-                and np.ptp(q[:, j]) > 0
-                and 0 <= q[:, j].min() <= q[:, j].max() <= 1
-            ):
-                units[j] = PERCENT
+    for j, name in enumerate(joints):
+        low, high = log.data["q"][:, j].min(), log.data["q"][:, j].max()
+        if naming.units is None and is_gripper(name) and 0 <= low < high <= 1:
+            units[j] = PERCENT
     for text in to_radians(where, log.data, units, joints, naming.calibration):
         log.note(text)
 
@@ -169,17 +164,15 @@ def _table(path: Path) -> dict[str, Array]:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Return rows by column, each with the number of its line."""
-    wanted = "expected SAGE's CSV in UTF-8"
     refuse_pointer(path)
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise StictionError(f"{path}: over {MOST_BYTES >> 20} MiB: expected a shorter log")
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            for row in reader:
-                yield reader.line_num, {k: v for k, v in row.items() if k and v is not None}
+        with opening(path, "SAGE's CSV in UTF-8"):
+            check_bytes(str(path), path.stat().st_size)
+            with path.open(encoding="utf-8", newline="") as file:
+                reader = csv.DictReader(file)
+                for row in reader:
+                    yield reader.line_num, {k: v for k, v in row.items() if k and v is not None}
     except (UnicodeDecodeError, csv.Error):
-        raise StictionError(f"{path}: no text between commas: {wanted}") from None
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{path}: {reason}: {wanted}") from None
+        raise StictionError(
+            f"{path}: no text between commas: expected SAGE's CSV in UTF-8"
+        ) from None
