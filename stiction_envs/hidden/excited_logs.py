@@ -8,11 +8,7 @@ from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import (
-    from_pseudo_inertia,
-    inertial_parameters,
-    pseudo_inertia,
-)
+from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 COULOMB = np.array([0.5, 0.6, 0.4, 0.5, 0.3, 0.2, 0.25])
 """Dry friction of joints 1 to 7 [N·m]; assumed."""

@@ -240,18 +240,15 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     speed = np.gradient(wanted, STEP, axis=0)
     pull = np.gradient(speed, STEP, axis=0)
     d.qpos[outer] = plain_data.qpos[:] = wanted[0]
-    coulomb = w.coulomb + w.more_coulomb
-    sticks = bool(coulomb.any())
-    inertia = np.maximum(w.rotor + w.armature, 0.02)
-    stiff = np.where(coulomb > 0, coulomb, 1.0) / w.distance
-    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
-    on = coulomb > 0
     # two laws in one: the true joints, and what the makers know of them
-    on = np.stack([on, w.coulomb > 0])
-    known_level = np.maximum(w.coulomb, 1e-9)
-    stiff = np.stack([stiff, known_level / PRESLIDING_DISTANCE])
-    plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / PRESLIDING_DISTANCE * np.maximum(w.rotor, 0.02))
-    damping = np.stack([damping, plain_damping])
+    levels = np.stack([w.coulomb + w.more_coulomb, w.coulomb])
+    on, known_level = levels > 0, np.maximum(w.coulomb, 1e-9)
+    stiff = np.stack(
+        [np.where(on[0], levels[0], 1.0) / w.distance, w.coulomb / PRESLIDING_DISTANCE]
+    )
+    inertia = np.maximum(np.stack([w.rotor + w.armature, w.rotor]), 0.02)
+    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
+    stiff[1] = known_level / PRESLIDING_DISTANCE
     z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
     missing, still = np.zeros((len(t), 7)), np.zeros(7)
@@ -267,7 +264,7 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
         v = v + 0.5 * STEP * pull[k]
         friction = w.viscous * v + w.more_viscous * v
         known = w.viscous * v
-        if sticks:
+        if on[0].any():
             level = w.friction_level(v, t[k], load)
             top = np.maximum(level + w.stribeck, 1e-9)
             law = LuGre(

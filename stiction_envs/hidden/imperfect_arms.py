@@ -12,11 +12,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import (
-    from_pseudo_inertia,
-    inertial_parameters,
-    pseudo_inertia,
-)
+from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
 
 CENTRE_M = 0.1
 """Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import unknown
 from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.gap.servo.questions import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import Hideable
@@ -92,13 +91,6 @@ class ServoEffect(Hideable):
         if self.shown_as is not None:
             return self.shown_as(joint, size)
         return next(iter(self.law(self.before(joint), size).values()))
-
-
-def effect_of(name: str) -> ServoEffect:
-    """Return how to hide a cause; an unknown one is refused."""
-    if name not in EFFECTS:
-        raise unknown("cause", name, tuple(EFFECTS))
-    return EFFECTS[name]
 
 
 def _limit(reached: float, size: float) -> float:

@@ -67,10 +67,7 @@ class HiddenServoLog:
     @property
     def options(self) -> dict[str, list[float]]:
         """The same as options of `diagnose`."""
-        return {
-            "servo_stiffness": self.stiffness.tolist(),
-            "servo_damping": self.damping.tolist(),
-        }
+        return {"servo_stiffness": self.stiffness.tolist(), "servo_damping": self.damping.tolist()}
 
 
 def hide(

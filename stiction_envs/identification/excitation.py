@@ -28,12 +28,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
-from stiction_envs.identification.excitation_motion import (
-    FourierSeries,
-    State,
-    Sweeps,
-    sweeps_from,
-)
+from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
 from stiction_envs.identification.excitation_search import FINE, Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
 from stiction_envs.method_settings import Changes, override

@@ -91,8 +91,6 @@ class Problem:
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
-    # ---- regressor ---------------------------------------------------------------------------
-
     def _whole(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return (T, n, 13 n) columns of links, then of friction joint by joint."""
         n = self.arm.n
@@ -116,8 +114,6 @@ class Problem:
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the rigid arm [N·m]."""
         return np.asarray(torque_regressor(self.model, *state) @ self.phi)
-
-    # ---- motions -----------------------------------------------------------------------------
 
     def series(self, x: Array) -> FourierSeries:
         """Return the series of a point (n (2 N − 1),): offsets, then free coefficients."""
@@ -213,8 +209,6 @@ class Problem:
                 return out
             out[self.arm.n :] *= SHRINK
         return None
-
-    # ---- objective ---------------------------------------------------------------------------
 
     def value(self, x: Array, weight: float) -> tuple[float, Array]:
         """Return the smooth log condition number with penalties, and its gradient."""

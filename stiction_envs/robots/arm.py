@@ -160,10 +160,10 @@ class Arm:
                 ET.ElementTree(mjcf.skeleton(root)).write(path, encoding="unicode")
             model = pin.buildModelFromMJCF(str(path))
         option = root.find("option")
-        gravity = (0.0, 0.0, -9.81)
+        gravity = np.array((0.0, 0.0, -9.81))
         if option is not None:
-            gravity = tuple(mjcf.read_numbers(option, "gravity", gravity))
-        model.gravity.linear = np.array(gravity)
+            gravity = mjcf.read_numbers(option, "gravity", tuple(gravity))
+        model.gravity.linear = gravity
         if tuple(model.names)[1:] != self.joint_names:
             raise StictionError(
                 f"{self.name}: pinocchio reads joints {list(model.names)[1:]}, "
@@ -199,7 +199,13 @@ def load_arm(
         StictionError: unknown name, unreadable file, not a serial arm of 1 to 9 hinges, a moving
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
-    load = _payload(payload)
+    load: tuple[float, float, float, float] | None = None
+    if payload is not None:
+        expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
+        mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
+        if mass < 0:
+            raise StictionError(f"payload mass {mass:g} kg: must not be negative")
+        load = mass, x, y, z
     expected = "2 finite numbers, roll and pitch in rad"
     roll, pitch = checked_array(tilt, "tilt", (2,), expected=expected).tolist()
     ends = check_chain(robot, chain)
@@ -219,16 +225,6 @@ def load_arm(
     fields["rest"].flags.writeable = False
     registered = known is not None
     return Arm(**fields, registered=registered, payload=load, tilt=(roll, pitch))
-
-
-def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, float] | None:
-    if payload is None:
-        return None
-    expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
-    mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
-    if mass < 0:
-        raise StictionError(f"payload mass {mass:g} kg: must not be negative")
-    return mass, x, y, z
 
 
 def _shipped(files: ArmFiles) -> Table:

@@ -101,10 +101,10 @@ def _lock(spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str]) -> None:
     _delete_other_joints(spec, model, kept, rest)
 
 
-def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
-    """Return the arms of a named robot, longest first: chains of hinges without a branch.
+def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
+    """Return how to choose one arm of a bigger, named robot; empty where there is none.
 
-    ``joints`` are the smallest and the largest number of hinges of an arm.
+    An arm is a chain of hinges without a branch; ``joints`` are their least and largest number.
     """
     moving = {body.name: body for body in spec.bodies if body.joints}
     above = {
@@ -120,17 +120,12 @@ def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
         while len(behind[links[-1]]) == 1 and behind[links[-1]][0] in single:
             links += behind[links[-1]]
         if joints[0] <= len(links) <= joints[1]:
-            found.append((len(links), (moving[first].parent.name, links[-1])))
-    return [chain for _, chain in sorted(found, key=lambda x: -x[0])]
-
-
-def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
-    """Return how to choose one arm of a bigger robot; empty where there is none."""
-    found = [f"{base} {tip}" for base, tip in find_chains(spec, joints)]
+            found.append((len(links), f"{moving[first].parent.name} {links[-1]}"))
     if not found or len(spec.joints) <= joints[0]:
         return ""
-    more = f" (or {', '.join(found[1:_MOST])})" if found[1:] else ""
-    return f"; of a bigger robot take one arm: chain {found[0]}{more}"
+    longest, *others = (chain for _, chain in sorted(found, key=lambda x: -x[0])[:_MOST])
+    more = f" (or {', '.join(others)})" if others else ""
+    return f"; of a bigger robot take one arm: chain {longest}{more}"
 
 
 def balance_inertias(spec: mujoco.MjSpec) -> list[str]:

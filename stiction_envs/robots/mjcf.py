@@ -78,26 +78,11 @@ def add_payload(
     for key in ("pos", "quat"):
         if flange.get(key) is not None:
             body.set(key, str(flange.get(key)))
-    inertia = 0.4 * mass * radius**2
-    ET.SubElement(
-        body,
-        "inertial",
-        pos=numbers(com),
-        mass=repr(mass),
-        diaginertia=numbers([inertia] * 3),
-    )
-    ET.SubElement(
-        body,
-        "geom",
-        type="sphere",
-        pos=numbers(com),
-        size=repr(radius),
-        mass="0",
-        group="2",
-        contype="0",
-        conaffinity="0",
-        rgba="0.85 0.45 0.1 1",
-    )
+    inertia = numbers([0.4 * mass * radius**2] * 3)
+    ET.SubElement(body, "inertial", pos=numbers(com), mass=repr(mass), diaginertia=inertia)
+    shape = {"type": "sphere", "pos": numbers(com), "size": repr(radius), "mass": "0", "group": "2"}
+    look = {"contype": "0", "conaffinity": "0", "rgba": "0.85 0.45 0.1 1"}
+    ET.SubElement(body, "geom", shape | look)
 
 
 def bodies_out_of_frames(root: ET.Element) -> None:

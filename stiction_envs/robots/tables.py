@@ -103,10 +103,7 @@ def hand_yaw(table: Mapping[str, object], where: str) -> float:
     """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s."""
     given = lookup(table, "hand_yaw")
     value = lookup(generic(), "hand_yaw") if given is None else given
-    angle = float(per_joint(value, (), f"{where}, hand_yaw"))
-    if not np.isfinite(angle):
-        raise StictionError(f"{where}, hand_yaw: {angle}: expected a finite number of rad")
-    return angle
+    return float(checked_array(value, f"{where}, hand_yaw", (), expected="a finite number of rad"))
 
 
 def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:

@@ -18,11 +18,8 @@ def velocities(root: ET.Element) -> dict[str, float]:
     out = {}
     for joint in root.iter("joint"):
         limit = joint.find("limit")
-        text = limit.get("velocity") if limit is not None else None
-        if text is None:
-            continue
-        speed = float(text)
-        if math.isfinite(speed) and speed > 0:
+        speed = math.nan if limit is None else float(limit.get("velocity", "nan"))
+        if 0 < speed < math.inf:
             out[joint.get("name", "")] = speed
     return out
 

@@ -307,11 +307,8 @@ def _absolute_assets(spec: mujoco.MjSpec) -> None:
 
 def _known(names: list[str]) -> str | None:
     """The first of ``names`` that is, or ends on ``_`` and, the most likely flange name."""
-    for wanted in FLANGE_NAMES:
-        for name in names:
-            if f"_{name.lower()}".endswith(f"_{wanted}"):
-                return name
-    return None
+    found = (x for end in FLANGE_NAMES for x in names if f"_{x.lower()}".endswith(f"_{end}"))
+    return next(found, None)
 
 
 def _flange(
@@ -344,11 +341,7 @@ def _flange(
 
 
 def _rigid_xml(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    chain: Index,
-    path: Path,
-    end: str | None,
+    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: Index, path: Path, end: str | None
 ) -> tuple[ET.Element, str]:
     """MJCF of the bare rigid arm with all digits, and the name ``end`` of its flange site."""
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}

@@ -10,16 +10,13 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden import excited_logs as excited
 from stiction_envs.hidden.worlds import inverse_torque
-from stiction_envs.identification.base_parameters import columns_of
 from stiction_envs.identification.excitation import excite
+from stiction_envs.identification.fits import columns_of
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.consistent import LEAST_EIGENVALUE, least_consistent
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import (
-    consistent,
-    inertial_parameters,
-)
+from stiction_envs.robots.regressor import consistent, inertial_parameters
 from tests.robots.arms import MJCF, TETRA
 
 RATE = 200.0

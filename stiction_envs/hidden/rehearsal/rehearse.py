@@ -25,7 +25,7 @@ from functools import partial
 from pathlib import Path
 from typing import Unpack
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.gap.causes import Cause, cause_named, register, registered
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.model_file import changed_arm
@@ -38,7 +38,7 @@ from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
-from stiction_envs.hidden.servo_effects import EFFECTS, effect_of
+from stiction_envs.hidden.servo_effects import EFFECTS
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import naming_of
@@ -158,7 +158,10 @@ def plan(
     naming = naming_of(None, options)
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
-        effect_of(name) if kind == POSITION else cause_named(name)
+        if kind != POSITION:
+            cause_named(name)
+        elif name not in EFFECTS:
+            raise unknown("cause", name, EFFECTS)
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )

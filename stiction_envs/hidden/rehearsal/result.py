@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed, plural, short
@@ -110,15 +108,13 @@ class Rehearsal(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``rehearsal.csv``, and the runs behind it."""
-        text = io.StringIO()
-        out = csv.writer(text, lineterminator="\n")
-        out.writerow(f.name for f in fields(Row))
+        table = []
         for row in self.rows:
-            cells = {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
+            cells = asdict(row) | {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
             cells["smallest_found"] = f"{row.smallest_found:.4g}" if row.found else ""
             cells["smallest_named"] = f"{row.smallest_named:.4g}" if row.named else ""
-            out.writerow(cells.get(f.name, getattr(row, f.name)) for f in fields(Row))
-        write_text_atomic(folder / CSV, text.getvalue())
+            table.append(list(cells.values()))
+        write_lines(folder / CSV, [f.name for f in fields(Row)], table)
         rows = KeptRows(folder / RUNS)
         for key, runs in self.runs.items():
             if key not in rows.every:

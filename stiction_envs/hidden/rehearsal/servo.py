@@ -34,14 +34,7 @@ from stiction_envs.gap.servo.questions import (
     sags,
     unknown_damping,
 )
-from stiction_envs.hidden.rehearsal.jobs import (
-    LARGE_NOISE,
-    LARGE_SHARE,
-    NO_JOB,
-    NOTHING,
-    Job,
-    Run,
-)
+from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB, NOTHING, Job, Run
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate
@@ -118,8 +111,6 @@ class HiddenServos:
             return ""
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
-    # ---- sizes -------------------------------------------------------------------------------
-
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
         """See `runs.Subject`."""
         whole = np.array([float(m.q.std()) for m in self.motions])
@@ -157,8 +148,6 @@ class HiddenServos:
         sag = np.sqrt(np.mean(torque**2, axis=0)) / self.base[:, INDEX["stiffness"]]
         mass = float(np.min(target / np.maximum(sag, 1e-12)))
         return np.full(len(target), min(mass, EFFECTS["payload"].largest))
-
-    # ---- runs --------------------------------------------------------------------------------
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
         """See `runs.Subject`."""

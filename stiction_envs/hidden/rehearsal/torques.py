@@ -97,8 +97,6 @@ class HiddenTorques:
 
     replay: Replay
 
-    # ---- torques -----------------------------------------------------------------------------
-
     @cached_property
     def bare(self) -> World:
         """The arm in which nothing is hidden, with dry friction that causes may refine."""
@@ -188,8 +186,6 @@ class HiddenTorques:
             parameters[str(0 if job.what.arm_wide else j + 1)] = float(first)
         return self.torque_of(world), parameters
 
-    # ---- sizes and runs ----------------------------------------------------------------------
-
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
         """See `jobs.Subject`."""
         replay = self.replay
@@ -233,9 +229,6 @@ class HiddenTorques:
         said = replay.diagnose(logs, seed)
         named = [[c.name, list(c.joints), list(c.confused_with)] for c in said.causes]
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
-
-
-# ---- a link behind a soft gear whose motor moves as a log says -----------------------------------
 
 
 def link_behind_gear(data: Data, joint: int, stiffness: float) -> tuple[Array, Array]:

@@ -116,29 +116,27 @@ def check(
     findings: list[Finding] = []
     logs: list[JointLog] = []
     for path in paths:
-        kind = file_kind(path)
+        kind, found = file_kind(path), list[tuple[str, str, str]]()
         try:
             if kind == TABLE:
                 for d in check_table(path, limits):
-                    findings.append(Finding(str(path), d.where, d.kind, d.message))
-                continue
-            count = n or count_joints(path, naming)
-            position = (drive or drive_of(path, naming)) == POSITION
-            read = read_servo_logs if position else read_logs
-            log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
+                    found.append((d.where, d.kind, d.message))
+            else:
+                count = n or count_joints(path, naming)
+                position = (drive or drive_of(path, naming)) == POSITION
+                read = read_servo_logs if position else read_logs
+                log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
+                logs += [log] if isinstance(log, JointLog) else []
+                for c in log.corrections:
+                    found.append(("", REMARK if c.kind in NOT_WRONG else "corrected", c.text))
+                for text in log.warnings:
+                    remark = REMARK if text.startswith(IGNORED) else "warning"
+                    found.append(("", remark, text))
         except StictionError as error:
             # the message begins with the file, or one in its folder, whose path stays whole
             text = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
-            findings.append(Finding(str(path), "", "unreadable", text))
-            continue
-        if isinstance(log, JointLog):
-            logs.append(log)
-        for c in log.corrections:
-            remark = REMARK if c.kind in NOT_WRONG else "corrected"
-            findings.append(Finding(str(path), "", remark, c.text))
-        for text in log.warnings:
-            remark = REMARK if text.startswith(IGNORED) else "warning"
-            findings.append(Finding(str(path), "", remark, text))
+            found.append(("", "unreadable", text))
+        findings += [Finding(str(path), *x) for x in found]
     arguments = {
         "files": [str(p) for p in paths],
         "robot": robot,

@@ -166,7 +166,9 @@ def _scale(
         zero = motor.low if is_gripper(name) else (motor.low + motor.high) / 2
         end = "lower end" if is_gripper(name) else "middle"
         return step, zero, f"encoder steps, {TURN} a turn, zero at the {end} of the range"
-    full = _full_range(q, name)
+    full = 200.0  # of a joint -100 to 100, of a gripper 0 to 100, or 0 to 1
+    if is_gripper(name):
+        full = 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
     if motor is not None:
         count, how = motor.high - motor.low, "from the calibration"
     else:
@@ -178,13 +180,6 @@ def _scale(
                 "not show: expected a calibration file (lerobot's JSON)"
             )
     return step * count / full, 0.0, f"{full:g} are a range of {count} encoder steps, {how}"
-
-
-def _full_range(q: Array, name: str) -> float:
-    """Return what a whole range is: 200 of a joint (-100 to 100), 100 or 1 of a gripper."""
-    if not is_gripper(name):
-        return 200.0
-    return 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
 
 
 def _motor(where: str, calibration: Mapping[str, MotorRange], name: str, j: int) -> MotorRange:

@@ -106,11 +106,7 @@ def header(known: Typestore, time: int, number: int = 0) -> Any:
 
 
 def write_bag(
-    path: Path,
-    kind: str,
-    messages: Iterable[Message],
-    *,
-    silent: Mapping[str, str] | None = None,
+    path: Path, kind: str, messages: Iterable[Message], *, silent: Mapping[str, str] | None = None
 ) -> Path:
     """Write a bag of one of `KINDS`; return its file or folder.
 

@@ -156,11 +156,7 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
         measured, desired = state(channels), state(0 * channels)
-        return {
-            "header": header,
-            "measured_joint_state": measured,
-            "desired_joint_state": desired,
-        }
+        return {"header": header, "measured_joint_state": measured, "desired_joint_state": desired}
 
     topic, kind = "/broadcaster/robot_state", "franka_msgs/msg/FrankaRobotState"
     log = read(write_bag(tmp_path / "log", "mcap", states(VALUES, topic, kind, fields)))

@@ -18,13 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
-from stiction_envs.measured.logs.columns import (
-    TORQUE,
-    Columns,
-    drives_in,
-    joints_of,
-    sort_columns,
-)
+from stiction_envs.measured.logs.columns import TORQUE, Columns, drives_in, joints_of, sort_columns
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 

@@ -162,10 +162,7 @@ KINDS = (
 
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
 """Each by its name."""
-COMMAND_KINDS = {
-    _STATE: BY_TYPE[_STATE],
-    _ARRAY: Kind((_ARRAY,), "", _command),
-}
+COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "", _command)}
 """Types of commands under a topic of their own."""
 
 

@@ -31,12 +31,7 @@ from stiction_envs.measured.logs.formats.base import (
     held,
 )
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
-from stiction_envs.measured.logs.units import (
-    PERCENT,
-    RADIANS,
-    is_gripper,
-    to_radians,
-)
+from stiction_envs.measured.logs.units import PERCENT, RADIANS, is_gripper, to_radians
 
 COMMANDS, STATES, NAMES = "control.csv", "state_motor.csv", "joint_list.txt"
 _PER_SECOND = 1e6
