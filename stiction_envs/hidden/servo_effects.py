@@ -242,4 +242,3 @@ _EFFECTS = (
     ),
 )
 EFFECTS = {effect.name: effect for effect in _EFFECTS}
-"""By name of the cause."""

@@ -42,7 +42,6 @@ LAG = 0.05
 TOOL = 0.25
 """Largest gravity of a hidden payload over the arm's own [-], about; assumed."""
 CAUSES = (*(name for name, effect in EFFECTS.items() if effect.usual is not None), "payload")
-"""Causes that can be hidden."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +110,8 @@ def hide(
     for cause in causes:
         effect = EFFECTS[cause]
         if effect.usual is None:
-            tool = _tool(arm, gravity)
+            reach = float(np.linalg.norm(arm.model().body_pos[1:], axis=1).sum())
+            tool = (TOOL * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
             hidden.append((cause, 0))
             continue
         j = int(rng.choice(heavy if effect.under_gravity else np.arange(arm.n)))
@@ -139,12 +139,6 @@ def hide(
     return HiddenServoLog(
         log=log, stiffness=stiffness, damping=damping, hidden=tuple(hidden), payload=tool
     )
-
-
-def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
-    """Return mass [kg] and centre [m] of a body at the flange, given the arm's gravity (n,)."""
-    reach = float(np.linalg.norm(arm.model().body_pos[1:], axis=1).sum())
-    return (TOOL * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
 
 
 def commands(

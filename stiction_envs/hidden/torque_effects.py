@@ -72,10 +72,13 @@ its value's first."""
 
 
 def sets(name: str, key: str) -> Hide:
-    """Return how to hide the value of a key: as that of a joint's field of the world."""
+    """Return how to hide the value of a key: as a field of the world, or a joint's value there."""
 
     def hide(w: World, j: int, value: float, shape: Shape) -> Values:
-        getattr(w, name)[j] = value
+        if isinstance(field := getattr(w, name), np.ndarray):
+            field[j] = value
+        else:
+            setattr(w, name, value)
         return {key: value}
 
     return hide
@@ -150,16 +153,6 @@ def _tilt(w: World, j: int, value: float, shape: Shape) -> Values:
 def _elasticity(w: World, j: int, value: float, shape: Shape) -> Values:
     w.soft = (j, value)
     return {"stiffness_nm_per_rad": value}
-
-
-def _delay(w: World, j: int, value: float, shape: Shape) -> Values:
-    w.delay = value
-    return {"delay_s": value}
-
-
-def _missing(w: World, j: int, value: float, shape: Shape) -> Values:
-    w.gravity_missing = value
-    return {"share": value}
 
 
 def _spring(w: World, j: int, value: float, shape: Shape) -> Values:
@@ -354,7 +347,7 @@ EFFECTS = {
         largest=1 / 300,
     ),
     "actuator_delay": Effect(
-        _delay,
+        sets("delay", "delay_s"),
         lambda w, d: d.between(4e-3, 3e-2),
         ("fast", "chirp"),
         arm_wide=True,
@@ -371,7 +364,7 @@ EFFECTS = {
         largest=0.2,
     ),
     "gravity_compensation_missing": Effect(
-        _missing,
+        sets("gravity_missing", "share"),
         # most controllers that log their own command leave out all of it
         lambda w, d: 1.0 if d.rng.random() < 0.3 else d.between(0.02, 1.0),
         ("fourier", "poses", "fast"),

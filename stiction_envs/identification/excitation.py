@@ -58,7 +58,6 @@ class Excitation(Result):
     condition: float
     """Condition number κ of the scaled regressor along one period."""
     condition_si: float
-    """Condition number in SI units, not scaled."""
     random_condition: Array
     """(R,) κ of random motions inside the same limits."""
     columns: tuple[str, ...]

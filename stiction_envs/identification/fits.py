@@ -174,12 +174,15 @@ def fit_predictor(data: Data, signals: Signals) -> TorquePredictor:
     noise = noise_floor(data.recording, signals.noise_tau, left)
     distance = presliding_distances(data.recording, data.residual - links)
     predictor = _predictor(replace(data.with_presliding(distance), noise=noise))
-    _size_noise(predictor)
+    # the noise is what the whole model leaves
+    problem, terms = predictor.problem, terms_of(predictor)
+    rest = problem.errors(terms, problem.fit(terms)) / np.maximum(problem.counts(), 1.0)
+    problem.given(predictor.rows * np.maximum(rest, 1.0))
     found = []
     for scale in SCALES:
-        predictor.problem.given(scales=(scale, 1.0))
-        found.append(predictor.problem.score(predictor.candidates))
-    predictor.problem.given(scales=(SCALES[int(np.argmax(found))], 1.0))
+        problem.given(scales=(scale, 1.0))
+        found.append(problem.score(predictor.candidates))
+    problem.given(scales=(SCALES[int(np.argmax(found))], 1.0))
     return predictor
 
 
@@ -191,13 +194,6 @@ def _predictor(data: Data) -> TorquePredictor:
     predictor.expect(predictor.problem, 0.0, 0.0)  # the noise alone
     predictor.problem.given(scales=(SCALES[-1], 1.0))
     return predictor
-
-
-def _size_noise(predictor: TorquePredictor) -> None:
-    """Let the noise be what the whole model leaves."""
-    problem, terms = predictor.problem, terms_of(predictor)
-    left = problem.errors(terms, problem.fit(terms)) / np.maximum(problem.counts(), 1.0)
-    problem.given(predictor.rows * np.maximum(left, 1.0))
 
 
 def terms_of(predictor: TorquePredictor) -> list[Term]:

@@ -19,15 +19,8 @@ from stiction_envs.arrays import Array
 from stiction_envs.dither.dither import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured import ros_parameters as ros
 from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text
-from stiction_envs.measured.ros_parameters import (
-    DITHER_NOTE,
-    GROUP,
-    Group,
-    is_parameters,
-    read_parameters,
-    write_parameters,
-)
 from stiction_envs.reporting.atomic import write_text_atomic
 
 Path = str | os.PathLike[str]
@@ -107,9 +100,7 @@ def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
     """
     rows = list(rows)
     text = table_text(SJE_COLUMNS, [astuple(row) for row in rows])
-    for row, again in zip(rows, parse_sje(parse_lines(path, text, SJE_COLUMNS)), strict=True):
-        if row.robot != again.robot:
-            raise StictionError(f"{path}: robot is {row.robot!r}: expected a name or path")
+    parse_sje(parse_lines(path, text, SJE_COLUMNS))
     write_text_atomic(path, text)
 
 
@@ -160,7 +151,7 @@ def write_final(
     folder: Path,
     rows: Iterable[AmplitudeRow],
     joint_names: Sequence[str],
-    more: Sequence[Group] = (),
+    more: Sequence[ros.Group] = (),
 ) -> None:
     """Write ``final.csv``, and the same with ``more`` as ``final.yaml`` for a controller of ROS 2.
 
@@ -169,8 +160,8 @@ def write_final(
     rows, groups = list(rows), list(more)
     if rows or not groups:
         write_amplitudes(os.path.join(folder, "final.csv"), rows)
-        groups.insert(0, Group(GROUP, [asdict(row) for row in rows], note=DITHER_NOTE))
-    write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
+        groups.insert(0, ros.Group(ros.GROUP, [asdict(row) for row in rows], note=ros.DITHER_NOTE))
+    ros.write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
 
 
 def read_amplitudes(
@@ -191,7 +182,7 @@ def read_amplitudes(
     """
     limit = np.broadcast_to(np.inf if torque_limit is None else torque_limit, (n_joints,))
     rows: list[AmplitudeRow] = []
-    read = read_parameters if is_parameters(path) else read_lines
+    read = ros.read_parameters if ros.is_parameters(path) else read_lines
     for line, row in _parse_amplitudes(read(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL), n_joints):
         most = float(limit[row.joint - 1])
         if row.amplitude_nm + abs(row.offset_nm) > most:

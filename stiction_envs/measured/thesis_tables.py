@@ -20,7 +20,6 @@ from stiction_envs.measured.tables import BaseTable, our_name, read_base
 THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
 Cells = dict[str, Any]
-"""A printed row."""
 _TEXT = {"robot", "load", "direction", "subtable", "quantity", "unit", "printed"}
 _TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
 
@@ -42,13 +41,10 @@ class DitheredRow:
     """One dithered breakaway measurement of the thesis."""
 
     robot: str
-    """``panda`` or ``iiwa7``."""
     joint: int
     """From 1."""
     load: str
-    """``load`` or ``no_load``."""
     direction: str
-    """``+`` or ``-``."""
     frequency_hz: float
     """Dither frequency, Hz; in 4.10 that of the joint in 4.9."""
     scale: float

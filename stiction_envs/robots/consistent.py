@@ -110,13 +110,7 @@ def stretch_directions(phi: Array) -> Array:
 
     The tangent of `stretched_link`; mass counts in the link's own.
     """
-    j, to = pseudo_inertia(phi), _about_centre(phi)
+    j, to = pseudo_inertia(phi), np.eye(4)
+    to[:3, 3] = phi[1:4] / phi[0]  # the centre of mass
     moved = [to @ x @ np.linalg.inv(to) @ j for x in _STRETCHES]
     return np.stack([from_pseudo_inertia(x + x.T) for x in moved], axis=1)
-
-
-def _about_centre(phi: Array) -> Array:
-    """Return (4, 4) translation to a body's centre of mass."""
-    out = np.eye(4)
-    out[:3, 3] = np.asarray(phi)[1:4] / phi[0]
-    return out

@@ -67,7 +67,6 @@ class ArmFiles:
 _arms: dict[str, ArmFiles] = {}
 _listeners: list[Callable[[ArmFiles], None]] = []
 ARMS: Mapping[str, ArmFiles] = MappingProxyType(_arms)
-"""Arms by name."""
 
 
 def register_arm_folder(folder: str | Path) -> tuple[str, ...]:
@@ -155,4 +154,3 @@ def arm_title(name: str) -> str:
 
 
 BUILTIN = register_arm_folder(PACKAGE)
-"""Arms that come with the package."""

@@ -109,10 +109,13 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         check_range(out, unit, where, low=low, allow_inf=allow_inf)
         return out
 
-    least, speed = (lookup(generic(), key) for key in ("smallest", "limits.velocity"))
+    keys = ("smallest", "limits.velocity", "limits.position")
+    least, speed, half = (lookup(generic(), key) for key in keys)
+    limited = model.jnt_limited[hinges].astype(bool)
+    ranges = np.where(limited[:, None], model.jnt_range[hinges], (-half, half))
     fastest = [speeds.get(name, speed) for name in joints]
     limits = Limits(
-        position=choose("limits.position", "rad", _positions(model, hinges), shape=(n, 2)),
+        position=choose("limits.position", "rad", ranges, shape=(n, 2)),
         velocity=choose("limits.velocity", "rad/s", fastest, low=least),
         torque=choose("limits.torque", "N·m", _torques(model, hinges), low=least),
         torque_rate=choose("limits.torque_rate", "N·m/s", low=least, allow_inf=True),
@@ -244,13 +247,6 @@ def _hinges(model: mujoco.MjModel, path: Path) -> Index:
                 "draw the arm at zero angles instead"
             )
     return hinges
-
-
-def _positions(model: mujoco.MjModel, chain: Index) -> Array:
-    """Joint ranges, (n, 2), rad; ±pi for a hinge without one."""
-    half = lookup(generic(), "limits.position")
-    limited = model.jnt_limited[chain].astype(bool)
-    return np.where(limited[:, None], model.jnt_range[chain], (-half, half))
 
 
 def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:

@@ -48,9 +48,6 @@ def found(panda, recorded):
     return identify([recorded], panda, torque="link")
 
 
-# ---- what is identified --------------------------------------------------------------------------
-
-
 def test_true_base_parameters_lie_within_their_intervals(motion, panda, true):
     """Over four recordings 95 % intervals hold 256 true values as often as they say."""
     state = motion.state(motion.times(RATE))
@@ -116,9 +113,6 @@ def test_says_what_is_hardly_excited(panda):
     assert found.viscous.max() < 5
 
 
-# ---- the method ----------------------------------------------------------------------------------
-
-
 def test_the_consistent_minimum_is_one():
     """No consistent body nearby has a lower cost, and some bounds are active."""
     n, rng = 2, np.random.default_rng(0)
@@ -165,9 +159,6 @@ def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
     p = np.concatenate([found.phi.ravel(), found.coulomb, found.viscous, found.offset])
     ours, theirs = columns @ p, columns[:, :, found.base.kept] @ found.values
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01
-
-
-# ---- into the plant ------------------------------------------------------------------------------
 
 
 def test_arm_with_the_links_moves_by_them(found, panda):

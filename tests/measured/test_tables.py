@@ -47,9 +47,6 @@ def random_sje(count: int) -> list[SJERow]:
     ]
 
 
-# ---- SJE tables ----
-
-
 def test_sje_round_trip_is_exact(tmp_path):
     rows = random_sje(200)
     write_sje(tmp_path / "sje.csv", rows)
@@ -80,9 +77,6 @@ BAD_SJE = {
 def test_bad_sje(tmp_path, line, message):
     path = put(tmp_path / "sje.csv", SJE + line + "\n")
     assert "sje.csv" in refuses(lambda: read_sje(path), message)
-
-
-# ---- amplitude tables ----
 
 
 @pytest.mark.parametrize("optional", ["", ",waveform,offset_nm", ",waveform,offset_nm,gate_rad_s"])
@@ -163,9 +157,6 @@ def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
         with pytest.raises(StictionError, match="expected"):
             write_amplitudes(tmp_path / "a.csv", [good, bad])
     assert not list(tmp_path.iterdir())
-
-
-# ---- base tables ----
 
 
 def test_half_sums_are_those_of_the_reference():

@@ -45,7 +45,6 @@ class Hideable:
     part_of: tuple[str, ...] = ()
     """Causes that are named instead where these data cannot tell it from their other parts."""
     arm_wide: bool = False
-    """Whether it is of the whole arm."""
     coupled: bool = False
     """Whether all joints' torques show it in one joint: it is hidden joint by joint."""
 
@@ -57,7 +56,6 @@ class Job:
     what: Hideable
     joints: tuple[int, ...]
     why_not: str = ""
-    """Why it is not hidden."""
 
     @property
     def cause(self) -> str:
@@ -76,7 +74,6 @@ class Job:
 
 
 NO_JOB = Job(what=Hideable(NOTHING, "", "", ""), joints=())
-"""Nothing is hidden."""
 
 
 class Subject(Protocol):
@@ -102,7 +99,6 @@ class Judgement:
     false: tuple[str, ...]
     """What was named falsely."""
     why: str
-    """Why it was not found, a clause."""
 
 
 def judge(job: Job, row: int, run: Run) -> Judgement:

@@ -59,11 +59,9 @@ class Replay:
     unknown_friction: Array
     """(n,) the part of it that the nominal model lacks [N·m]."""
     sources: tuple[str, ...]
-    """Paths of the logs."""
     cutoff_hz: float
     """Cutoff of the filter in the log's own diagnosis."""
     baseline: Nominal
-    """The nominal model."""
 
     def logs(self, hidden: Array, seed: Sequence[int]) -> list[JointLog]:
         """Return the logs with a torque (T, n) [N·m] hidden in them, and noise."""

@@ -112,7 +112,6 @@ class HiddenServos:
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
-        """See `runs.Subject`."""
         whole = np.array([float(m.q.std()) for m in self.motions])
         targets = self.noise, np.maximum(LARGE_NOISE * self.noise, LARGE_SHARE * whole)
         if job.what.arm_wide:
@@ -150,7 +149,6 @@ class HiddenServos:
         return np.full(len(target), min(mass, EFFECTS["payload"].largest))
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
-        """See `runs.Subject`."""
         rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
         parameters, sizes, mass = self.base.copy(), {}, 0.0
         wall = np.zeros(len(parameters))

@@ -187,7 +187,6 @@ class HiddenTorques:
         return self.torque_of(world), parameters
 
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
-        """See `jobs.Subject`."""
         replay = self.replay
         whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
         small = self._size(job, replay.noise)
@@ -217,7 +216,6 @@ class HiddenTorques:
         return size
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
-        """See `jobs.Subject`."""
         replay = self.replay
         sizes: dict[str, float] = {}
         hidden = np.zeros_like(replay.data.q)

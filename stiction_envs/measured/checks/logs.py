@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.signal import butter, csd, sosfiltfilt, welch
 
@@ -11,9 +9,7 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
 from stiction_envs.measured.motion import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
-
-if TYPE_CHECKING:
-    from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.tables import Limits
 
 LARGEST = {
     **dict.fromkeys(("q", "q_cmd"), (1e3, "rad")),

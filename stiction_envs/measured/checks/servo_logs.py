@@ -5,17 +5,13 @@ Angles in steps of the encoder, and joints that rest while their command moves, 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_angles, check_torques
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.motion import HOLD_SPAN, TRAVEL_SPAN
-
-if TYPE_CHECKING:
-    from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.tables import Limits
 
 OTHER_UNIT = 20.0
 """Commands that move by this many times what the joint moves are in another unit [-]; assumed."""

@@ -17,7 +17,6 @@ from stiction_envs.measured.tables import (
     DIRECTIONS,
     LOADS,
     SJE_COLUMNS,
-    SJERow,
     parse_sje,
     read_amplitudes,
 )
@@ -104,7 +103,9 @@ def _check_sje(lines: list[Line]) -> Iterator[Defect]:
                 message = f"{printed}, expected {best:.4f}: 1 - |tau|/|base| of the base row"
                 yield Defect(where, "percentage", message)
         before = first.setdefault((*key, row.frequency_hz, row.amplitude_nm), k)
-        most = _most_apart(rows[before], row)
+        std = SAME_STD * math.hypot(rows[before].std_nm, row.std_nm)
+        share = SAME_SHARE * max(abs(rows[before].tau_nm), abs(row.tau_nm))
+        most = Decimal(share if math.isnan(std) else std)
         if abs(tau[before] - tau[k]) > most + _rounding(tau[before]) + _rounding(tau[k]):
             message = f"{tau[k]} N·m, expected near {tau[before]}: the same setting is there twice"
             yield Defect(where, "repeat", f"{message}, at most {most:.3g} N·m apart")
@@ -113,9 +114,3 @@ def _check_sje(lines: list[Line]) -> Iterator[Defect]:
 def _rounding(value: Decimal) -> Decimal:
     """Half a unit in the last printed place."""
     return Decimal((0, (5,), int(value.as_tuple().exponent) - 1))
-
-
-def _most_apart(one: SJERow, two: SJERow) -> Decimal:
-    """Difference two runs of one setting may have [N·m]."""
-    std = SAME_STD * math.hypot(one.std_nm, two.std_nm)
-    return Decimal(SAME_SHARE * max(abs(one.tau_nm), abs(two.tau_nm)) if math.isnan(std) else std)

@@ -94,7 +94,6 @@ class OurNames:
     factors: dict[int, float] = field(default_factory=dict)
     """Our units in one of a column's, by its place, where that is not 1."""
     notes: list[str] = field(default_factory=list)
-    """Remarks for a person."""
 
 
 def unit_of(text: str) -> str | None:

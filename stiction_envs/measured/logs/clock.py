@@ -179,7 +179,10 @@ def _count(rows: RawLog, parts: list[slice], step: float) -> list[Correction]:
     if seen < LEAST_ROWS or whole < REGULAR_SHARE * seen:
         return []
     pace = _pace(rows.t, counted, groups)
-    clock = _nice(pace)
+    # of whole 50 µs where these agree with the pace as crystals do
+    clock = round(pace / 5e-5) * 5e-5
+    if clock <= 0 or abs(pace / clock - 1) >= CRYSTAL:
+        clock = pace
     new, late = rows.t.copy(), np.zeros(len(rows.t))
     for p in parts:
         new[p] = counted[p] * clock + np.median(rows.t[p] - counted[p] * clock)
@@ -243,9 +246,3 @@ def _pace(t: Array, ticks: Array, groups: Index) -> float:
     count = np.maximum(np.bincount(groups), 1)
     x, y = (v - (np.bincount(groups, v) / count)[groups] for v in (ticks, t))
     return float(x @ y / (x @ x))
-
-
-def _nice(clock: float) -> float:
-    """Return a clock's step [s], of whole 50 µs where that agrees with it as crystals do."""
-    whole = round(clock / 5e-5) * 5e-5
-    return whole if whole > 0 and abs(clock / whole - 1) < CRYSTAL else clock

@@ -32,7 +32,6 @@ CHANNELS = {
     TORQUE: Channels(("q", "tau"), ("dq", "temperature", "tau_cmd")),
     POSITION: Channels(("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
 }
-"""Channels by drive."""
 
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
@@ -116,7 +115,18 @@ def sort_columns(
             found.setdefault(match[1], {})[int(match[2])] = i
     if time and "t" not in names:
         raise StictionError(f"{where}: missing column 't' (time in s): {may}")
-    _check_joints(where, found, n_joints, kind.required, may)
+    counts = {max(found[channel]) for channel in kind.required if channel in found}
+    sizes = {len(found[channel]) for channel in kind.required if channel in found}
+    if counts != {n_joints} and len(counts) == 1 and sizes == counts:
+        raise StictionError(
+            f"{where}: columns for {max(counts)} joints, but the robot has {n_joints}: {may}"
+        )
+    for channel in kind.required:
+        extra = [j for j in found.get(channel, {}) if j > n_joints]
+        if extra:
+            raise StictionError(
+                f"{where}: column '{channel}{extra[0]}', but the robot has {n_joints} joints: {may}"
+            )
     channels: dict[str, tuple[int, ...]] = {}
     for channel in kind.all:
         joints = found.get(channel, {})
@@ -135,21 +145,3 @@ def sort_columns(
         run=names.index(RUN) if RUN in names else None,
         ignored=tuple(x.strip() for i, x in enumerate(shown or names) if i not in used and x),
     )
-
-
-def _check_joints(
-    where: str, found: dict[str, dict[int, int]], n_joints: int, required: tuple[str, ...], may: str
-) -> None:
-    counts = {max(found[channel]) for channel in required if channel in found}
-    if len(counts) == 1 and counts != {n_joints}:
-        count = counts.pop()
-        if all(len(found[channel]) == count for channel in required if channel in found):
-            raise StictionError(
-                f"{where}: columns for {count} joints, but the robot has {n_joints}: {may}"
-            )
-    for channel in required:
-        extra = [j for j in found.get(channel, {}) if j > n_joints]
-        if extra:
-            raise StictionError(
-                f"{where}: column '{channel}{extra[0]}', but the robot has {n_joints} joints: {may}"
-            )

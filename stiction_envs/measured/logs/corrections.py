@@ -53,7 +53,6 @@ class Correction:
     """``missing``, ``repeat``, ``frozen``, ``stale``, ``held``, ``stamp``, ``clock``, ``epoch``,
     ``run``, ``wrap`` or ``gap``."""
     rows: int
-    """Number of rows it concerns."""
     text: str
     """One sentence for the report."""
     lag: tuple[float, float] | None = None
@@ -75,7 +74,6 @@ class RawLog:
     place: Callable[[int], str]
     """Where a row is, such as ``a.csv, line 17``."""
     ignored: tuple[str, ...] = ()
-    """Columns that are not used."""
     side: str | None = None
     """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
     origin: float = 0.0
@@ -83,7 +81,6 @@ class RawLog:
     notes: list[Correction] = field(default_factory=list)
     """Notes for a person on how it was read."""
     warnings: list[str] = field(default_factory=list)
-    """Warnings for a person."""
     measured: tuple[str, ...] = CORE
     """Channels that are measured with every sample, where the log has them."""
     held: int = 1

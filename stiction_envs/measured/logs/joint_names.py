@@ -100,8 +100,16 @@ def find_joints(
     Raises:
         StictionError: names that were given are not in the log, or none can be found.
     """
-    if naming.joints:
-        return _given(where, names, n_joints, naming.joints)
+    if given := naming.joints:
+        if len(set(given)) != len(given) or len(given) != (n_joints or len(given)):
+            raise StictionError(
+                f"joints: {len(set(given))} names: expected {n_joints or 'different ones'}, those "
+                "of all the robot's joints from its base"
+            )
+        for name in given:
+            if name not in names:
+                raise StictionError(f"{where}: {unknown('joint', name, names)}")
+        return given
     if naming.robot and set(naming.robot) <= set(names):
         return naming.robot
     found = _series(names)
@@ -133,20 +141,6 @@ def joints_in_order(
     if not named and len(names) == n_joints:
         return tuple(names)
     return find_joints(where, names, n_joints, naming)
-
-
-def _given(
-    where: str, names: Sequence[str], n_joints: int | None, joints: tuple[str, ...]
-) -> tuple[str, ...]:
-    if len(set(joints)) != len(joints) or len(joints) != (n_joints or len(joints)):
-        raise StictionError(
-            f"joints: {len(set(joints))} names: expected {n_joints or 'different ones'}, those "
-            "of all the robot's joints from its base"
-        )
-    for name in joints:
-        if name not in names:
-            raise StictionError(f"{where}: {unknown('joint', name, names)}")
-    return joints
 
 
 def _series(names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -15,7 +15,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,9 +38,7 @@ from stiction_envs.measured.logs.corrections import (
 from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
-
-if TYPE_CHECKING:
-    from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.tables import Limits
 
 __all__ = ["Correction", "JointLog", "drive_of", "read_logs", "read_poses", "read_servo_logs"]
 
@@ -199,7 +197,14 @@ def _corrected(
         corrections += drop_repeats(rows) + correct_stale(rows) + spread_held(rows)
         corrections += correct_clock(rows)
     step = usual_step(rows)
-    breaks = _segments(rows, step, corrections)
+    runs = np.flatnonzero(np.diff(rows.run)) + 1
+    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
+    if len(gaps):
+        longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
+        text = f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
+        text += "the log is split there"
+        corrections.append(Correction(kind="gap", rows=len(gaps), text=text))
+    breaks = tuple(int(i) for i in np.union1d(gaps, runs))
     bounds = list(pairwise((0, *breaks, len(rows.t))))
     seconds = sum(rows.t[b - 1] - rows.t[a] for a, b in bounds)
     if not seconds >= LEAST_SECONDS - 1.5 * step:
@@ -208,10 +213,9 @@ def _corrected(
         )
     part = slice(*max(bounds, key=lambda ab: ab[1] - ab[0]))
     data = {k: v[part] for k, v in rows.data.items()}
-    longest = replace(rows, t=rows.t[part], data=data, run=rows.run[part])
+    whole = replace(rows, t=rows.t[part], data=data, run=rows.run[part])
     try:
-        late = checks.check_pace(longest, step, limits)
-        late += checks.check_speeds(longest, step)
+        late = checks.check_pace(whole, step, limits) + checks.check_speeds(whole, step)
     except StictionError as error:
         raise StictionError(f"{rows.source}: {error}") from None
     others = dict(rows.data)
@@ -259,16 +263,3 @@ def _join_runs(rows: RawLog, date: float | None) -> list[Correction]:
         )
         corrections.append(Correction(kind="run", rows=restarts, text=text))
     return corrections
-
-
-def _segments(rows: RawLog, step: float, corrections: list[Correction]) -> tuple[int, ...]:
-    runs = np.flatnonzero(np.diff(rows.run)) + 1
-    gaps = np.setdiff1d(find_gaps(rows.t, step), runs)
-    if len(gaps):
-        longest = (rows.t[gaps] - rows.t[gaps - 1]).max()
-        text = (
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} of up to {longest:.3g} s: "
-            "the log is split there"
-        )
-        corrections.append(Correction(kind="gap", rows=len(gaps), text=text))
-    return tuple(int(i) for i in np.union1d(gaps, runs))

@@ -34,7 +34,6 @@ class RobotLog:
     held: int = 1
     """Most rows for which a channel holds one value: what is between them is interpolated."""
     corrections: tuple[Correction, ...] = ()
-    """Corrections that were made."""
     warnings: tuple[str, ...] = ()
     """Defects that were found and not corrected, a sentence each."""
     date: float | None = None
@@ -81,7 +80,6 @@ class JointLog(RobotLog):
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.tau)
 
 
@@ -100,5 +98,4 @@ class ServoLog(RobotLog):
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.q_cmd, self.tau, self.current)

@@ -25,7 +25,6 @@ class LogSources:
     names: dict[str, str]
     """File name, or the source of a log in memory."""
     files: dict[str, Path]
-    """Logs that are files."""
     in_memory: dict[str, str]
     """SHA-256 of the numbers of the logs that are not files."""
 

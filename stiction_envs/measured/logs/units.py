@@ -159,7 +159,15 @@ def _scale(
     step = 2 * np.pi / TURN
     if unit == DEGREES:
         return np.pi / 180, 0.0, "degrees"
-    motor = None if calibration is None else _motor(where, calibration, name, j)
+    motor = None
+    if calibration is not None:
+        numbered = (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}")
+        motor = calibration.get(name) or next(numbered, None)
+        if motor is None:
+            raise StictionError(
+                f"{where}: the calibration has no motor {name!r}: expected one of "
+                f"{', '.join(str(k)[:40] for k in list(calibration)[:12])}"
+            )
     if unit == TICKS:
         if motor is None:
             return step, TURN / 2, f"encoder steps, {TURN} a turn, zero at {TURN // 2} (assumed)"
@@ -180,15 +188,3 @@ def _scale(
                 "not show: expected a calibration file (lerobot's JSON)"
             )
     return step * count / full, 0.0, f"{full:g} are a range of {count} encoder steps, {how}"
-
-
-def _motor(where: str, calibration: Mapping[str, MotorRange], name: str, j: int) -> MotorRange:
-    found = calibration.get(name) or next(
-        (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}"), None
-    )
-    if found is None:
-        raise StictionError(
-            f"{where}: the calibration has no motor {name!r}: expected one of "
-            f"{', '.join(str(k)[:40] for k in list(calibration)[:12])}"
-        )
-    return found

@@ -42,9 +42,6 @@ def numbered(**signals: Array) -> dict[str, Array]:
     return {f"{name}{j + 1}": x[:, j] for name, x in signals.items() for j in range(x.shape[1])}
 
 
-# ---- all joints at once, 1 kHz -------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Shaken:
     """What `excitation` wrote: the file, and how many rows of each defect."""
@@ -103,9 +100,6 @@ def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Sh
     clock[again] = clock[np.flatnonzero(again) - 1] + 1e-4
     names = numbered(q=angles, dq=dq_seen[rows][order], tau=tau[rows][order])
     return Shaken(write(path, {"t": clock, **names}), len(twice), len(old), len(half))
-
-
-# ---- one joint at a time, 200 Hz -----------------------------------------------------------
 
 
 def sweeps(

@@ -233,8 +233,6 @@ def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         read_logs([path], 7, naming=NAMING)
 
 
-# ---- commands, and messages without names ----
-
 TOLD = VALUES[:, 1:8] + 0.02
 LEAD = 2_000_000
 """Commands come this much before the state that follows them [ns]."""

@@ -165,9 +165,6 @@ def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
     assert sha256(path) != before
 
 
-# ---- damaged ----
-
-
 def info(change):
     """Return what changes info.json."""
 

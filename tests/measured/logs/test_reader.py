@@ -28,9 +28,6 @@ def read(path: Path, n: int = 7) -> JointLog:
     return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
 
 
-# ---- bad input ----
-
-
 def says(paths: list[Path]) -> str:
     """The one line about logs that cannot be read."""
     start = time.perf_counter()
@@ -123,9 +120,6 @@ def test_units_without_limits(tmp_path: Path) -> None:
     path = put(tmp_path / "log.csv", text_of(values))
     with pytest.raises(StictionError, match="looks like degrees: expected radians"):
         read_logs([path], 7)
-
-
-# ---- good input ----
 
 
 def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
@@ -256,9 +250,6 @@ def test_poses_at_rest(tmp_path: Path) -> None:
         read(tmp_path / "poses.csv")
     with pytest.raises(StictionError, match="1 pose: expected two"):
         read_poses(put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2])), 7)
-
-
-# ---- fuzz ----
 
 
 def check_read(path: Path, n: int = 2) -> None:

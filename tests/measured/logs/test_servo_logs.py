@@ -49,9 +49,6 @@ def read(path: Path) -> ServoLog:
     return read_servo_logs([path], N, limits=LIMITS)[0]
 
 
-# ---- good input ----
-
-
 def test_steps_of_the_encoder_and_rest_are_kept_to_the_bit(tmp_path: Path) -> None:
     """Most rows hold some joint that has not moved: no repeat, no old channel."""
     path = put(tmp_path / "log.csv", text_of(servo_values()))
@@ -104,9 +101,6 @@ def test_jitter_and_dates(tmp_path: Path) -> None:
     assert log.t == pytest.approx(np.delete(v[:, 0], 100) - v[0, 0], abs=1e-6)
 
 
-# ---- which drive ----
-
-
 def test_drive(tmp_path: Path) -> None:
     v = servo_values()
     both = text_of(np.column_stack([v, v[:, 1:8]]), header_of("q_cmd", "q", "tau"))
@@ -126,9 +120,6 @@ def test_drive(tmp_path: Path) -> None:
     assert not check(tmp_path / "both.csv", drive="position").findings
     with pytest.raises(StictionError, match="drive"):
         check(tmp_path / "both.csv", drive="hydraulic")
-
-
-# ---- what is wrong ----
 
 
 def changed(change: Callable[[np.ndarray], object]) -> str:
@@ -206,9 +197,6 @@ def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
     assert not any("saturated" in x for x in said)
 
 
-# ---- fuzz ----
-
-
 @fuzz(40)
 @given(
     st.integers(0, 2**32 - 1),
@@ -229,9 +217,6 @@ def test_fuzz_numbers(
     header = header_of("q_cmd", "q", "tau", "current_abs", joints=2)
     path = put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), header))
     reads_or_complains(lambda: read_servo_logs([path], 2)[0])
-
-
-# ---- real robots ----
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,6 @@ class RosBag(LogFormat):
         return (path / METADATA).is_file()
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         with _open(where) as reader:
             topics = _iiwa_stack(where, reader, wanted.naming)
             if topics:
@@ -70,7 +69,6 @@ class RosBag(LogFormat):
             return _read_servo(where, reader, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         with _open(where) as reader:
             if _iiwa_stack(where, reader, naming):
                 return len(iiwa_stack.JOINTS)
@@ -80,7 +78,6 @@ class RosBag(LogFormat):
         return len(find_joints(where, names, None, naming)) if names else most
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         with _open(where) as reader:
             if topics := _iiwa_stack(where, reader, naming):
                 return iiwa_stack.drives_of(topics)
@@ -100,7 +97,6 @@ class _Stream:
     data: dict[str, Array]
     """(T, n) by channel."""
     others: int
-    """Messages of other joints."""
 
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:

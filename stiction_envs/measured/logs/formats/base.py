@@ -38,7 +38,6 @@ class Wanted:
     """Request to read a log file."""
 
     n_joints: int
-    """Joints of the robot."""
     time: bool
     """Whether the log must have time; without, rows are numbered."""
     naming: Naming
@@ -124,11 +123,9 @@ class NamedColumns(LogFormat):
         """Return our names of its columns."""
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return joints_of(self.names(where, naming))
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         return drives_in(self.names(where, naming))
 
 
@@ -140,12 +137,10 @@ class ColumnFile(NamedColumns):
         """Read columns (T,), or matrices (T, n) by the name of their channel."""
 
     def names(self, where: str, naming: Naming) -> list[str]:
-        """See `NamedColumns.names`."""
         flat, naming = _flat(where, self.columns(where), naming)
         return our_names(where, list(flat), naming).names
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         flat, naming = _flat(where, self.columns(where), wanted.naming)
         ours = our_names(where, list(flat), naming, wanted.n_joints)
         names = list(flat)

@@ -50,7 +50,6 @@ HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
 _GZIP = b"\x1f\x8b"
-"""The first bytes of a gzip file."""
 
 
 class CsvFile(NamedColumns):
@@ -59,7 +58,6 @@ class CsvFile(NamedColumns):
     ends: ClassVar = tuple(end + gz for end in (".csv", ".tsv", ".txt") for gz in ("", ".gz"))
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         text = _open(where, wanted.naming)
         kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
         columns = sort_columns(
@@ -94,7 +92,6 @@ class CsvFile(NamedColumns):
         return log
 
     def names(self, where: str, naming: Naming) -> list[str]:
-        """See `NamedColumns.names`."""
         return _our_names(where, _open(where, naming), naming)[1].names
 
 
@@ -114,7 +111,6 @@ class _Table:
     rows: Iterator[tuple[int, bytes]]
     """Number and bytes in UTF-8 of each line below."""
     notes: list[str]
-    """Remarks for a person."""
 
 
 def _our_names(

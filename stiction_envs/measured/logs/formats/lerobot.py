@@ -60,18 +60,15 @@ class LeRobotDataset(LogFormat):
         return (path / INFO).is_file()
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return len(naming.joints or _Features(where).motors)
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         features = _Features(where)
         return tuple(
             d for d, has in ((TORQUE, features.torque), (POSITION, features.action)) if has
         )
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         features = _Features(where)
         for drive, channel, names in (
             (TORQUE, "NAME.torque in observation.state", features.torque),

@@ -50,7 +50,10 @@ class MatFile(ColumnFile):
             with open(where, "rb") as file:
                 start = file.read(512 + len(HDF5))
             read = _hdf5 if HDF5 in (start[: len(HDF5)], start[512:]) else _version_5
-            found = {name: _upright(x) for name, x in read(where)}
+            found = {}
+            for name, x in read(where):
+                upright = x.T if x.shape[0] < min(x.shape[1], MOST_JOINTS) else x
+                found[name] = x.reshape(-1) if 1 in x.shape else upright
         if not found:
             raise StictionError(
                 f"{where}: no matrices of numbers: expected t, q, tau; no objects (timeseries)"
@@ -127,10 +130,3 @@ def _hdf5(where: str) -> Iterator[tuple[str, Matrix]]:
         file.visititems(note)
         check_bytes(where, sum(int(item.nbytes) for item in found.values()), MOST_BYTES)
         yield from ((name, item[()].T) for name, item in found.items())
-
-
-def _upright(value: Matrix) -> Matrix:
-    """Return a column (T,), or a matrix with a sample in each row."""
-    if 1 in value.shape:
-        return value.reshape(-1)
-    return value.T if value.shape[0] < min(value.shape[1], MOST_JOINTS) else value

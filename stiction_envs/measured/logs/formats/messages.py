@@ -68,15 +68,12 @@ class Kind:
     """A type of message."""
 
     types: tuple[str, ...]
-    """Names of the type."""
     tau: str
     """The field that is read as torque."""
     read: Callable[[Message], Sample]
-    """Convert a message."""
     link_side: bool = False
     """Whether the torque is always measured behind the gear."""
     has_commands: bool = False
-    """Whether it has commanded angles."""
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
@@ -158,10 +155,8 @@ KINDS = (
         has_commands=True,
     ),
 )
-"""Types that are read."""
 
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
-"""Each by its name."""
 COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "", _command)}
 """Types of commands under a topic of their own."""
 

@@ -47,13 +47,17 @@ class PlotJuggler(Header):
     def ours(
         self, names: Sequence[str], where: str, naming: Naming, n_joints: int | None = None
     ) -> list[str]:
-        """See `Header.ours`."""
         states, commands = _curves([n.strip() for n in names])
         found = {TIME: "t"}
         topic = _topic(states, where, naming, n_joints)
         if topic is not None:
             motors = [j for j, channels in states[topic].items() if "q" in channels]
-            joints = _joints(motors, where, naming, n_joints)
+            try:
+                joints = find_joints(where, motors, n_joints, naming)
+            except StictionError:
+                if n_joints is not None or naming.joints:
+                    raise
+                joints = tuple(motors)  # without a robot they are only counted
             for number, joint in enumerate(joints, 1):
                 found |= {
                     name: f"{channel}{number}" for channel, name in states[topic][joint].items()
@@ -96,17 +100,6 @@ def _topic(states: _Curves, where: str, naming: Naming, n_joints: int | None) ->
             "expected one; name the topic"
         )
     return topics[0] if topics else None
-
-
-def _joints(
-    motors: Sequence[str], where: str, naming: Naming, n_joints: int | None
-) -> tuple[str, ...]:
-    try:
-        return find_joints(where, motors, n_joints, naming)
-    except StictionError:
-        if n_joints is not None or naming.joints:
-            raise
-        return tuple(motors)  # without a robot they are only counted
 
 
 def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:

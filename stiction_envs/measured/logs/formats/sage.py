@@ -48,17 +48,14 @@ class SageFolder(LogFormat):
         return (path / COMMANDS).is_file() and (path / STATES).is_file()
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return len(naming.joints) or _table(Path(where, STATES))["positions"].shape[1]
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         states = _table(Path(where, STATES))
         signed = "torques" in states and not is_unsigned(states["torques"])
         return (TORQUE, POSITION) if signed else (POSITION,)
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         states = _table(Path(where, STATES))
         n = states["positions"].shape[1]
         names = _names(where, n)
@@ -94,20 +91,17 @@ class SageFolder(LogFormat):
         text = f"SAGE: joints 1 to {len(joints)} are {', '.join(joints)}"
         text += "; torques have no sign: sizes of currents" * unsigned
         log.note(text)
-        if len(rows):
-            _convert(where, log, joints, wanted.naming)
+        if not len(rows):
+            return log
+        # angles are in rad where nobody says another unit, but for grippers between 0 and 1
+        units = [wanted.naming.units or RADIANS] * len(joints)
+        for j, name in enumerate(joints):
+            low, high = log.data["q"][:, j].min(), log.data["q"][:, j].max()
+            if wanted.naming.units is None and is_gripper(name) and 0 <= low < high <= 1:
+                units[j] = PERCENT
+        for text in to_radians(where, log.data, units, joints, wanted.naming.calibration):
+            log.note(text)
         return log
-
-
-def _convert(where: str, log: RawLog, joints: tuple[str, ...], naming: Naming) -> None:
-    """Bring angles to rad: as asked, else they are, but for grippers between 0 and 1."""
-    units = [naming.units or RADIANS] * len(joints)
-    for j, name in enumerate(joints):
-        low, high = log.data["q"][:, j].min(), log.data["q"][:, j].max()
-        if naming.units is None and is_gripper(name) and 0 <= low < high <= 1:
-            units[j] = PERCENT
-    for text in to_radians(where, log.data, units, joints, naming.calibration):
-        log.note(text)
 
 
 def _names(where: str, n: int) -> list[str]:
