@@ -21,7 +21,7 @@ from stiction_envs.measured import (
     write_amplitudes,
     write_sje,
 )
-from tests.measured.logs.fuzzing import put, refuses
+from tests.measured.logs.bad_logs import put, refuses
 
 THESIS = Path(measured.__file__).parent / "thesis"
 SJE = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"

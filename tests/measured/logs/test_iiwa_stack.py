@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
@@ -15,7 +13,6 @@ from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_servo_logs
 from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains
 from tests.measured.logs.ros_bags import (
     START,
     Message,
@@ -141,14 +138,3 @@ def test_what_is_no_such_log(tmp_path: Path) -> None:
     states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
     with pytest.raises(StictionError, match="no topics with commanded positions"):
         read_servo_logs([states], 7)
-
-
-@fuzz(20)
-@given(st.data())
-def test_fuzz_a_damaged_bag(tmp_path: Path, data: st.DataObject) -> None:
-    """Bytes of a good bag are changed."""
-    good = tmp_path / "good.bag"
-    if not good.exists():
-        write_bag(tmp_path / "good", "bag", arm()[::7])
-    path = put(tmp_path / "log.bag", damaged(data, good.read_bytes(), least=1, most=8))
-    reads_or_complains(lambda: read(path))

@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
@@ -19,7 +17,7 @@ from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_l
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
-from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import refuses
 from tests.measured.logs.lerobot_datasets import (
     SO101,
     TICK,
@@ -231,18 +229,3 @@ def test_a_damaged_calibration_is_one_clear_line(tmp_path: Path, text: str) -> N
     other = write_calibration(tmp_path / "other.json", {"a": (0, 4095)})
     with pytest.raises(StictionError, match="has no motor 'shoulder_pan': expected one of a"):
         read(dataset(tmp_path / "set", False), calibration=other)
-
-
-@fuzz(30)
-@given(st.data())
-def test_fuzz_a_dataset(tmp_path: Path, data: st.DataObject) -> None:
-    """Some bytes of info.json or of the table are changed."""
-    path = tmp_path / "set"
-    if not path.exists():
-        dataset(path, False)
-        for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
-            shutil.copy(path / name, tmp_path / Path(name).name)
-    for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
-        raw = (tmp_path / Path(name).name).read_bytes()
-        (path / name).write_bytes(damaged(data, raw, most=4))
-    reads_or_complains(lambda: read(path))

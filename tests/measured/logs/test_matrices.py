@@ -7,15 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.io import savemat
 
 from stiction_envs.measured.logs.formats import mat
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs
-from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import good_values, put, refuses
 
 VALUES = good_values()
 T, Q, DQ, TAU = np.split(VALUES, [1, 8, 15], axis=1)
@@ -93,24 +90,3 @@ def test_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         with monkeypatch.context() as patch:
             patch.setattr(mat, limit, 100)
             refuses(lambda: read(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")
-
-
-@fuzz(60)
-@given(st.sampled_from(["log.mat", "packed.mat", "log.npy"]), st.data())
-def test_fuzz_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
-    path = tmp_path / name
-    if name == "log.npy":
-        np.save(path, VALUES[:150])
-    else:
-        content = {"t": T[:150], "s": {"q": Q[:150], "tau": TAU[:150]}}
-        savemat(path, content, do_compression=name == "packed.mat")
-    put(path, damaged(data, path.read_bytes(), least=1, most=6))
-    reads_or_complains(lambda: read(path, columns=LISTED if name == "log.npy" else ()))
-
-
-@fuzz(30)
-@given(st.data())
-def test_fuzz_hdf5(tmp_path: Path, data: st.DataObject) -> None:
-    path = hdf5(tmp_path / "log.mat")
-    put(path, damaged(data, path.read_bytes(), least=1, most=6))
-    reads_or_complains(lambda: read(path))

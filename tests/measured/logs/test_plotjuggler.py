@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
@@ -16,7 +14,6 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import CELLS, fuzz, put, reads_or_complains
 
 VALUES = good_values()
 PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
@@ -107,23 +104,3 @@ def test_several_topics(tmp_path: Path) -> None:
     assert torque(path, topic="/other").q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
     with pytest.raises(StictionError, match="/else"):
         torque(path, topic="/else")
-
-
-NAMES = ["__time", "/j/a1/position", "/j/a2/position", "/j/a1/effort", "/j/a2/effort"]
-NAMES += ["/j/desired/positions[0]", "/j/desired/positions[1]", "/j/a1/position/position"]
-
-
-@fuzz(50)
-@given(
-    st.permutations(NAMES),
-    st.integers(4, 8),
-    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
-    st.sampled_from(["torque", "position"]),
-)
-def test_fuzz_cells(
-    tmp_path: Path, names: list[str], width: int, rows: list[list[str]], drive: str
-) -> None:
-    text = "\n".join(",".join(row[:width]) for row in [names, *rows])
-    path = put(tmp_path / "log.csv", text)
-    read_drive = read_logs if drive == "torque" else read_servo_logs
-    reads_or_complains(lambda: read_drive([path], 2)[0])

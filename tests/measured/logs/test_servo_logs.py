@@ -8,17 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD, header_of
+from tests.measured.logs.bad_logs import GOOD, header_of, put, refuses
 from tests.measured.logs.bad_logs import text_of as csv_text
-from tests.measured.logs.fuzzing import fuzz, put, reads_or_complains, refuses
 from tests.measured.logs.test_robot_logs import real
 
 N = 7
@@ -195,28 +192,6 @@ def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
     said = [x.message for x in check(path, robot="panda").findings]
     assert any(x.startswith("tau1..tau7 are never negative: sizes without sign") for x in said)
     assert not any("saturated" in x for x in said)
-
-
-@fuzz(40)
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(2, 400),
-    st.floats(0, 2),
-    st.floats(0, 0.3),
-    st.sampled_from([0.0, 1e-6, 1e-2, 1.0]),
-    st.sampled_from([0.001, 0.005, 0.02]),
-)
-def test_fuzz_numbers(
-    tmp_path: Path, seed: int, rows: int, jitter: float, holes: float, size: float, step: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    t = step * np.maximum.accumulate(np.arange(rows) + jitter * rng.normal(size=rows))
-    v = size * rng.normal(size=(rows, 8)).cumsum(axis=0)
-    v[rng.random(rows) < holes / 20] = np.nan
-    v[rng.random(v.shape) < holes / 20] = np.nan
-    header = header_of("q_cmd", "q", "tau", "current_abs", joints=2)
-    path = put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), header))
-    reads_or_complains(lambda: read_servo_logs([path], 2)[0])
 
 
 @pytest.mark.parametrize(
