@@ -111,7 +111,8 @@ def make_case(
             options = [m for m in options if m in motions] or list(motions)
         motion = str(rng.choice(options))
     if known is None:
-        known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
+        effects = [EFFECTS[name] for name in causes]
+        known = any(x.needs_friction or x.expected for x in effects) or bool(rng.random() < 0.5)
     bare = World()
     if known:
         bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
@@ -148,10 +149,7 @@ def make_case(
         for arm, logs in ((world, others), (bare, unhidden)):
             q, tau, _ = _simulate(arm, bare, later, wanted)
             logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
-    payload = None
-    if world.phantom is not None:
-        mass, (x, y, z) = world.phantom[0], world.phantom[1].tolist()
-        payload = mass, x, y, z
+    payload = None if world.phantom is None else (world.phantom[0], *world.phantom[1].tolist())
     nominal: FrictionParameters | str = "rigid"
     if known:
         levels = {

@@ -182,7 +182,7 @@ class Effect:
     joints: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7)
     """From 1, those on which it can be seen at all."""
     needs_friction: bool = False
-    """Whether it acts on friction or rotors that are there already."""
+    """Whether it acts on rotors that are there already; a cause that refines dry friction does."""
     arm_wide: bool = False
     excludes: frozenset[str] = frozenset()
     """Effects that are not hidden with it, as no log separates them."""
@@ -196,14 +196,10 @@ class Effect:
     largest: float = np.inf
     """Largest size that is tried: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
-    """Causes that are named rightly beside it."""
+    """Causes that are named rightly beside it: the dry friction that it refines, and that must be
+    there."""
     parameter: str = ""
     """What its value is, where that is not the cause's first parameter."""
-
-    @property
-    def refines_friction(self) -> bool:
-        """Whether it changes a dry friction that must be there, and may be named too."""
-        return self.expected == DRY
 
 
 def cause_of(name: str) -> str:
@@ -231,7 +227,6 @@ EFFECTS = {
         _stribeck,
         lambda w, d: d.between(0.3, 1.2) * d.friction,
         ("sweeps", "rests"),
-        needs_friction=True,
         value=_of_friction,
         largest=3.0,
         expected=DRY,
@@ -240,7 +235,6 @@ EFFECTS = {
         sets("asymmetry", "asymmetry_nm"),
         lambda w, d: d.signed(0.2, 0.5) * w.coulomb[d.joint],
         ("rests",),
-        needs_friction=True,
         value=_of_friction,
         largest=0.9,
         expected=DRY,
@@ -250,7 +244,6 @@ EFFECTS = {
         lambda w, d: d.between(0.02, 0.1),
         ("fourier", "fast"),
         joints=(2, 4),
-        needs_friction=True,
         largest=1.0,
         expected=DRY,
     ),
@@ -258,7 +251,6 @@ EFFECTS = {
         _presliding,
         lambda w, d: d.between(3e-3, 2e-2),
         ("reversals",),
-        needs_friction=True,
         value=lambda w, j, size: w.distance[j] + size,
         start=1e-3,
         largest=0.1,
@@ -271,7 +263,6 @@ EFFECTS = {
         sets("drift", "drift_nm_per_s"),
         lambda w, d: d.signed(0.4, 0.8) * w.coulomb[d.joint] / w.seconds,
         ("fourier", "sweeps", "reversals"),
-        needs_friction=True,
         value=lambda w, j, size: size * w.coulomb[j] / w.seconds,
         largest=1.0,
         expected=DRY,

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
@@ -40,10 +39,10 @@ from stiction_envs.robots import Arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
-SWEEP_TRIES = 20
-"""Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
 DRAWN_HZ = 50.0
 """Samples per second of the drawn lines [Hz]; assumed."""
+SWEEP_TRIES = 20
+"""Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -72,35 +71,23 @@ class Excitation(Result):
     provenance: Provenance
 
     @property
-    def robot(self) -> str:
-        """Name of the arm."""
-        return self.arm.name
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.series.offset)
-
-    @property
     def duration(self) -> float:
         """From rest to rest [s]."""
         seconds = self.periods / self.series.base_frequency
         return seconds + (self.sweeps.duration if self.sweeps is not None else 0.0)
 
-    def state(self, t: ArrayLike) -> State:
-        """Return angles [rad], speeds [rad/s], accelerations [rad/s²], (..., n) at times (...)."""
-        at = np.asarray(t, dtype=np.float64)
-        flat = np.clip(at.ravel(), 0.0, self.duration)
+    def state(self, t: Array) -> State:
+        """Return angles [rad], speeds [rad/s], accelerations [rad/s²], (T, n) at times (T,) [s]."""
+        moving = np.clip(t, 0.0, self.duration)
         fourier = self.periods / self.series.base_frequency
-        out = self.series.state(np.minimum(flat, fourier))
-        later = flat > fourier
+        out = self.series.state(np.minimum(moving, fourier))
+        later = moving > fourier
         if self.sweeps is not None and later.any():
-            for whole, part in zip(out, self.sweeps.state(flat[later] - fourier), strict=True):
+            for whole, part in zip(out, self.sweeps.state(moving[later] - fourier), strict=True):
                 whole[later] = part
-        resting = (at.ravel() < 0) | (at.ravel() > self.duration)
+        resting = (t < 0) | (t > self.duration)
         out[1][resting], out[2][resting] = 0.0, 0.0
-        q, dq, ddq = (x.reshape(*at.shape, self.n) for x in out)
-        return q, dq, ddq
+        return out
 
     def times(self, rate_hz: float) -> Array:
         """Return (T,) times of samples from start to end [s]; the rate must be positive."""
@@ -111,7 +98,7 @@ class Excitation(Result):
         """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s]."""
         t = self.times(rate_hz)
         q, dq, _ = self.state(t)
-        joints = range(1, self.n + 1)
+        joints = range(1, self.arm.n + 1)
         names = ["t", *(f"q{j}" for j in joints), *(f"dq{j}" for j in joints)]
         lines = [",".join(names)]
         lines += [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([t, q, dq])]
@@ -120,7 +107,7 @@ class Excitation(Result):
     def to_json(self) -> dict[str, object]:
         """Return JSON values."""
         return {
-            "robot": self.robot,
+            "robot": self.arm.name,
             "duration_s": self.duration,
             "condition": self.condition,
             "condition_si": self.condition_si,
@@ -156,9 +143,8 @@ class Excitation(Result):
         self.plot(folder / "excitation.png")
 
     def __repr__(self) -> str:
-        return (
-            f"<Excitation of {self.robot}: {self.duration:.4g} s, condition {self.condition:.3g}>"
-        )
+        name, seconds = self.arm.name, self.duration
+        return f"<Excitation of {name}: {seconds:.4g} s, condition {self.condition:.3g}>"
 
     def __str__(self) -> str:
         random = self.random_condition

@@ -31,7 +31,6 @@ from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
@@ -148,7 +147,7 @@ def plan(
     **options: Unpack[LogOptions],
 ) -> Plan:
     """Diagnose logs as they are, and plan what to hide in them; arguments are as of `rehearse`."""
-    for name in ("check", "poses", "method"):
+    for name in ("check", "poses"):
         if name in options:
             raise StictionError(f"{name}: cannot be used to rehearse")
     say = progress or (lambda *_: None)
@@ -165,7 +164,17 @@ def plan(
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
-    subject, jobs = _planned(own, causes)
+    subject: Subject
+    if isinstance(own, ServoResult):
+        subject = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
+        jobs = subject.jobs_of(causes or EFFECTS)
+    else:
+        assert isinstance(own, LogDiagnosis)
+        hidden = [c for c in registered() if causes is None or c.name in causes]
+        subject, jobs = (
+            HiddenTorques(replay=replay_of(own.diagnosis)),
+            jobs_of(own.diagnosis, hidden),
+        )
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
@@ -182,13 +191,3 @@ def plan(
         seed=seed,
         provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
     )
-
-
-def _planned(own: DiagnosisResult, causes: Sequence[str] | None) -> tuple[Subject, list[Job]]:
-    """Return the logs of a diagnosis, and the jobs."""
-    if isinstance(own, ServoResult):
-        servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
-        return servos, servos.jobs_of(causes or EFFECTS)
-    assert isinstance(own, LogDiagnosis)
-    hidden = [c for c in registered() if causes is None or c.name in causes]
-    return HiddenTorques(replay=replay_of(own.diagnosis)), jobs_of(own.diagnosis, hidden)

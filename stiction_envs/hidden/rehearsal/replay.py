@@ -30,7 +30,6 @@ from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, nominal_torque
 from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.spectra import resample
 from stiction_envs.measured.logs.reader import JointLog
 
@@ -152,11 +151,18 @@ def replay_of(own: Diagnosis) -> Replay:
         **joined,
     )
     noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
+    data = Data(
+        recording=even,
+        nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
+        rigid=even.rigid,
+        friction=own.base.friction,
+        noise=own.data.noise,
+    )
     known, found = _dry_friction(own)
     friction = known + np.maximum(found, 0.0)
     friction = np.where(friction > 0, friction, LEAST_FRICTION * noise)
     return Replay(
-        data=_nominal(own, even),
+        data=own.baseline.extend(data),
         left=left,
         noise=noise,
         angle_noise=taken_off.std(axis=0),
@@ -203,18 +209,6 @@ def _evened(
         "left": tau - model(t),
         "taken_off": q - path(t),
     }
-
-
-def _nominal(own: Diagnosis, even: Recording) -> Data:
-    """Return a recording against the nominal model of a diagnosis."""
-    data = Data(
-        recording=even,
-        nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
-        rigid=even.rigid,
-        friction=own.base.friction,
-        noise=own.data.noise,
-    )
-    return own.baseline.extend(data)
 
 
 def _dry_friction(own: Diagnosis) -> tuple[Array, Array]:

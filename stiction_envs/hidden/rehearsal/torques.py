@@ -221,7 +221,7 @@ class HiddenTorques:
         hidden = np.zeros_like(replay.data.q)
         if job.cause != NOTHING:
             hidden, sizes = self.hidden(job, size)
-            if job.cause in EFFECTS and EFFECTS[job.cause].refines_friction:
+            if job.what.expected:  # it refines dry friction
                 hidden = hidden + replay.unknown_friction * self.dry / replay.friction
         logs = replay.logs(hidden, [seed, zlib.crc32(job.key.encode()), number])
         said = replay.diagnose(logs, seed)

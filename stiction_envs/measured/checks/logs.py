@@ -265,7 +265,11 @@ def check_speeds(rows: RawLog, step: float) -> list[str]:
     """
     if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / COMPARED_HZ:
         return []
-    grid, rate = _even(rows, step), 1 / step
+    t, rate = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step), 1 / step
+    grid = {
+        name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
+        for name in rows.core()
+    }
     if len(grid["q"]) < COMPARED_ROWS:
         return []
     speeds = np.gradient(grid["q"], step, axis=0)
@@ -346,15 +350,6 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: Index) -> lis
         f"shakes with tau (coherence {a:.2f}), but the derivative of q is {ratio:.0f} times "
         f"smaller and does not (coherence {b:.2f})"
     ]
-
-
-def _even(rows: RawLog, step: float) -> dict[str, Array]:
-    """Measured channels of the first `COMPARED_SECONDS` on even times."""
-    t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
-    return {
-        name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
-        for name in rows.core()
-    }
 
 
 def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:
