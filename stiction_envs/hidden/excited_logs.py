@@ -47,7 +47,7 @@ def log(
     angle_noise: float = 1e-5,
     presliding_distance: float = 2e-4,
 ) -> JointLog:
-    """What a robot would log: friction on top, noise of torque [N·m] and angle [rad].
+    """Log of a robot: friction on top, noise of torque [N·m] and angle [rad].
 
     ``presliding_distance`` [rad] is that of our engine's friction, which the fit assumes.
     """

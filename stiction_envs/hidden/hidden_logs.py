@@ -50,7 +50,7 @@ class Hidden:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """What a blind test sees, and the truth."""
+    """Logs and arm that a blind test sees, and the truth."""
 
     logs: list[JointLog]
     robot: Arm
@@ -67,7 +67,7 @@ class Case:
     """Logs of another motion of the same arm with the same hidden causes; [] unless asked for."""
     second_motion: str
     unhidden: list[JointLog]
-    """The same motion as `second` of the arm without hidden causes."""
+    """Logs of the motion of `second`, of the arm without hidden causes."""
     bare: World
     """The arm without hidden causes, its links a little off where asked for."""
 

@@ -1,4 +1,4 @@
-"""What can be hidden in servo logs: one entry per cause, by the name of the diagnosis.
+"""Causes that are hidden in servo logs: one entry per cause, by the name of the diagnosis.
 
 An entry turns a size into values of a joint's parameters (`gap.servo.parameters`). Simulated logs
 (`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean the

@@ -60,12 +60,12 @@ class HiddenServoLog:
 
     @property
     def servo(self) -> Servo:
-        """What its user knows of the servos."""
+        """Stiffness and damping that the user believes."""
         return Servo(stiffness=self.stiffness, damping=self.damping)
 
     @property
     def options(self) -> dict[str, list[float]]:
-        """The same as options of `diagnose`."""
+        """Stiffness and damping as options of `diagnose`."""
         return {"servo_stiffness": self.stiffness.tolist(), "servo_damping": self.damping.tolist()}
 
 

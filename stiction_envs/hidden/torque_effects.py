@@ -1,4 +1,4 @@
-"""What can be hidden in joint logs: one entry per effect, by the name of the diagnosis.
+"""Effects that are hidden in joint logs: one entry per effect, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and returns the truth. Simulated logs
 (`hidden_logs`) draw its value; a rehearsal hides three values along the motion of a user's log. It
@@ -199,7 +199,7 @@ class Effect:
     """Causes that are named rightly beside it: the dry friction that it refines, and that must be
     there."""
     parameter: str = ""
-    """What its value is, where that is not the cause's first parameter."""
+    """Parameter that the value is, where that is not the cause's first."""
 
 
 def cause_of(name: str) -> str:

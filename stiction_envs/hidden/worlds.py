@@ -28,7 +28,7 @@ ONE: Any = 1.0
 
 @dataclass(kw_only=True)
 class _Joints:
-    """What each joint has, (n, ...); a value without joints is that of all."""
+    """Properties of the joints, (n, ...); one value stands for all joints."""
 
     middle: Array = field(default_factory=CENTRE.copy)
     """Usual angle [rad]; by default that of the simulated motions."""
@@ -73,7 +73,7 @@ class World(_Joints):
     payload: tuple[float, Array] | None = None
     """Mass [kg] and centre of mass [m]."""
     phantom: tuple[float, Array] | None = None
-    """The same of a payload that the robot's makers know and the robot lacks."""
+    """Mass [kg] and centre [m] of a payload that the makers know and the robot lacks."""
     links: dict[int, tuple[float, Array]] = field(default_factory=dict)
     """By link (from 1): mass [kg] and centre of mass [m] beyond what the makers know."""
     tilt: tuple[float, float] = (0.0, 0.0)

@@ -76,7 +76,7 @@ class Arm:
     stated: StatedJoints
     """Physics of the joints that the robot's own file states beyond rigid links."""
     registered: bool
-    """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
+    """Whether the arm is one of `registry.ARMS`, by the content of its files."""
 
     @property
     def n(self) -> int:

@@ -54,7 +54,7 @@ __all__ = ["Plan", "plan", "rehearse"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """What is to be hidden in a log, after its own diagnosis."""
+    """Jobs of a rehearsal in a log that was diagnosed."""
 
     robot: str
     subject: Subject

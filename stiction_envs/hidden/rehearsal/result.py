@@ -20,7 +20,7 @@ RUNS = "rehearsal_runs.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What the recording shows of a cause on a joint."""
+    """Result of a recording for a cause on a joint."""
 
     cause: str
     joint: int
@@ -30,11 +30,11 @@ class Row:
     smallest_found: float
     """Smallest size that was named, told from all others, and nothing false beside it; else NaN."""
     smallest_named: float
-    """The same where it need not be told from others."""
+    """Smallest size that was named, told from others or not; else NaN."""
     tried: tuple[float, ...]
     """Sizes that were hidden, smallest effect first."""
     false_alarms: str
-    """What was named falsely, and at which sizes."""
+    """Causes that were named falsely, and at which sizes."""
     instead: str
     """Why it was not found: what was named instead, or what it cannot be told from."""
     what_to_record: str
@@ -82,7 +82,7 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Rehearsal(Result):
-    """What a recording can and cannot show."""
+    """Causes that a recording can and cannot show."""
 
     robot: str
     rows: tuple[Row, ...]
@@ -122,7 +122,7 @@ class Rehearsal(Result):
 
     @property
     def summary(self) -> str:
-        """What is shown, in sentences."""
+        """Sentences on the causes that the recording shows."""
         found = sum(r.found for r in self.rows)
         also = sum(r.named and not r.found for r in self.rows)
         text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "

@@ -63,7 +63,7 @@ class HiddenServos:
     """As its user models it."""
     logs: tuple[ServoLog, ...]
     servo: Servo
-    """What is known of its servos."""
+    """Known stiffness and damping of the servos."""
     motions: list[JointMotion]
     base: Array
     """(n, P) parameters with nothing hidden."""

@@ -166,7 +166,7 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
 def test_lbr_states_have_the_controllers_clock(
     tmp_path: Path, plain: JointLog, package: str, torque: str
 ) -> None:
-    """Of today's driver and of an old one."""
+    """States of today's driver and of an old one."""
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
         q, _, tau = channels

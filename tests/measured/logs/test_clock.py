@@ -57,7 +57,7 @@ def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float
 
 @pytest.mark.parametrize(("rate", "lost"), [(600.0, 0.06), (59.94, 0.0)])
 def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
-    """Its step comes from the stamps, which are all that can say it."""
+    """The step of the clock comes from the stamps alone."""
     rows, truth = swaying(rate, 1.0, lost=lost, drift=3e-5)
     corrections = correct_clock(rows)
     assert [m.kind for m in corrections] == ["clock"]

@@ -19,14 +19,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import (
-    UTF8,
-    Dialect,
-    dialect_of,
-    encoding_of,
-    header_in,
-    is_number,
-)
+from stiction_envs.measured import csv_text
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names, unit_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
@@ -107,7 +100,7 @@ class _Table:
     names: list[str]
     units: list[str]
     """Units of a row below the names; none where there is no such row."""
-    dialect: Dialect
+    dialect: csv_text.Dialect
     rows: Iterator[tuple[int, bytes]]
     """Number and bytes in UTF-8 of each line below."""
     notes: list[str]
@@ -136,11 +129,11 @@ def _open(where: str, naming: Naming) -> _Table:
             rows.append((number, line))
             yield _text(where, number, line)
 
-    header, below = header_in(texts())
+    header, below = csv_text.header_in(texts())
     if not below:
         rows = deque(islice(lines, 1))
     sample = rows[0][1].decode("utf-8", "replace") if rows else ""
-    dialect = dialect_of(header or sample, sample)
+    dialect = csv_text.dialect_of(header or sample, sample)
     names = dialect.names(header or sample)
     if not names:
         raise StictionError(f"{where}: empty file: expected a header and one second of rows")
@@ -149,7 +142,7 @@ def _open(where: str, naming: Naming) -> _Table:
             f"{where}, line {rows[0][0]}: numbers without a header: expected a header, or columns "
             "with a name for each, as in columns t q1..q6 tau1..tau6"
         )
-    units = [] if is_number(sample) else dialect.names(sample.strip())
+    units = [] if csv_text.is_number(sample) else dialect.names(sample.strip())
     if len(units) != len(names) or not any(units) or None in map(unit_of, units):
         units = []
     return _Table(names, units, dialect, chain([] if units else rows, lines), dialect.notes)
@@ -169,9 +162,9 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
             if not packed and start == _GZIP:
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream = gzip.GzipFile(fileobj=file) if packed else file
-            encoding, most = encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
+            encoding, most = csv_text.encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
             stream.seek(0)
-            wide = io.TextIOWrapper(stream, encoding) if encoding != UTF8 else None
+            wide = io.TextIOWrapper(stream, encoding) if encoding != csv_text.UTF8 else None
             while line := wide.readline(most).encode() if wide else stream.readline(most):
                 number, total = number + 1, total + len(line)
                 if len(line) > MOST_LINE_BYTES:
