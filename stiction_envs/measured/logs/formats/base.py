@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
-from stiction_envs.measured.logs.columns import TORQUE, Columns, drives_in, joints_of, sort_columns
+from stiction_envs.measured.logs.columns import (
+    TORQUE,
+    Columns,
+    Wanted,
+    drives_in,
+    joints_of,
+    sort_columns,
+)
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 
@@ -31,19 +38,6 @@ MOST_LINE_BYTES = 2**16
 """Most bytes of one line of text; assumed."""
 Arrays = dict[str, NDArray[Any]]
 """Arrays of any kind of value, by name."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """Request to read a log file."""
-
-    n_joints: int
-    time: bool
-    """Whether the log must have time; without, rows are numbered."""
-    naming: Naming
-    """Names of the joints, where a log has names."""
-    drive: str = TORQUE
-    """Which channels: those of `CHANNELS` for torque or position."""
 
 
 class LogFormat(ABC):
@@ -144,9 +138,7 @@ class ColumnFile(NamedColumns):
         flat, naming = _flat(where, self.columns(where), wanted.naming)
         ours = our_names(where, list(flat), naming, wanted.n_joints)
         names = list(flat)
-        columns = sort_columns(
-            where, ours.names, wanted.n_joints, shown=names, time=wanted.time, drive=wanted.drive
-        )
+        columns = sort_columns(where, ours.names, wanted, names)
         used = columns.numbers if columns.run is None else (*columns.numbers, columns.run)
         length = len(flat[names[used[0]]])
         for c in used:
@@ -161,15 +153,8 @@ class ColumnFile(NamedColumns):
                     f"{where}: column {name!r} holds {array.dtype}: expected numbers"
                 )
         check_size(where, length, len(used))
-        return log_of_columns(
-            where,
-            columns,
-            ours,
-            lambda c: flat[names[c]],
-            length,
-            wanted.time,
-            lambda i: f"row {i + 1}",
-        )
+        rows = range(1, length + 1)
+        return log_of_columns(where, columns, ours, lambda c: flat[names[c]], wanted, "row", rows)
 
 
 def held(told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]) -> tuple[Index, Bools]:
@@ -234,16 +219,16 @@ def log_of_columns(
     columns: Columns,
     ours: OurNames,
     column: Callable[[int], NDArray[Any]],
-    length: int,
-    time: bool,
-    place: Callable[[int], str],
+    wanted: Wanted,
+    word: str,
+    rows: Sequence[int] | NDArray[np.integer[Any]],
 ) -> RawLog:
-    """Return the log of a table of ``length`` rows, whose names within the file are ``place``.
+    """Return the log of a table; ``word`` and a number of ``rows`` (T,) say where a row is.
 
     ``column`` returns a column (T,) by its place; that of the runs may hold anything.
     """
-    run = np.zeros(length, np.int64)
-    if columns.run is not None and length:
+    run = np.zeros(len(rows), np.int64)
+    if columns.run is not None and len(rows):
         label = column(columns.run)
         run[1:] = np.cumsum(label[1:] != label[:-1])
 
@@ -253,13 +238,13 @@ def log_of_columns(
 
     log = RawLog(
         source=where,
-        t=np.array(converted(columns.t)) if time else np.arange(float(length)),
+        t=np.array(converted(columns.t)) if wanted.time else np.arange(float(len(rows))),
         data={
             channel: np.stack([converted(c) for c in group], axis=1)
             for channel, group in columns.channels.items()
         },
         run=run,
-        place=lambda i: f"{where}, {place(i)}",
+        place=lambda i: f"{where}, {word} {rows[i]}",
         ignored=columns.ignored,
     )
     for text in ours.notes:

@@ -53,24 +53,9 @@ class CsvFile(NamedColumns):
     def read(self, where: str, wanted: Wanted) -> RawLog:
         text = _open(where, wanted.naming)
         kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
-        columns = sort_columns(
-            where,
-            ours.names,
-            wanted.n_joints,
-            shown=text.names,
-            time=wanted.time,
-            drive=wanted.drive,
-        )
+        columns = sort_columns(where, ours.names, wanted, text.names)
         table, numbers = _table(where, text, columns)
-        log = log_of_columns(
-            where,
-            columns,
-            ours,
-            table.__getitem__,
-            len(numbers),
-            wanted.time,
-            lambda i: f"line {numbers[i]}",
-        )
+        log = log_of_columns(where, columns, ours, table.__getitem__, wanted, "line", numbers)
         for remark in text.notes:
             log.note(remark)
         if wanted.time:
@@ -79,6 +64,7 @@ class CsvFile(NamedColumns):
             keep = measured_rows(log.data)
             numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
             log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
+            log.place = lambda i: f"{where}, line {numbers[i]}"
         if kind is not OUR_COLUMNS:
             log.side, log.ignored = kind.side, ()
             log.note(kind.note)
