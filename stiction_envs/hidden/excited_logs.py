@@ -12,10 +12,8 @@ from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_paramet
 
 COULOMB = np.array([0.5, 0.6, 0.4, 0.5, 0.3, 0.2, 0.25])
 """Dry friction of joints 1 to 7 [N·m]; assumed."""
-VISCOUS = 0.3 * COULOMB
-"""[N·m·s/rad]; assumed."""
-OFFSET = 0.1 * COULOMB
-"""Constant torque [N·m]; assumed."""
+VISCOUS = 0.3 * COULOMB  # [N·m·s/rad]; assumed
+OFFSET = 0.1 * COULOMB  # constant torque [N·m]; assumed
 
 
 def perturbed(arm: Arm, size: float, seed: int) -> Arm:

@@ -26,10 +26,8 @@ from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
-LINKS = 27
-"""Number of the random stream of links, apart from that of all else."""
-STEPS_PER_ROW = 2
-"""Steps per logged row: 500 Hz; assumed."""
+LINKS = 27  # number of the random stream of links, apart from that of all else
+STEPS_PER_ROW = 2  # steps per logged row: 500 Hz; assumed
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
 """Names of the `MOTIONS` that go all over the range: on which a model is to hold."""
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])

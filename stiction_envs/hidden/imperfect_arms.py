@@ -16,8 +16,7 @@ from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_paramet
 
 CENTRE_M = 0.1
 """Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""
-MOST = 0.2
-"""Largest scatter [-] (assumed): masses stay positive up to five standard deviations."""
+MOST = 0.2  # largest scatter [-] (assumed): masses stay positive up to five standard deviations
 
 
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:

@@ -15,14 +15,10 @@ from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.gap.servo.questions import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
-STRIBECK_VELOCITY = 0.05
-"""Stribeck velocity of hidden friction [rad/s]; assumed."""
-DEEPEST = 0.1
-"""Least limit of torque or speed over what is reached without it [-]; assumed."""
-CARRIES = 1.05
-"""Least torque limit over the joint's largest gravity [-]: it does not fall; assumed."""
-MOST_LOAD = 0.4
-"""Largest friction over load [-]: gears that carry back; assumed."""
+STRIBECK_VELOCITY = 0.05  # Stribeck velocity of hidden friction [rad/s]; assumed
+DEEPEST = 0.1  # least limit of torque or speed over what is reached without it [-]; assumed
+CARRIES = 1.05  # least torque limit over the joint's largest gravity [-]: it does not fall; assumed
+MOST_LOAD = 0.4  # largest friction over load [-]: gears that carry back; assumed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

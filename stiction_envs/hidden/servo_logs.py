@@ -23,24 +23,15 @@ from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-RATE_HZ = 50.0
-"""Rows per second; assumed."""
-ENCODER = 2 * np.pi / 4096
-"""Step of the angle [rad], of common hobby servos; assumed."""
-LATE = 2e-3
-"""Time by which stamps are late [s]; assumed."""
-JITTER = 2e-4
-"""Standard deviation of the clock [s]; assumed."""
-SAG = 0.04
-"""Usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed."""
-BANDWIDTH = 30.0
-"""Least natural frequency of a servo with its link [rad/s]; assumed."""
-WEAKEST = 0.1
-"""Least stiffness of a joint's servo over that of the strongest [-]; assumed."""
-LAG = 0.05
-"""Damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed."""
-TOOL = 0.25
-"""Largest gravity of a hidden payload over the arm's own [-], about; assumed."""
+RATE_HZ = 50.0  # rows per second; assumed
+ENCODER = 2 * np.pi / 4096  # step of the angle [rad], of common hobby servos; assumed
+LATE = 2e-3  # time by which stamps are late [s]; assumed
+JITTER = 2e-4  # standard deviation of the clock [s]; assumed
+SAG = 0.04  # usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed
+BANDWIDTH = 30.0  # least natural frequency of a servo with its link [rad/s]; assumed
+WEAKEST = 0.1  # least stiffness of a joint's servo over that of the strongest [-]; assumed
+LAG = 0.05  # damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed
+TOOL = 0.25  # largest gravity of a hidden payload over the arm's own [-], about; assumed
 CAUSES = (*(name for name, effect in EFFECTS.items() if effect.usual is not None), "payload")
 
 

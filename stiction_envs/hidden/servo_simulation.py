@@ -22,15 +22,12 @@ from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.hidden.worlds import add_to_flange
 from stiction_envs.robots import Arm
 
-STEP = 1e-3
-"""Step of the simulation [s]; assumed."""
+STEP = 1e-3  # step of the simulation [s]; assumed
 LIGHTEST = 1e-4
 """Least inertia of a joint over its servo's stiffness [s²]: a rotor makes up for lighter links;
 assumed."""
-STIFFEST = 2.5e4
-"""Largest stiffness of a bristle over the joint's inertia [1/s²]; assumed."""
-BRISTLE_DAMPING_RATIO = 0.4
-"""Assumed."""
+STIFFEST = 2.5e4  # largest stiffness of a bristle over the joint's inertia [1/s²]; assumed
+BRISTLE_DAMPING_RATIO = 0.4  # assumed
 
 
 def weightless(

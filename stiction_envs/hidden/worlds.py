@@ -13,12 +13,10 @@ from stiction_envs.arrays import Array
 from stiction_envs.hidden.hidden_motions import CENTRE
 from stiction_envs.robots import Arm, load_arm
 
-STEP = 1e-3
-"""Step of the simulation [s]; assumed."""
+STEP = 1e-3  # step of the simulation [s]; assumed
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
-RADIUS = 0.03
-"""Radius of a payload, a solid sphere [m]; assumed."""
+RADIUS = 0.03  # radius of a payload, a solid sphere [m]; assumed
 
 
 ZERO: Any = 0.0

@@ -39,8 +39,7 @@ from stiction_envs.robots import Arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
-DRAWN_HZ = 50.0
-"""Samples per second of the drawn lines [Hz]; assumed."""
+DRAWN_HZ = 50.0  # samples per second of the drawn lines [Hz]; assumed
 SWEEP_TRIES = 20
 """Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
 

@@ -25,10 +25,8 @@ from stiction_envs.robots.tables import lookup, per_joint
 NEAR = 0.05
 """Links that are nearer at rest are neighbours: half of their distance there is kept [m]; assumed.
 """
-TOUCHING = 1e-3
-"""Pairs that are nearer at rest touch, and are left out [m]; assumed."""
-FLANGE_BALL = 0.05
-"""Radius of the ball in place of an arm without collision geometry [m]; assumed."""
+TOUCHING = 1e-3  # pairs that are nearer at rest touch, and are left out [m]; assumed
+FLANGE_BALL = 0.05  # radius of the ball in place of an arm without collision geometry [m]; assumed
 ROUNDING = 1e-3
 """Distances between bounding spheres count as smaller by this [m]; assumed. It is far above what
 MuJoCo rounds, so that a pair left out could not have changed a bit."""

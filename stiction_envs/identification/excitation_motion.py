@@ -12,14 +12,10 @@ from stiction_envs.arrays import Array
 
 SPEEDS = (0.02, 0.08, 0.3)
 """Speeds of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
-SPAN = 0.3
-"""Largest angle of a sweep [rad]; assumed."""
-SECONDS = 4.0
-"""Longest time of one direction [s]; assumed."""
-RISE = 0.3
-"""Time from rest to speed [s]; assumed."""
-PAUSE = 0.5
-"""Time at rest between two directions [s]; assumed."""
+SPAN = 0.3  # largest angle of a sweep [rad]; assumed
+SECONDS = 4.0  # longest time of one direction [s]; assumed
+RISE = 0.3  # time from rest to speed [s]; assumed
+PAUSE = 0.5  # time at rest between two directions [s]; assumed
 State = tuple[Array, Array, Array]
 """Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
 

@@ -36,31 +36,25 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-POWER = 2.0
-"""p of the smooth condition number [-]; assumed."""
-PENALTIES = (1e1, 1e3, 1e5)
-"""Weights of the penalties, one search after the other [-]; assumed."""
+POWER = 2.0  # p of the smooth condition number [-]; assumed
+PENALTIES = (1e1, 1e3, 1e5)  # weights of the penalties, one search after the other [-]; assumed
 TIGHT = 0.98
 """Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
-DIFFERENCE = 1e-6
-"""Step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed."""
+DIFFERENCE = 1e-6  # step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed
 STATES = 300
 """Random states from which base parameters and the columns' sizes are taken, and poses that are
 tried where the one at rest cannot be held; assumed."""
-TRIES = 400
-"""Random motions that are tried before the search fails; assumed."""
+TRIES = 400  # random motions that are tried before the search fails; assumed
 EASY = 0.8
 """Part of the usable torque that a pose may need to take the place of one at rest [-]; assumed."""
 SHRINK, SHRINKS = 0.97, 40
 """A motion that breaks a limit is made smaller by this factor [-], so many times at most; assumed.
 """
-SIGN_SPEED = 0.02
-"""Speed at which dry friction's column is at 0.76 of its level [rad/s]; assumed."""
+SIGN_SPEED = 0.02  # speed at which dry friction's column is at 0.76 of its level [rad/s]; assumed
 SAMPLES = 50
 """Per period in the search; assumed: five times the highest harmonic, and twice that of its
 squares."""
-FINE = 400
-"""Per period in the check of the result; assumed."""
+FINE = 400  # per period in the check of the result; assumed
 
 
 class Problem:

@@ -39,8 +39,7 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-SPEED_UP_TIME = 0.3
-"""Time in which a joint usually comes to its speed limit [s]; assumed."""
+SPEED_UP_TIME = 0.3  # time in which a joint usually comes to its speed limit [s]; assumed
 STATES_PER_JOINT = 40
 """Random states, over all of the range, from which the base parameters are found; assumed."""
 UNKNOWN = 1e-7

@@ -22,8 +22,7 @@ from typing import Any
 from stiction_envs.errors import StictionError, opening, unknown
 from stiction_envs.reporting.atomic import write_text_atomic
 
-FIRST_BYTES = 65_536
-"""Bytes of a file in which its header must end; assumed."""
+FIRST_BYTES = 65_536  # bytes of a file in which its header must end; assumed
 Cells = Sequence[Any]
 """Cells of a row: texts, and numbers as `float` takes them."""
 UTF8 = "utf-8-sig"

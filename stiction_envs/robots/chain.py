@@ -21,8 +21,7 @@ Chain = tuple[str, str]
 """Link at the base, which does not move, and link or site at the tip, which is the flange."""
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_ROUNDING = 1e-14
-"""By which MuJoCo lets A + B < C of principal moments pass [kg·m²]."""
+_ROUNDING = 1e-14  # by which MuJoCo lets A + B < C of principal moments pass [kg·m²]
 _MOST = 6  # arms of a bigger robot that a message names [-] (assumed)
 
 

@@ -21,8 +21,7 @@ from stiction_envs.errors import StictionError, missing_extra
 Descriptions = Any  # of robot_descriptions, an extra that has no types
 SCENE = "scene.xml"
 ENDS = (".xml", ".mjcf", ".urdf")
-MOST_BYTES = 2**24
-"""Most bytes of a scene; assumed."""
+MOST_BYTES = 2**24  # most bytes of a scene; assumed
 _DESCRIPTION = re.compile(r"\w+_description")
 
 

@@ -14,8 +14,7 @@ import numpy as np
 from stiction_envs.arrays import Array
 from stiction_envs.precomputed import store
 
-POSES = 200
-"""Poses that are drawn [-] (assumed)."""
+POSES = 200  # poses that are drawn [-] (assumed)
 SHARE = 0.95
 """Least share of poses in which a pair touches that is excluded [-] (MoveIt's default: 0.95)."""
 

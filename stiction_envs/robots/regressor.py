@@ -20,14 +20,12 @@ from stiction_envs.arrays import Array, Bools, Index
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of one link in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
-RANK = 1e-8
-"""Singular values, over the largest, that count as zero [-] (assumed)."""
+RANK = 1e-8  # singular values, over the largest, that count as zero [-] (assumed)
 _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
 """Weights by which the pivoting avoids parameters [-] (assumed). Of joints that turn about z these
 parameters can be grouped into others (M. Gautier, W. Khalil, "Direct calculation of minimum set of
 inertial parameters of serial robots", 1990), which keeps the sums short."""
-LEAST = 1e-6
-"""Coefficients of a grouping that count as zero [-] (assumed)."""
+LEAST = 1e-6  # coefficients of a grouping that count as zero [-] (assumed)
 
 
 def inertial_names(n: int) -> tuple[str, ...]:

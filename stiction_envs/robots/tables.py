@@ -16,8 +16,7 @@ from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 
 MOUNTINGS = ("floor", "free")
-PLACEHOLDER = 0.2
-"""No arm has so low a limit of speed or torque [rad/s, N·m]; assumed."""
+PLACEHOLDER = 0.2  # no arm has so low a limit of speed or torque [rad/s, N·m]; assumed
 Table = dict[str, Any]
 """Parsed TOML, whose values are checked where they are read."""
 

@@ -44,8 +44,7 @@ from stiction_envs.robots.tables import (
     read_toml,
 )
 
-JOINTS = (1, 9)
-"""Smallest and largest number of hinges of an arm [-] (assumed)."""
+JOINTS = (1, 9)  # smallest and largest number of hinges of an arm [-] (assumed)
 
 CHAIN_JOINTS = 2
 """Smallest number of hinges of an arm that is suggested in a bigger robot [-] (assumed)."""

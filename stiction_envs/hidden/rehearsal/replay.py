@@ -35,8 +35,7 @@ from stiction_envs.measured.logs.reader import JointLog
 
 Fields = dict[str, Any]
 """Arrays (T, ...) by field of `Recording`, and what is left of torques and angles."""
-LEAST_ROWS = 16
-"""Shorter segments are left out [-]; assumed."""
+LEAST_ROWS = 16  # shorter segments are left out [-]; assumed
 LEAST_FRICTION = 5.0
 """Dry friction that is taken where the log shows none, over the noise [-]; assumed."""
 

@@ -47,10 +47,8 @@ USUAL_PERCENT, REACHED_PERCENT = 70.0, 99.5
 TRIED, SMALLEST = 40, 1e-4
 """Number of sizes whose effect is simulated to find three, and the least over the largest [-];
 assumed: they are 26 % apart, and interpolated."""
-NO_CHANGE = 1e-3
-"""Change of the angle over the noise that is none [-]; assumed."""
-SPARSE = 10
-"""Rows of which one shows a body's gravity [-]; assumed."""
+NO_CHANGE = 1e-3  # change of the angle over the noise that is none [-]; assumed
+SPARSE = 10  # rows of which one shows a body's gravity [-]; assumed
 FIXED = ("payload", "external_contact")
 """Causes of which `confused_with` says the same of every log."""
 

@@ -38,17 +38,13 @@ from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World, inverse_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED
 
-DAMPING = 0.1
-"""Damping ratio of a soft gear [-]; assumed."""
+DAMPING = 0.1  # damping ratio of a soft gear [-]; assumed
 TURN = 0.1
 """Largest angle by which a link behind a gear swings in a step [rad]; assumed: the error of its
 frequency is below 0.1 %."""
-CLOSE = 0.03
-"""Relative error of a size [-]; assumed."""
-STEPS = 8
-"""Most steps in which a size is found; assumed: the torque is nearly proportional to it."""
-NO_TORQUE = 1e-6
-"""Torque over the noise that is none [-]; assumed."""
+CLOSE = 0.03  # relative error of a size [-]; assumed
+STEPS = 8  # most steps in which a size is found; assumed: the torque is nearly proportional to it
+NO_TORQUE = 1e-6  # torque over the noise that is none [-]; assumed
 
 
 def hideable(cause: Cause) -> Hideable:

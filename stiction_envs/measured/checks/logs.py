@@ -19,24 +19,16 @@ LARGEST = {
 """Values with their units that no joint of an arm comes near; assumed."""
 FREE_ANGLE = 20.0
 """Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
-SLOWEST_STEP = 0.1
-"""Time between rows above which a log does not show friction [s]; assumed."""
-SATURATED_ROWS = 5
-"""This many rows in a row at a channel's largest value are a limit; assumed."""
-COARSE_LEVELS = 10
-"""A torque of fewer levels is a coarse sensor at rest [-]; assumed."""
-NEAR_ZERO = 0.02
-"""Values without a sign come down to this share of the largest [-]; assumed."""
-COMPARED_SECONDS = 60.0
-"""Length of the stretch in which speed and angle are compared [s]; assumed."""
-COMPARED_ROWS = 64
-"""Fewest rows in which speeds are compared; assumed."""
-COMPARED_HZ = 2.0
-"""Below this frequency arms move, and speeds are compared [Hz]; assumed."""
+SLOWEST_STEP = 0.1  # time between rows above which a log does not show friction [s]; assumed
+SATURATED_ROWS = 5  # this many rows in a row at a channel's largest value are a limit; assumed
+COARSE_LEVELS = 10  # a torque of fewer levels is a coarse sensor at rest [-]; assumed
+NEAR_ZERO = 0.02  # values without a sign come down to this share of the largest [-]; assumed
+COMPARED_SECONDS = 60.0  # length of the stretch in which speed and angle are compared [s]; assumed
+COMPARED_ROWS = 64  # fewest rows in which speeds are compared; assumed
+COMPARED_HZ = 2.0  # below this frequency arms move, and speeds are compared [Hz]; assumed
 FASTEST = 20.0
 """No joint of an arm moves faster, whatever its limits say [rad/s]; assumed: hobby servos do 10."""
-TOO_FAST = 3.0
-"""No arm moves at more than this times its joint's largest speed [-]; assumed."""
+TOO_FAST = 3.0  # no arm moves at more than this times its joint's largest speed [-]; assumed
 _DEGREE = np.pi / 180
 
 

@@ -28,8 +28,7 @@ SAME_STD = 5.0
 SAME_SHARE = 0.25
 """Share of the torque, where no deviation is known [-]. Source: five times the 4.7
 points by which the thesis's own runs repeat."""
-ANY_JOINTS = 99
-"""Joints of an amplitude table's robot where it is not known."""
+ANY_JOINTS = 99  # joints of an amplitude table's robot where it is not known
 
 
 @dataclass(frozen=True)

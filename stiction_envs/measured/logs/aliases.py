@@ -52,8 +52,7 @@ UNITS = {
     "temperature": dict.fromkeys(("c", "°c", "degc"), 1.0),
 }
 """Our units in one of a channel, by its small letters without blanks and dots."""
-MOST_SHOWN = 12
-"""Most columns that a message lists; assumed."""
+MOST_SHOWN = 12  # most columns that a message lists; assumed
 
 _CHANNELS = {word: name for name, words in list(WORDS.items())[:-4] for word in words.split()}
 _OURS = re.compile(r"(q|dq|tau|q_cmd|tau_cmd|temperature|current_abs)(0|[1-9]\d?)")

@@ -27,20 +27,15 @@ from stiction_envs.measured.logs.corrections import Correction, RawLog
 
 REGULAR = 1e-3
 """Stamps are a clock already if their steps are whole ones but for this share [-]; assumed."""
-EXACT = 0.02
-"""Stamps that are this near to the robot's clock stay [steps]; assumed."""
+EXACT = 0.02  # stamps that are this near to the robot's clock stay [steps]; assumed
 COARSE = 0.1
 """A clock is coarse if more than this share of rows has the time of the row before [-]; assumed."""
-CRYSTAL = 3e-4
-"""Two clocks with quartz crystals agree to this share [-]; assumed."""
+CRYSTAL = 3e-4  # two clocks with quartz crystals agree to this share [-]; assumed
 SEEN_DRIFT = 1e-5
 """Smallest drift of the logger's clock against the robot's that is reported [-]; assumed."""
-LEAST_ROWS = 200
-"""Fewer rows whose motion shows the samples that passed show no clock; assumed."""
-GAP_STEPS = 5.0
-"""A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed."""
-GAP_SECONDS = 0.025
-"""See `GAP_STEPS` [s]; assumed."""
+LEAST_ROWS = 200  # fewer rows whose motion shows the samples that passed show no clock; assumed
+GAP_STEPS = 5.0  # a step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed
+GAP_SECONDS = 0.025  # see `GAP_STEPS` [s]; assumed
 AROUND, AROUND_SECONDS = 20, 0.05
 """Rows before and after a row, and time [s], whose changes show its usual one; assumed."""
 WHOLE = (0.1, 0.03)
@@ -51,16 +46,14 @@ AGREED = 0.02
 assumed."""
 SHOWN = 100.0
 """Least ratio of signal to noise, squared, that shows how many samples passed [-]; assumed."""
-LEAST_NOISE = 1e-9
-"""Least noise of an angle [rad]; assumed: no encoder is better."""
+LEAST_NOISE = 1e-9  # least noise of an angle [rad]; assumed: no encoder is better
 SLOWEST = 0.02
 """Rows further apart do not show by their motion how many samples passed [s]; assumed."""
 REGULAR_SHARE = 0.95
 """Least share of steps of whole samples behind stamps that come in bursts [-]; assumed."""
 ROUNDS = 2
 """Rounds of counting: samples that were lost make the usual change too large at first [-]."""
-LATE_ROWS = (5, 10, 20, 40)
-"""Rows after one that came late, of which one is in time again; assumed."""
+LATE_ROWS = (5, 10, 20, 40)  # rows after one that came late, of which one is in time again; assumed
 TURNED = 0.5
 """Largest change of the speeds about a row over the speeds, where a row may tell its time [-];
 assumed: more is an arm that stops."""

@@ -63,7 +63,7 @@ class Wanted:
     """Request to read a log file."""
 
     n_joints: int
-    time: bool
+    time: bool = True
     """Whether the log must have time; without, rows are numbered."""
     naming: Naming
     """Names of the joints, where a log has names."""

@@ -17,16 +17,13 @@ from scipy.interpolate import CubicSpline
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 
-CHANCE_ROWS = 1e4
-"""A repeat that happens by chance once in this many rows is none; assumed."""
+CHANCE_ROWS = 1e4  # a repeat that happens by chance once in this many rows is none; assumed
 NEAR_CHANGES = 4
 """Changes on each side of a row that show how often it would repeat by chance; assumed."""
-MOST_REPEATS = 20
-"""More repeats in a row are a pause or a frozen log; assumed."""
+MOST_REPEATS = 20  # more repeats in a row are a pause or a frozen log; assumed
 JUMP = 5.0
 """After a frozen stretch the arm is this many steps further, and this much faster [-]; assumed."""
-MOST_MISSING_RUN = 5
-"""Most missing values in a row that are interpolated; assumed."""
+MOST_MISSING_RUN = 5  # most missing values in a row that are interpolated; assumed
 MOST_MISSING = 0.01
 """Largest share of missing values of a column that are interpolated [-]; assumed."""
 LEAST_CHANGES = 20
@@ -37,8 +34,7 @@ smaller change repeats itself by chance."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
 TURN = 2 * np.pi
-OFF = 0.5
-"""A jump is a turn to this much, which the joint moves meanwhile [rad]; assumed."""
+OFF = 0.5  # a jump is a turn to this much, which the joint moves meanwhile [rad]; assumed
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")

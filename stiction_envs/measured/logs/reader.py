@@ -24,7 +24,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks import logs as checks
 from stiction_envs.measured.checks.servo_logs import check_servo_channels, check_servo_units
 from stiction_envs.measured.logs.clock import correct_clock, find_gaps, usual_step
-from stiction_envs.measured.logs.columns import POSITION, TORQUE
+from stiction_envs.measured.logs.columns import POSITION, TORQUE, Wanted
 from stiction_envs.measured.logs.corrections import (
     SERVO_CORE,
     Correction,
@@ -45,12 +45,9 @@ __all__ = ["Correction", "JointLog", "drive_of", "read_logs", "read_poses", "rea
 Path = str | os.PathLike[str]
 LogT = TypeVar("LogT", bound=RobotLog)
 
-LEAST_SECONDS = 1.0
-"""Shorter logs are refused [s]; assumed."""
-RUN_PAUSE = 1.0
-"""Time put between recordings whose clocks start anew [s]; assumed."""
-EPOCH = 1e6
-"""Times above this are dates, and counted from the first row instead [s]; assumed."""
+LEAST_SECONDS = 1.0  # shorter logs are refused [s]; assumed
+RUN_PAUSE = 1.0  # time put between recordings whose clocks start anew [s]; assumed
+EPOCH = 1e6  # times above this are dates, and counted from the first row instead [s]; assumed
 IGNORED = "columns not used"
 """How the warning of columns that nothing reads begins."""
 SLOWEST_CLOCK = 5e-3
@@ -76,7 +73,7 @@ def read_logs(
     """
 
     def read(path: Path) -> JointLog:
-        raw = read_raw(path, n_joints, naming=naming)
+        raw = read_raw(path, Wanted(n_joints=n_joints, naming=naming or Naming()))
         common, data = _corrected(raw, limits, TORQUE)
         return JointLog(**common, tau=data.pop("tau"), extra=data, side=raw.side)
 
@@ -93,7 +90,8 @@ def read_servo_logs(
     """Read, check and correct the servo logs of one robot; see `read_logs`."""
 
     def read(path: Path) -> ServoLog:
-        raw = read_raw(path, n_joints, naming=naming, drive=POSITION)
+        wanted = Wanted(n_joints=n_joints, naming=naming or Naming(), drive=POSITION)
+        raw = read_raw(path, wanted)
         raw.measured = SERVO_CORE
         common, data = _corrected(raw, limits, POSITION)
         current = data.pop("current_abs", None)
@@ -116,7 +114,7 @@ def read_poses(
     Raises:
         StictionError: as :func:`read_logs`; also for fewer than two poses.
     """
-    raw = read_raw(path, n_joints, time=False, naming=naming)
+    raw = read_raw(path, Wanted(n_joints=n_joints, time=False, naming=naming or Naming()))
     checks.check_finite(raw)
     corrections, warnings = fill_missing(raw)
     if len(raw.t) < 2:

@@ -27,16 +27,12 @@ TURN = 4096
 """Encoder steps of a turn. Source: Feetech STS3215 and Dynamixel X series, their control tables."""
 DEGREE_STEPS = (360 / (TURN - 1), 360 / TURN)
 """Step of an encoder in degrees, as lerobot writes it and as it is."""
-ALIKE = 2e-3
-"""Steps that differ by less are the same [-]; assumed."""
-LEAST_LEVELS = 20
-"""Fewer different values do not show a step; assumed."""
-OFF_STEP = 0.1
-"""Values are whole steps if they are this near to them [steps]; assumed."""
+ALIKE = 2e-3  # steps that differ by less are the same [-]; assumed
+LEAST_LEVELS = 20  # fewer different values do not show a step; assumed
+OFF_STEP = 0.1  # values are whole steps if they are this near to them [steps]; assumed
 RANGE = (100, TURN)
 """Steps of a joint's range [-]; assumed: less than 9 degrees is no joint."""
-MOST_BYTES = 2**20
-"""Most bytes of a calibration file; assumed."""
+MOST_BYTES = 2**20  # most bytes of a calibration file; assumed
 
 _KEYS = ("id", "range_min", "range_max")
 _GRIPPER = re.compile(r"gripper|jaw", re.IGNORECASE)

@@ -42,10 +42,8 @@ if TYPE_CHECKING:
 
 METADATA = "metadata.yaml"
 """In every folder that ROS 2 records into."""
-_PEEK = 1000
-"""Messages that show who publishes to a topic; assumed."""
-MOST_REASON = 200
-"""Most characters of another library's message, cut between words; assumed."""
+_PEEK = 1000  # messages that show who publishes to a topic; assumed
+MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
 _NS = 10**9
 
 

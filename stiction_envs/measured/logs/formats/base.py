@@ -29,13 +29,11 @@ from stiction_envs.measured.logs.columns import (
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 
-MOST_BYTES = 2**31
-"""Most bytes of one file, unpacked; assumed."""
+MOST_BYTES = 2**31  # most bytes of one file, unpacked; assumed
 MOST_VALUES = 70_000_000
 """Most numbers of one file that are used. Source: 50 minutes at 1 kHz of t, q, dq and tau of 7
 joints."""
-MOST_LINE_BYTES = 2**16
-"""Most bytes of one line of text; assumed."""
+MOST_LINE_BYTES = 2**16  # most bytes of one line of text; assumed
 Arrays = dict[str, NDArray[Any]]
 """Arrays of any kind of value, by name."""
 

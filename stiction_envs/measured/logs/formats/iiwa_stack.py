@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 JOINTS = tuple(f"a{j}" for j in range(1, 8))
 """Fields of a message, one a joint."""
-MOST_STEPS = 5.0
-"""Torques further apart than this many usual steps are a gap; assumed."""
+MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
 _NS = 10**9
 _TYPE = "iiwa_msgs/msg/Joint"
 _STATE, _COMMAND = "/state/Joint", "/command/Joint"

@@ -39,8 +39,7 @@ if TYPE_CHECKING:
 INFO = Path("meta", "info.json")
 """In every such folder."""
 STATE, ACTION = "observation.state", "action"
-MOST_INFO_BYTES = 2**24
-"""Most bytes of ``meta/info.json``; assumed."""
+MOST_INFO_BYTES = 2**24  # most bytes of ``meta/info.json``; assumed
 NOMINAL = 1e-3
 """Times are frames over the rate if they differ by less [s]; assumed, float32 rounds them."""
 ALWAYS_DEGREES = ("openarm", "damiao")

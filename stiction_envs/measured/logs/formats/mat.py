@@ -27,8 +27,7 @@ from stiction_envs.measured.logs.formats.base import (
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How HDF5 begins, behind MATLAB's own 512 bytes. Source: its specification."""
-MOST_JOINTS = 100
-"""Shorter sides of matrices are joints; assumed."""
+MOST_JOINTS = 100  # shorter sides of matrices are joints; assumed
 _COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4"}
 _NUMBERS |= {9: "f8", 12: "i8", 13: "u8"}
