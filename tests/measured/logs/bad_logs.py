@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
 
 JOINTS = 7
 ROWS = 200
@@ -44,6 +47,14 @@ def text_of(values: np.ndarray, header: str = HEADER) -> str:
     out = io.StringIO()
     np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
     return out.getvalue()
+
+
+def torque_log(path: Path, n: int = JOINTS, **naming: object) -> JointLog:
+    return read_logs([path], n, naming=Naming(**naming))[0]
+
+
+def servo_log(path: Path, n: int = JOINTS, **naming: object) -> ServoLog:
+    return read_servo_logs([path], n, naming=Naming(**naming))[0]
 
 
 def put(path: Path, text: str | bytes) -> Path:

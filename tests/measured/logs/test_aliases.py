@@ -11,7 +11,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.aliases import Column, column_of, our_names
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 from tests.measured.logs.bad_logs import GOOD, good_values, put, text_of
 
@@ -129,13 +129,6 @@ def test_dates_say_their_unit(tmp_path: Path, unit: str, parts: float) -> None:
 def test_currents_are_called_so(tmp_path: Path) -> None:
     path = put(tmp_path / "log.csv", text_of(VALUES, header("q{}", "dq{}", "tau{} [A]")))
     assert "tau in A, which is a current" in str(check(path))
-
-
-def test_what_was_commanded_makes_a_servo_log(tmp_path: Path) -> None:
-    path = put(tmp_path / "log.csv", text_of(VALUES[:, :15], header("actual_q_{}", "target_q_{}")))
-    assert drive_of(path) == "position"
-    (log,) = read_servo_logs([path], 7)
-    np.testing.assert_allclose(log.q_cmd, VALUES[:, 8:15], rtol=1e-8)
 
 
 def test_joints_by_name(tmp_path: Path) -> None:

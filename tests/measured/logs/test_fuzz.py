@@ -6,6 +6,7 @@ import csv
 import io
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import RobotLog
 from tests.measured.logs import test_bags, test_iiwa_stack, test_lerobot, test_sage
-from tests.measured.logs.bad_logs import good_values, header_of, put, text_of
+from tests.measured.logs.bad_logs import good_values, header_of, put, text_of, torque_log
 from tests.measured.logs.ros_bags import joint_states, merged, write_bag
 from tests.measured.logs.test_matrices import LISTED, hdf5
 
@@ -70,22 +71,18 @@ def sage(folder: Path) -> None:
     test_sage.write_sage(folder / "log", *(x[:80] for x in arrays))
 
 
-def torque(path: Path) -> RobotLog:
-    return read_logs([path], 7)[0]
-
-
 GOOD: dict[str, tuple[Callable[[Path], object], tuple[str, ...], Callable[[Path], RobotLog]]] = {
-    "log.mat": (mat, ("log.mat",), torque),
-    "log.mat, packed": (lambda f: mat(f, do_compression=True), ("log.mat",), torque),
-    "log.mat, 7.3": (lambda f: hdf5(f / "log.mat"), ("log.mat",), torque),
+    "log.mat": (mat, ("log.mat",), torque_log),
+    "log.mat, packed": (lambda f: mat(f, do_compression=True), ("log.mat",), torque_log),
+    "log.mat, 7.3": (lambda f: hdf5(f / "log.mat"), ("log.mat",), torque_log),
     "log.npy": (
         *(lambda f: np.save(f / "log.npy", VALUES), ("log.npy",)),
-        lambda path: read_logs([path], 7, naming=Naming(columns=LISTED))[0],
+        partial(torque_log, columns=LISTED),
     ),
     "log/log.mcap": (bag, ("log/log.mcap",), test_bags.servo),
     "log.bag": (
         *(lambda f: write_bag(f / "log", "bag", test_iiwa_stack.arm()[::7]), ("log.bag",)),
-        torque,
+        torque_log,
     ),
     "log": (
         lambda f: test_lerobot.dataset(f / "log", False),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +15,9 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
-from tests.measured.logs.bad_logs import refuses
+from tests.measured.logs.bad_logs import refuses, servo_log
 from tests.measured.logs.lerobot_datasets import (
     SO101,
     TICK,
@@ -53,8 +53,7 @@ def dataset(folder: Path, degrees: bool, **options) -> Path:
     return write_dataset(folder, state, action, fps=FPS, **options)
 
 
-def read(path: Path, **naming) -> ServoLog:
-    return read_servo_logs([path], N, naming=Naming(**naming))[0]
+read = partial(servo_log, n=N)
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])

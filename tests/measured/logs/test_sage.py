@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
-from tests.measured.logs.bad_logs import refuses
+from tests.measured.logs.bad_logs import refuses, servo_log
 from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
 from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS
 
@@ -63,8 +63,7 @@ def so101(folder: Path, **options) -> Path:
     return write_sage(folder, TIME, shares(COMMAND), shares(ANGLES), current(), **options)
 
 
-def read(path: Path, **naming) -> ServoLog:
-    return read_servo_logs([path], 6, naming=Naming(**naming))[0]
+read = partial(servo_log, n=6)
 
 
 def test_two_files_become_one_log(tmp_path: Path) -> None:
