@@ -87,7 +87,8 @@ def _late_commands(rows: RawLog) -> list[str]:
         if min(np.ptp(q), np.ptp(command)) < TRAVEL_SPAN or most < 2:
             continue
         v, u = np.diff(q)[most:-most], np.diff(command)
-        likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]
+        with np.errstate(invalid="ignore"):  # a constant stretch is like nothing
+            likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]
         best = int(np.argmax(likeness))
         leads.append((best - most) * step if likeness[best] > ALIKE else np.nan)
     if not leads or not np.nanmin([*leads, np.inf]) > 1.5 * step or np.isnan(leads).any():
