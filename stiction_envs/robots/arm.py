@@ -20,9 +20,8 @@ from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, ArmFiles, known_arm
+from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
 from stiction_envs.robots.stated import StatedJoints, nothing_stated
 from stiction_envs.robots.tables import (
     Limits,
