@@ -26,7 +26,7 @@ from stiction_envs.measured import (
     thesis_robots,
     thesis_table,
 )
-from stiction_envs.measured.thesis_robots import our_name
+from stiction_envs.measured.tables import our_name
 from stiction_envs.reporting.markdown import number, signed
 from stiction_envs.robots import load_arm
 from tuning.protocol.rules import Choice, final_amplitude
@@ -169,7 +169,7 @@ def table_4_3(found: Found) -> Table:
         off.append(100.0 * (m.mean / torque - 1.0))
         lines.append({**r, **simulated_columns(m, 0.0, off[-1])})
         texts = signed(torque, 4), torque_text(m.mean, 4), f"{torque_text(off[-1], 2)} %"
-        shown.append([configuration_name(c, thesis_robots()[robot].title), *texts])
+        shown.append([configuration_name(c, thesis_robots()[robot]), *texts])
     mean = f"{number(float(np.nanmean(np.abs(off))))} % off (calibrated)"
     return Table(
         rows=lines,

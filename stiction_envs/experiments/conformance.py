@@ -41,8 +41,7 @@ from stiction_envs.friction.plain_mjcf import Kind, plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
-from stiction_envs.robots.model_files import find_model
-from stiction_envs.robots.registry import robot_files
+from stiction_envs.robots.registry import find_model, robot_files
 from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 

@@ -22,12 +22,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.reporting.atomic import write_text_atomic
 
-Array = NDArray[np.float64]
 SHIPPED = Path(__file__).parent
 EXAMPLES = ("panda", "so101")
 ANGLE, TORQUE, RATE_HZ = 5e-6, 0.01, 500
@@ -44,15 +43,7 @@ def log_csv(t: Array, *, digits: int = 6, **channels: Array) -> str:
 
 
 def write_example(name: str, folder: Path) -> None:
-    """Write an example's files.
-
-    Args:
-        name: of `EXAMPLES`.
-        folder: that is not there yet.
-
-    Raises:
-        StictionError: the folder is there already; it might hold somebody's logs.
-    """
+    """Write an example of `EXAMPLES` into a new folder; one that is there already is refused."""
     if folder.exists():
         raise StictionError(f"{folder}: exists already: expected a new folder")
     folder.mkdir(parents=True)

@@ -6,8 +6,8 @@ LuGre (Canudas de Wit, Olsson, Åström, Lischinsky 1995): a bristle of deflecti
     dz/dt = v − σ0 |v| z / g(v)                                    [rad/s]
     τ_f   = σ0 z + σ1 dz/dt + σ2 v                                 [N·m], opposes v
 
-Here every level may differ by direction, and grow with the transmitted torque L:
-F(L) = F + k clip(L). Nothing in this file imports MuJoCo.
+Levels may grow with the transmitted torque L: F_s(L) = F_s + k L, and F_c in the same ratio.
+Nothing in this file imports MuJoCo.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +25,9 @@ class LuGre:
     """One law, or many at once: all fields broadcast against the velocity."""
 
     stiction: ArrayLike
-    """F_s, stiction level for v > 0 [N·m]."""
+    """F_s, stiction level [N·m]."""
     coulomb: ArrayLike
-    """F_c, Coulomb level for v > 0 [N·m]."""
+    """F_c, Coulomb level [N·m]."""
     stribeck_velocity: ArrayLike
     """v_s [rad/s]."""
     bristle_stiffness: ArrayLike
@@ -36,8 +36,6 @@ class LuGre:
     """σ1 [N·m·s/rad]."""
     viscous: ArrayLike = 0.0
     """σ2 [N·m·s/rad]."""
-    asymmetry: ArrayLike = 1.0
-    """Level for v < 0 over the level for v > 0 [-]."""
     load_coefficient: ArrayLike = 0.0
     """Growth of F_s per N·m of transmitted torque [-]; F_c grows in the same ratio."""
     load: ArrayLike = field(default=0.0)
@@ -47,10 +45,9 @@ class LuGre:
         """Return g(v), the friction level of steady sliding without viscous part [N·m]."""
         v = np.asarray(v, float)
         f_s, f_c = np.asarray(self.stiction, float), np.asarray(self.coulomb, float)
-        side = np.where(v < 0, self.asymmetry, 1.0)
         growth = 1.0 + np.asarray(self.load_coefficient) * np.asarray(self.load) / f_s
         stribeck = np.exp(-((v / np.asarray(self.stribeck_velocity)) ** 2))
-        return side * growth * (f_c + (f_s - f_c) * stribeck)
+        return growth * (f_c + (f_s - f_c) * stribeck)
 
     def steady(self, v: ArrayLike) -> Array:
         """Return the torque of steady sliding at v, g(v) sign(v) + σ2 v [N·m]."""

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
@@ -26,11 +26,8 @@ from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
-LINKS = 27
-"""Number of the random stream of links, apart from that of all else."""
-STEPS_PER_ROW = 2
-"""Steps per logged row: 500 Hz; assumed."""
+LINKS = 27  # number of the random stream of links, apart from that of all else
+STEPS_PER_ROW = 2  # steps per logged row: 500 Hz; assumed
 SECOND_MOTIONS = ("fourier", "fast", "sweeps", "poses")
 """Names of the `MOTIONS` that go all over the range: on which a model is to hold."""
 TAU_NOISE = np.array([0.08, 0.08, 0.08, 0.08, 0.03, 0.03, 0.03])
@@ -51,7 +48,7 @@ class Hidden:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """What a blind test sees, and the truth."""
+    """Logs and arm that a blind test sees, and the truth."""
 
     logs: list[JointLog]
     robot: Arm
@@ -68,7 +65,7 @@ class Case:
     """Logs of another motion of the same arm with the same hidden causes; [] unless asked for."""
     second_motion: str
     unhidden: list[JointLog]
-    """The same motion as `second` of the arm without hidden causes."""
+    """Logs of the motion of `second`, of the arm without hidden causes."""
     bare: World
     """The arm without hidden causes, its links a little off where asked for."""
 
@@ -112,7 +109,8 @@ def make_case(
             options = [m for m in options if m in motions] or list(motions)
         motion = str(rng.choice(options))
     if known is None:
-        known = any(EFFECTS[name].needs_friction for name in causes) or bool(rng.random() < 0.5)
+        effects = [EFFECTS[name] for name in causes]
+        known = any(x.needs_friction or x.expected for x in effects) or bool(rng.random() < 0.5)
     bare = World()
     if known:
         bare.coulomb = FRICTION * rng.uniform(0.6, 1.2, 7)
@@ -149,10 +147,7 @@ def make_case(
         for arm, logs in ((world, others), (bare, unhidden)):
             q, tau, _ = _simulate(arm, bare, later, wanted)
             logs.append(_log(q, tau, later, rng, f"case_{seed}_{other}"))
-    payload = None
-    if world.phantom is not None:
-        mass, (x, y, z) = world.phantom[0], world.phantom[1].tolist()
-        payload = mass, x, y, z
+    payload = None if world.phantom is None else (world.phantom[0], *world.phantom[1].tolist())
     nominal: FrictionParameters | str = "rigid"
     if known:
         levels = {
@@ -182,7 +177,7 @@ def make_case(
 
 
 def _visible_size(w: World, q: Array, effect: Array) -> Array:
-    """Return (7,) size of an effect, of a smooth torque only what no straight line over angle is.
+    """Return (7,) size of an effect; a straight line over angle is no effect of a smooth torque.
 
     Along a motion in which a joint hardly turns every smooth torque is an offset or a spring.
     """
@@ -222,11 +217,8 @@ def _dynamics(m: mujoco.MjModel, d: mujoco.MjData, q: Array, v: Array, mass: Arr
 def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Array, Array]:
     """Return motor angles and logged torques at the rows, and the size of what is hidden.
 
-    Args:
-        w: what is simulated.
-        bare: the same arm without what is hidden, with which it is compared.
-        t: (T,) [s].
-        wanted: (T, 7) angles of the motion [rad].
+    ``w`` is simulated and compared with the same arm ``bare`` of what is hidden; t is (T,) [s] and
+    ``wanted`` (T, 7) the angles of the motion [rad].
     """
     true = dataclasses.replace(w, phantom=None)
     model, plain = true.model(), bare.model()
@@ -244,18 +236,15 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
     speed = np.gradient(wanted, STEP, axis=0)
     pull = np.gradient(speed, STEP, axis=0)
     d.qpos[outer] = plain_data.qpos[:] = wanted[0]
-    coulomb = w.coulomb + w.more_coulomb
-    sticks = bool(coulomb.any())
-    inertia = np.maximum(w.rotor + w.armature, 0.02)
-    stiff = np.where(coulomb > 0, coulomb, 1.0) / w.distance
-    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
-    on = coulomb > 0
     # two laws in one: the true joints, and what the makers know of them
-    on = np.stack([on, w.coulomb > 0])
-    known_level = np.maximum(w.coulomb, 1e-9)
-    stiff = np.stack([stiff, known_level / PRESLIDING_DISTANCE])
-    plain_damping = 2 * 0.4 * np.sqrt(w.coulomb / PRESLIDING_DISTANCE * np.maximum(w.rotor, 0.02))
-    damping = np.stack([damping, plain_damping])
+    levels = np.stack([w.coulomb + w.more_coulomb, w.coulomb])
+    on, known_level = levels > 0, np.maximum(w.coulomb, 1e-9)
+    stiff = np.stack(
+        [np.where(on[0], levels[0], 1.0) / w.distance, w.coulomb / PRESLIDING_DISTANCE]
+    )
+    inertia = np.maximum(np.stack([w.rotor + w.armature, w.rotor]), 0.02)
+    damping = 2 * 0.4 * np.sqrt(stiff * inertia)
+    stiff[1] = known_level / PRESLIDING_DISTANCE
     z = np.zeros((2, 7))
     q, tau, nominal = (np.empty((len(t), 7)) for _ in range(3))
     missing, still = np.zeros((len(t), 7)), np.zeros(7)
@@ -271,7 +260,7 @@ def _simulate(w: World, bare: World, t: Array, wanted: Array) -> tuple[Array, Ar
         v = v + 0.5 * STEP * pull[k]
         friction = w.viscous * v + w.more_viscous * v
         known = w.viscous * v
-        if sticks:
+        if on[0].any():
             level = w.friction_level(v, t[k], load)
             top = np.maximum(level + w.stribeck, 1e-9)
             law = LuGre(

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
 """Middle of the motions of joints 1 to 7 [rad]; assumed."""
 REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
@@ -122,7 +122,7 @@ def sweeps(rng: np.random.Generator, t: Array) -> Array:
 
 
 def rests(rng: np.random.Generator, t: Array) -> Array:
-    """The same, but each rest begins with a dying wiggle of 4 mrad that lets friction go."""
+    """Sweeps whose rests begin with a dying wiggle of 4 mrad that lets friction go."""
     return _sweeps(rng, t, settle=True)
 
 
@@ -151,6 +151,6 @@ def one_way(rng: np.random.Generator, t: Array) -> Array:
 MOTIONS: dict[str, Motion] = {
     f.__name__: f for f in (fourier, fast, chirp, reversals, sweeps, rests, poses)
 }
-"""What a person would record."""
+"""Motions that a person would record."""
 BLIND_MOTIONS: dict[str, Motion] = {f.__name__: f for f in (still, one_way)}
-"""What cannot show everything."""
+"""Motions that cannot show everything."""

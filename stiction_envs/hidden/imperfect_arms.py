@@ -1,27 +1,29 @@
 """Arms whose links are all a little off, as cables and CAD tolerances leave them.
 
-That is no hidden cause: it is what a diagnosis must tolerate.
+That is no hidden cause: a diagnosis must tolerate such links. Also logs of excited arms whose links
+differ from the nominal; the torques of these logs are MuJoCo's.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
+from stiction_envs.hidden.worlds import inverse_torque
+from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import (
-    from_pseudo_inertia,
-    inertial_parameters,
-    pseudo_inertia,
-)
+from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
 
-Array = NDArray[np.float64]
 CENTRE_M = 0.1
 """Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""
-MOST = 0.2
-"""Largest scatter [-] (assumed): masses stay positive up to five standard deviations."""
+MOST = 0.2  # largest scatter [-] (assumed): masses stay positive up to five standard deviations
+COULOMB = np.array([0.5, 0.6, 0.4, 0.5, 0.3, 0.2, 0.25])
+"""Dry friction of joints 1 to 7 [N·m]; assumed."""
+VISCOUS = 0.3 * COULOMB  # [N·m·s/rad]; assumed
+OFFSET = 0.1 * COULOMB  # constant torque [N·m]; assumed
 
 
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
@@ -30,15 +32,7 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
     Of each link the mass is multiplied by 1 + N(0, s), the centre moved by N(0, s · `CENTRE_M`)
     along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
-    (`pseudo_inertia`).
-
-    Args:
-        phi: (n, 10) parameters of physically consistent links.
-        scatter: s [-].
-        rng: for the draws.
-
-    Raises:
-        StictionError: a scatter out of range.
+    (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
     """
     if not 0 <= scatter <= MOST:
         raise StictionError(f"scatter {scatter:g}: expected 0 to {MOST:g}")
@@ -58,3 +52,76 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
 def with_scattered_links(arm: Arm, scatter: float, rng: np.random.Generator) -> Arm:
     """Return an arm with links that are all a little off: see `scattered`."""
     return with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))
+
+
+def perturbed(arm: Arm, size: float, seed: int) -> Arm:
+    """The arm with other, physically consistent links: J → A J Aᵀ with A near the identity."""
+    phi = inertial_parameters(arm.pinocchio())
+    j = pseudo_inertia(phi)
+    root = np.linalg.cholesky(j)
+    a = np.eye(4) + size * np.random.default_rng(seed).normal(size=j.shape)
+    half = root @ a
+    return with_inertias(arm, from_pseudo_inertia(half @ half.transpose(0, 2, 1)))
+
+
+def presliding(q: np.ndarray, distance: float) -> np.ndarray:
+    """Dry friction over its level that builds up over a ``distance`` [rad] after a reversal."""
+    out = np.zeros_like(q)
+    for k in range(1, len(q)):
+        way = q[k] - q[k - 1]
+        out[k] = out[k - 1] + (np.sign(way) - out[k - 1]) * -np.expm1(-np.abs(way) / distance)
+    return out
+
+
+def log(
+    true: Arm,
+    state: tuple[np.ndarray, np.ndarray, np.ndarray],
+    rate: float,
+    *,
+    noise: float,
+    seed: int,
+    angle_noise: float = 1e-5,
+    presliding_distance: float = 2e-4,
+) -> JointLog:
+    """Log of a robot: friction on top, noise of torque [N·m] and angle [rad].
+
+    ``presliding_distance`` [rad] is that of our engine's friction, which the fit assumes.
+    """
+    q, dq, ddq = state
+    n = q.shape[1]
+    rng = np.random.default_rng(seed)
+    tau = inverse_torque(true.model(), q, dq, ddq)
+    tau += COULOMB[:n] * presliding(q, presliding_distance) + VISCOUS[:n] * dq + OFFSET[:n]
+    return JointLog(
+        source="excited.csv",
+        t=np.arange(len(q)) / rate,
+        q=q + angle_noise * rng.normal(size=q.shape),
+        dq=None,
+        tau=tau + noise * rng.normal(size=q.shape),
+    )
+
+
+def truth(true: Arm) -> np.ndarray:
+    """(10 n + 3 n,) parameters of links, Coulomb, viscous and offset."""
+    n = true.n
+    links = inertial_parameters(true.pinocchio()).ravel()
+    return np.concatenate([links, COULOMB[:n], VISCOUS[:n], OFFSET[:n]])
+
+
+def from_pose_to_pose(
+    arm: Arm, reach: np.ndarray, seconds: float, rate: float, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rest-to-rest moves of 1.5 s to random poses within ``reach`` of the rest pose."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * rate)) / rate
+    q = np.tile(arm.rest, (len(t), 1))
+    dq, ddq = np.zeros_like(q), np.zeros_like(q)
+    last = arm.rest
+    for start in np.arange(0.3, seconds - 1.5, 1.8):
+        goal = arm.rest + rng.uniform(-1, 1, arm.n) * reach
+        x = np.clip((t - start) / 1.5, 0, 1)[:, None]
+        q += (goal - last) * x**3 * (10 - 15 * x + 6 * x**2)
+        dq += (goal - last) * 30 * x**2 * (1 - x) ** 2 / 1.5
+        ddq += (goal - last) * 60 * x * (1 - x) * (1 - 2 * x) / 1.5**2
+        last = goal
+    return q, dq, ddq

@@ -1,4 +1,4 @@
-"""What can be hidden in servo logs: one entry per cause, by the name of the diagnosis.
+"""Causes that are hidden in servo logs: one entry per cause, by the name of the diagnosis.
 
 An entry turns a size into values of a joint's parameters (`gap.servo.parameters`). Simulated logs
 (`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean the
@@ -10,23 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
-from stiction_envs.errors import unknown
+from stiction_envs.arrays import Array
 from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.gap.servo.questions import SERVO_LAG
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
-Array = NDArray[np.float64]
-STRIBECK_VELOCITY = 0.05
-"""Stribeck velocity of hidden friction [rad/s]; assumed."""
-DEEPEST = 0.1
-"""Least limit of torque or speed over what is reached without it [-]; assumed."""
-CARRIES = 1.05
-"""Least torque limit over the joint's largest gravity [-]: it does not fall; assumed."""
-MOST_LOAD = 0.4
-"""Largest friction over load [-]: gears that carry back; assumed."""
+STRIBECK_VELOCITY = 0.05  # Stribeck velocity of hidden friction [rad/s]; assumed
+DEEPEST = 0.1  # least limit of torque or speed over what is reached without it [-]; assumed
+CARRIES = 1.05  # least torque limit over the joint's largest gravity [-]: it does not fall; assumed
+MOST_LOAD = 0.4  # largest friction over load [-]: gears that carry back; assumed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,17 +87,6 @@ class ServoEffect(Hideable):
         if self.shown_as is not None:
             return self.shown_as(joint, size)
         return next(iter(self.law(self.before(joint), size).values()))
-
-
-def effect_of(name: str) -> ServoEffect:
-    """Return how to hide a cause.
-
-    Raises:
-        StictionError: an unknown one.
-    """
-    if name not in EFFECTS:
-        raise unknown("cause", name, tuple(EFFECTS))
-    return EFFECTS[name]
 
 
 def _limit(reached: float, size: float) -> float:
@@ -257,4 +238,3 @@ _EFFECTS = (
     ),
 )
 EFFECTS = {effect.name: effect for effect in _EFFECTS}
-"""By name of the cause."""

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import unknown
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.gap.servo.parameters import INDEX, absent
@@ -23,27 +23,16 @@ from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-RATE_HZ = 50.0
-"""Rows per second; assumed."""
-ENCODER = 2 * np.pi / 4096
-"""Step of the angle [rad], of common hobby servos; assumed."""
-LATE = 2e-3
-"""Time by which stamps are late [s]; assumed."""
-JITTER = 2e-4
-"""Standard deviation of the clock [s]; assumed."""
-SAG = 0.04
-"""Usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed."""
-BANDWIDTH = 30.0
-"""Least natural frequency of a servo with its link [rad/s]; assumed."""
-WEAKEST = 0.1
-"""Least stiffness of a joint's servo over that of the strongest [-]; assumed."""
-LAG = 0.05
-"""Damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed."""
-TOOL = 0.25
-"""Largest gravity of a hidden payload over the arm's own [-], about; assumed."""
+RATE_HZ = 50.0  # rows per second; assumed
+ENCODER = 2 * np.pi / 4096  # step of the angle [rad], of common hobby servos; assumed
+LATE = 2e-3  # time by which stamps are late [s]; assumed
+JITTER = 2e-4  # standard deviation of the clock [s]; assumed
+SAG = 0.04  # usual sag of an arm under its gravity [rad]: sets the servos' stiffness; assumed
+BANDWIDTH = 30.0  # least natural frequency of a servo with its link [rad/s]; assumed
+WEAKEST = 0.1  # least stiffness of a joint's servo over that of the strongest [-]; assumed
+LAG = 0.05  # damping over stiffness [s], of an SO-101's servos 0.06 to 0.08 s; assumed
+TOOL = 0.25  # largest gravity of a hidden payload over the arm's own [-], about; assumed
 CAUSES = (*(name for name, effect in EFFECTS.items() if effect.usual is not None), "payload")
-"""Causes that can be hidden."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,16 +51,13 @@ class HiddenServoLog:
 
     @property
     def servo(self) -> Servo:
-        """What its user knows of the servos."""
+        """Stiffness and damping that the user believes."""
         return Servo(stiffness=self.stiffness, damping=self.damping)
 
     @property
     def options(self) -> dict[str, list[float]]:
-        """The same as options of `diagnose`."""
-        return {
-            "servo_stiffness": self.stiffness.tolist(),
-            "servo_damping": self.damping.tolist(),
-        }
+        """Stiffness and damping as options of `diagnose`."""
+        return {"servo_stiffness": self.stiffness.tolist(), "servo_damping": self.damping.tolist()}
 
 
 def hide(
@@ -84,7 +70,7 @@ def hide(
     start: Array | None = None,
     only_slow: bool = False,
 ) -> HiddenServoLog:
-    """Simulate a servo log with hidden causes, each on a drawn joint.
+    """Simulate a servo log with hidden ``causes``, each on a drawn joint.
 
     Args:
         arm: as its user models it.
@@ -94,9 +80,6 @@ def hide(
         scatter: of the links [-].
         start: (n,) middle of the motion [rad]; None for a bent pose.
         only_slow: whether all commands are slow waves.
-
-    Raises:
-        StictionError: an unknown cause.
     """
     for cause in causes:
         if cause not in CAUSES:
@@ -118,7 +101,8 @@ def hide(
     for cause in causes:
         effect = EFFECTS[cause]
         if effect.usual is None:
-            tool = _tool(arm, gravity)
+            reach = float(np.linalg.norm(arm.model().body_pos[1:], axis=1).sum())
+            tool = (TOOL * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
             hidden.append((cause, 0))
             continue
         j = int(rng.choice(heavy if effect.under_gravity else np.arange(arm.n)))
@@ -146,12 +130,6 @@ def hide(
     return HiddenServoLog(
         log=log, stiffness=stiffness, damping=damping, hidden=tuple(hidden), payload=tool
     )
-
-
-def _tool(arm: Arm, gravity: Array) -> tuple[float, float, float, float]:
-    """Return mass [kg] and centre [m] of a body at the flange, given the arm's gravity (n,)."""
-    reach = float(np.linalg.norm(arm.model().body_pos[1:], axis=1).sum())
-    return (TOOL * float(gravity.max()) / (9.81 * 0.7 * reach), 0.0, 0.01, 0.04)
 
 
 def commands(

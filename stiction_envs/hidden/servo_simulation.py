@@ -14,24 +14,20 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.hidden.worlds import add_to_flange
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-STEP = 1e-3
-"""Step of the simulation [s]; assumed."""
+STEP = 1e-3  # step of the simulation [s]; assumed
 LIGHTEST = 1e-4
 """Least inertia of a joint over its servo's stiffness [s²]: a rotor makes up for lighter links;
 assumed."""
-STIFFEST = 2.5e4
-"""Largest stiffness of a bristle over the joint's inertia [1/s²]; assumed."""
-BRISTLE_DAMPING_RATIO = 0.4
-"""Assumed."""
+STIFFEST = 2.5e4  # largest stiffness of a bristle over the joint's inertia [1/s²]; assumed
+BRISTLE_DAMPING_RATIO = 0.4  # assumed
 
 
 def weightless(
@@ -39,9 +35,7 @@ def weightless(
 ) -> tuple[mujoco.MjModel, mujoco.MjData]:
     """Return an arm whose gravity is compensated, so that ``qfrc_gravcomp`` holds its weight.
 
-    Args:
-        arm: the rigid arm.
-        payload: mass [kg] and centre of mass x, y, z in the flange's frame [m].
+    ``payload`` is mass [kg] and centre of mass x, y, z in the flange's frame [m].
     """
     spec = arm.spec()
     if payload is not None:

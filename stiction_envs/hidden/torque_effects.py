@@ -1,4 +1,4 @@
-"""What can be hidden in joint logs: one entry per effect, by the name of the diagnosis.
+"""Effects that are hidden in joint logs: one entry per effect, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and returns the truth. Simulated logs
 (`hidden_logs`) draw its value; a rehearsal hides three values along the motion of a user's log. It
@@ -13,14 +13,13 @@ from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.hidden.hidden_motions import REACH
 from stiction_envs.hidden.worlds import World
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
-Array = NDArray[np.float64]
 Values = dict[str, float | list[float]]
 FRICTION = np.array([0.7, 0.9, 0.7, 0.8, 0.5, 0.4, 0.5])
 """(7,) usual dry friction [N·m]; assumed."""
@@ -73,10 +72,13 @@ its value's first."""
 
 
 def sets(name: str, key: str) -> Hide:
-    """Return how to hide the value of a key: as that of a joint's field of the world."""
+    """Return how to hide the value of a key: as a field of the world, or a joint's value there."""
 
     def hide(w: World, j: int, value: float, shape: Shape) -> Values:
-        getattr(w, name)[j] = value
+        if isinstance(field := getattr(w, name), np.ndarray):
+            field[j] = value
+        else:
+            setattr(w, name, value)
         return {key: value}
 
     return hide
@@ -153,16 +155,6 @@ def _elasticity(w: World, j: int, value: float, shape: Shape) -> Values:
     return {"stiffness_nm_per_rad": value}
 
 
-def _delay(w: World, j: int, value: float, shape: Shape) -> Values:
-    w.delay = value
-    return {"delay_s": value}
-
-
-def _missing(w: World, j: int, value: float, shape: Shape) -> Values:
-    w.gravity_missing = value
-    return {"share": value}
-
-
 def _spring(w: World, j: int, value: float, shape: Shape) -> Values:
     rest = w.middle[j] if shape is None else shape.uniform(-0.6, 0.6) + w.middle[j]
     w.spring[j], w.spring_rest[j] = value, rest
@@ -190,7 +182,7 @@ class Effect:
     joints: tuple[int, ...] = (1, 2, 3, 4, 5, 6, 7)
     """From 1, those on which it can be seen at all."""
     needs_friction: bool = False
-    """Whether it acts on friction or rotors that are there already."""
+    """Whether it acts on rotors that are there already; a cause that refines dry friction does."""
     arm_wide: bool = False
     excludes: frozenset[str] = frozenset()
     """Effects that are not hidden with it, as no log separates them."""
@@ -204,14 +196,10 @@ class Effect:
     largest: float = np.inf
     """Largest size that is tried: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
-    """Causes that are named rightly beside it."""
+    """Causes that are named rightly beside it: the dry friction that it refines, and that must be
+    there."""
     parameter: str = ""
-    """What its value is, where that is not the cause's first parameter."""
-
-    @property
-    def refines_friction(self) -> bool:
-        """Whether it changes a dry friction that must be there, and may be named too."""
-        return self.expected == DRY
+    """Parameter that the value is, where that is not the cause's first."""
 
 
 def cause_of(name: str) -> str:
@@ -239,7 +227,6 @@ EFFECTS = {
         _stribeck,
         lambda w, d: d.between(0.3, 1.2) * d.friction,
         ("sweeps", "rests"),
-        needs_friction=True,
         value=_of_friction,
         largest=3.0,
         expected=DRY,
@@ -248,7 +235,6 @@ EFFECTS = {
         sets("asymmetry", "asymmetry_nm"),
         lambda w, d: d.signed(0.2, 0.5) * w.coulomb[d.joint],
         ("rests",),
-        needs_friction=True,
         value=_of_friction,
         largest=0.9,
         expected=DRY,
@@ -258,7 +244,6 @@ EFFECTS = {
         lambda w, d: d.between(0.02, 0.1),
         ("fourier", "fast"),
         joints=(2, 4),
-        needs_friction=True,
         largest=1.0,
         expected=DRY,
     ),
@@ -266,7 +251,6 @@ EFFECTS = {
         _presliding,
         lambda w, d: d.between(3e-3, 2e-2),
         ("reversals",),
-        needs_friction=True,
         value=lambda w, j, size: w.distance[j] + size,
         start=1e-3,
         largest=0.1,
@@ -279,7 +263,6 @@ EFFECTS = {
         sets("drift", "drift_nm_per_s"),
         lambda w, d: d.signed(0.4, 0.8) * w.coulomb[d.joint] / w.seconds,
         ("fourier", "sweeps", "reversals"),
-        needs_friction=True,
         value=lambda w, j, size: size * w.coulomb[j] / w.seconds,
         largest=1.0,
         expected=DRY,
@@ -355,7 +338,7 @@ EFFECTS = {
         largest=1 / 300,
     ),
     "actuator_delay": Effect(
-        _delay,
+        sets("delay", "delay_s"),
         lambda w, d: d.between(4e-3, 3e-2),
         ("fast", "chirp"),
         arm_wide=True,
@@ -372,7 +355,7 @@ EFFECTS = {
         largest=0.2,
     ),
     "gravity_compensation_missing": Effect(
-        _missing,
+        sets("gravity_missing", "share"),
         # most controllers that log their own command leave out all of it
         lambda w, d: 1.0 if d.rng.random() < 0.3 else d.between(0.02, 1.0),
         ("fourier", "poses", "fast"),

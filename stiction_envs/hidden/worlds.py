@@ -8,18 +8,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.hidden.hidden_motions import CENTRE
 from stiction_envs.robots import Arm, load_arm
 
-Array = NDArray[np.float64]
-STEP = 1e-3
-"""Step of the simulation [s]; assumed."""
+STEP = 1e-3  # step of the simulation [s]; assumed
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
-RADIUS = 0.03
-"""Radius of a payload, a solid sphere [m]; assumed."""
+RADIUS = 0.03  # radius of a payload, a solid sphere [m]; assumed
 
 
 ZERO: Any = 0.0
@@ -29,7 +26,7 @@ ONE: Any = 1.0
 
 @dataclass(kw_only=True)
 class _Joints:
-    """What each joint has, (n, ...); a value without joints is that of all."""
+    """Properties of the joints, (n, ...); one value stands for all joints."""
 
     middle: Array = field(default_factory=CENTRE.copy)
     """Usual angle [rad]; by default that of the simulated motions."""
@@ -74,7 +71,7 @@ class World(_Joints):
     payload: tuple[float, Array] | None = None
     """Mass [kg] and centre of mass [m]."""
     phantom: tuple[float, Array] | None = None
-    """The same of a payload that the robot's makers know and the robot lacks."""
+    """Mass [kg] and centre [m] of a payload that the makers know and the robot lacks."""
     links: dict[int, tuple[float, Array]] = field(default_factory=dict)
     """By link (from 1): mass [kg] and centre of mass [m] beyond what the makers know."""
     tilt: tuple[float, float] = (0.0, 0.0)
@@ -93,12 +90,9 @@ class World(_Joints):
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))
 
     def friction_level(self, v: Array, t: float | Array, load: Array) -> Array:
-        """Return (..., n) level of dry friction [N·m] of fast sliding.
+        """Return (..., n) level of dry friction of fast sliding [N·m], at a time [s].
 
-        Args:
-            v: (..., n) speeds [rad/s].
-            t: time since the start [s].
-            load: (..., n) torque that the gears carry [N·m].
+        Speeds ``v`` are (..., n) [rad/s], torques ``load`` that the gears carry (..., n) [N·m].
         """
         level = self.coulomb + self.more_coulomb + self.drift * t + self.load * np.abs(load)
         return np.asarray(level + self.asymmetry * np.sign(v))

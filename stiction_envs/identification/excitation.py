@@ -22,17 +22,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
-from stiction_envs.identification.excitation_motion import (
-    FourierSeries,
-    State,
-    Sweeps,
-    sweeps_from,
-)
+from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
 from stiction_envs.identification.excitation_search import FINE, Problem, search
 from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
 from stiction_envs.method_settings import Changes, override
@@ -44,11 +39,9 @@ from stiction_envs.robots import Arm
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
-Array = NDArray[np.float64]
+DRAWN_HZ = 50.0  # samples per second of the drawn lines [Hz]; assumed
 SWEEP_TRIES = 20
 """Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
-DRAWN_HZ = 50.0
-"""Samples per second of the drawn lines [Hz]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -63,7 +56,6 @@ class Excitation(Result):
     condition: float
     """Condition number κ of the scaled regressor along one period."""
     condition_si: float
-    """Condition number in SI units, not scaled."""
     random_condition: Array
     """(R,) κ of random motions inside the same limits."""
     columns: tuple[str, ...]
@@ -78,54 +70,34 @@ class Excitation(Result):
     provenance: Provenance
 
     @property
-    def robot(self) -> str:
-        """Name of the arm."""
-        return self.arm.name
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.series.offset)
-
-    @property
     def duration(self) -> float:
         """From rest to rest [s]."""
         seconds = self.periods / self.series.base_frequency
         return seconds + (self.sweeps.duration if self.sweeps is not None else 0.0)
 
-    def state(self, t: ArrayLike) -> State:
-        """Return angles [rad], speeds [rad/s], accelerations [rad/s²], (..., n) at times (...)."""
-        at = np.asarray(t, dtype=np.float64)
-        flat = np.clip(at.ravel(), 0.0, self.duration)
+    def state(self, t: Array) -> State:
+        """Return angles [rad], speeds [rad/s], accelerations [rad/s²], (T, n) at times (T,) [s]."""
+        moving = np.clip(t, 0.0, self.duration)
         fourier = self.periods / self.series.base_frequency
-        out = self.series.state(np.minimum(flat, fourier))
-        later = flat > fourier
+        out = self.series.state(np.minimum(moving, fourier))
+        later = moving > fourier
         if self.sweeps is not None and later.any():
-            for whole, part in zip(out, self.sweeps.state(flat[later] - fourier), strict=True):
+            for whole, part in zip(out, self.sweeps.state(moving[later] - fourier), strict=True):
                 whole[later] = part
-        resting = (at.ravel() < 0) | (at.ravel() > self.duration)
+        resting = (t < 0) | (t > self.duration)
         out[1][resting], out[2][resting] = 0.0, 0.0
-        q, dq, ddq = (x.reshape(*at.shape, self.n) for x in out)
-        return q, dq, ddq
+        return out
 
     def times(self, rate_hz: float) -> Array:
-        """Return (T,) times of samples from start to end [s].
-
-        Raises:
-            StictionError: a rate that is not positive.
-        """
+        """Return (T,) times of samples from start to end [s]; the rate must be positive."""
         _check_rate(rate_hz)
         return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
 
     def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
-        """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s].
-
-        Raises:
-            StictionError: a rate that is not positive.
-        """
+        """Write ``t,q1..qn,dq1..dqn`` [s, rad, rad/s]."""
         t = self.times(rate_hz)
         q, dq, _ = self.state(t)
-        joints = range(1, self.n + 1)
+        joints = range(1, self.arm.n + 1)
         names = ["t", *(f"q{j}" for j in joints), *(f"dq{j}" for j in joints)]
         lines = [",".join(names)]
         lines += [",".join(f"{v:.9g}" for v in row) for row in np.column_stack([t, q, dq])]
@@ -134,7 +106,7 @@ class Excitation(Result):
     def to_json(self) -> dict[str, object]:
         """Return JSON values."""
         return {
-            "robot": self.robot,
+            "robot": self.arm.name,
             "duration_s": self.duration,
             "condition": self.condition,
             "condition_si": self.condition_si,
@@ -170,9 +142,8 @@ class Excitation(Result):
         self.plot(folder / "excitation.png")
 
     def __repr__(self) -> str:
-        return (
-            f"<Excitation of {self.robot}: {self.duration:.4g} s, condition {self.condition:.3g}>"
-        )
+        name, seconds = self.arm.name, self.duration
+        return f"<Excitation of {name}: {seconds:.4g} s, condition {self.condition:.3g}>"
 
     def __str__(self) -> str:
         random = self.random_condition
@@ -282,11 +253,7 @@ def _check_rate(hz: float) -> None:
 
 
 def _sweeps(problem: Problem, start: Array) -> tuple[Sweeps, State]:
-    """Return sweeps inside all limits, and their states; first directions turn and spans shrink.
-
-    Raises:
-        ExperimentError: none are inside.
-    """
+    """Return sweeps inside all limits, and their states; first directions turn and spans shrink."""
     rng, b = np.random.default_rng(0), problem.bounds
     for trial in range(SWEEP_TRIES):
         side = None if trial == 0 else rng.choice([-1.0, 1.0], len(start))

@@ -15,21 +15,18 @@ from itertools import combinations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.identification.excitation_motion import State
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
 from stiction_envs.robots.tables import lookup, per_joint
 
-Array = NDArray[np.float64]
 NEAR = 0.05
 """Links that are nearer at rest are neighbours: half of their distance there is kept [m]; assumed.
 """
-TOUCHING = 1e-3
-"""Pairs that are nearer at rest touch, and are left out [m]; assumed."""
-FLANGE_BALL = 0.05
-"""Radius of the ball in place of an arm without collision geometry [m]; assumed."""
+TOUCHING = 1e-3  # pairs that are nearer at rest touch, and are left out [m]; assumed
+FLANGE_BALL = 0.05  # radius of the ball in place of an arm without collision geometry [m]; assumed
 ROUNDING = 1e-3
 """Distances between bounding spheres count as smaller by this [m]; assumed. It is far above what
 MuJoCo rounds, so that a pair left out could not have changed a bit."""
@@ -179,12 +176,8 @@ class Clearance:
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
         """Return Σ over poses and pairs of (1 − d/wanted)² where d < wanted, and its gradient.
 
-        Args:
-            q: (T, n) [rad].
-            wanted: distance to keep [m].
-
-        Returns:
-            The sum, and (T, n) its derivative per rad.
+        Poses are (T, n) [rad], ``wanted`` is the distance to keep [m]; the gradient is (T, n)
+        [1/rad].
         """
         total, gradient = 0.0, np.zeros_like(q)
         ends = np.zeros((6, 1))

@@ -6,20 +6,16 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 SPEEDS = (0.02, 0.08, 0.3)
 """Speeds of the sweeps [rad/s]; assumed: below, at and above usual Stribeck velocities."""
-SPAN = 0.3
-"""Largest angle of a sweep [rad]; assumed."""
-SECONDS = 4.0
-"""Longest time of one direction [s]; assumed."""
-RISE = 0.3
-"""Time from rest to speed [s]; assumed."""
-PAUSE = 0.5
-"""Time at rest between two directions [s]; assumed."""
+SPAN = 0.3  # largest angle of a sweep [rad]; assumed
+SECONDS = 4.0  # longest time of one direction [s]; assumed
+RISE = 0.3  # time from rest to speed [s]; assumed
+PAUSE = 0.5  # time at rest between two directions [s]; assumed
 State = tuple[Array, Array, Array]
 """Angles [rad], speeds [rad/s] and accelerations [rad/s²], (T, n) each."""
 
@@ -121,14 +117,10 @@ class Sweeps:
 def sweeps_from(
     start: Array, low: Array, high: Array, *, side: Array | None = None, part: float = 1.0
 ) -> Sweeps:
-    """Return there-and-back sweeps of all joints from a pose, towards the middle of their ranges.
+    """Return there-and-back sweeps of all joints from a pose (n,), between angles (n,) [rad].
 
-    Args:
-        start: (n,) [rad].
-        low: (n,) lowest allowed angle [rad].
-        high: (n,) highest [rad].
-        side: (n,) ±1, first direction; None for towards the middle.
-        part: of the largest span.
+    ``side`` (n,) ±1 are the first directions, by default towards the middle of the ranges; ``part``
+    is that of the largest span.
     """
     if side is None:
         side = np.where(start > (low + high) / 2, -1.0, 1.0)

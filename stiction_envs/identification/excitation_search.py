@@ -15,10 +15,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
@@ -36,32 +36,25 @@ from stiction_envs.robots.regressor import (
     torque_regressor,
 )
 
-Array = NDArray[np.float64]
-POWER = 2.0
-"""p of the smooth condition number [-]; assumed."""
-PENALTIES = (1e1, 1e3, 1e5)
-"""Weights of the penalties, one search after the other [-]; assumed."""
+POWER = 2.0  # p of the smooth condition number [-]; assumed
+PENALTIES = (1e1, 1e3, 1e5)  # weights of the penalties, one search after the other [-]; assumed
 TIGHT = 0.98
 """Part of each limit at which the penalty begins, so that the end stays inside [-]; assumed."""
-DIFFERENCE = 1e-6
-"""Step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed."""
+DIFFERENCE = 1e-6  # step of the regressor's finite differences [rad, rad/s, rad/s²]; assumed
 STATES = 300
 """Random states from which base parameters and the columns' sizes are taken, and poses that are
 tried where the one at rest cannot be held; assumed."""
-TRIES = 400
-"""Random motions that are tried before the search fails; assumed."""
+TRIES = 400  # random motions that are tried before the search fails; assumed
 EASY = 0.8
 """Part of the usable torque that a pose may need to take the place of one at rest [-]; assumed."""
 SHRINK, SHRINKS = 0.97, 40
 """A motion that breaks a limit is made smaller by this factor [-], so many times at most; assumed.
 """
-SIGN_SPEED = 0.02
-"""Speed at which dry friction's column is at 0.76 of its level [rad/s]; assumed."""
+SIGN_SPEED = 0.02  # speed at which dry friction's column is at 0.76 of its level [rad/s]; assumed
 SAMPLES = 50
 """Per period in the search; assumed: five times the highest harmonic, and twice that of its
 squares."""
-FINE = 400
-"""Per period in the check of the result; assumed."""
+FINE = 400  # per period in the check of the result; assumed
 
 
 class Problem:
@@ -92,8 +85,6 @@ class Problem:
         self._home: Array | None = None
         """(n,) where small motions fit if they do not about the pose at rest [rad]."""
 
-    # ---- regressor ---------------------------------------------------------------------------
-
     def _whole(self, q: Array, dq: Array, ddq: Array) -> Array:
         """Return (T, n, 13 n) columns of links, then of friction joint by joint."""
         n = self.arm.n
@@ -118,8 +109,6 @@ class Problem:
         """Return (T, n) torque of the rigid arm [N·m]."""
         return np.asarray(torque_regressor(self.model, *state) @ self.phi)
 
-    # ---- motions -----------------------------------------------------------------------------
-
     def series(self, x: Array) -> FourierSeries:
         """Return the series of a point (n (2 N − 1),): offsets, then free coefficients."""
         n, k = self.arm.n, self.settings.harmonics
@@ -143,11 +132,7 @@ class Problem:
         return self.clearance.keeps(state[0], self.settings.clearance)
 
     def random(self, rng: np.random.Generator) -> Array:
-        """Return a random point inside all limits.
-
-        Raises:
-            ExperimentError: none is found.
-        """
+        """Return a random point inside all limits, or raise an ExperimentError."""
         found = self._drawn(rng, self.arm.rest) if self._home is None else None
         if found is None:
             self._home = self._held() if self._home is None else self._home
@@ -219,8 +204,6 @@ class Problem:
             out[self.arm.n :] *= SHRINK
         return None
 
-    # ---- objective ---------------------------------------------------------------------------
-
     def value(self, x: Array, weight: float) -> tuple[float, Array]:
         """Return the smooth log condition number with penalties, and its gradient."""
         n = self.arm.n
@@ -287,13 +270,7 @@ def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
 def search(
     problem: Problem, x: Array, progress: Callable[[], None] = lambda: None
 ) -> tuple[Array, float] | None:
-    """Return the best point found from ``x`` inside all limits, and its condition number.
-
-    Args:
-        problem: the arm.
-        x: where to start, inside all limits.
-        progress: called once per iteration.
-    """
+    """Return the best point found inside all limits from ``x``, and its condition number."""
     best: tuple[Array, float] | None = None
     each = -(-problem.settings.iterations // len(PENALTIES))
     for weight in PENALTIES:

@@ -11,7 +11,7 @@ Torques determine only sums of link parameters, the base parameters. QR with piv
 regressor finds them (`robots.regressor`), together with Coulomb, viscous and constant torque.
 Unconstrained least squares does not determine single links: filled up to ten parameters per link it
 gives negative masses (Table 4.1 of the thesis). So a second fit, that of a diagnosis without named
-causes (`mixed_fit`), keeps links near the nominal ones and physically consistent.
+causes (`fits`), keeps links near the nominal ones and physically consistent.
 """
 
 from __future__ import annotations
@@ -23,24 +23,15 @@ from pathlib import Path
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.torque_sign import correct_sign
-from stiction_envs.identification.base_parameters import fit_base, structural_base
-from stiction_envs.identification.mixed_fit import (
-    all_columns,
-    fit_predictor,
-    held_out,
-    kinds_of,
-    not_shown,
-    parameters,
-    terms_of,
-)
+from stiction_envs.identification import fits
 from stiction_envs.measured.logs.joint_names import Reading, naming_of
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.measured.logs.sources import log_sources, torque_side
@@ -56,7 +47,6 @@ from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 
 __all__ = ["Identification", "identify"]
 
-Array = NDArray[np.float64]
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
 """Samples of all logs together; assumed. Longer logs are thinned out after the filter."""
@@ -291,7 +281,7 @@ def identify(
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
     turned, signals = correct_sign(read, signals, arm)
     data = assemble(arm, signals, torque=side)
-    base, unit_torque = structural_base(arm, kinds_of(side))
+    base, unit_torque = fits.structural_base(arm, fits.kinds_of(side))
     # neighbours within half a period of the filter depend on each other
     independent = np.nanmin([1.0, 2 * data.cutoff * data.dt])
     seen = int(data.n * np.count_nonzero(data.block >= 0) * independent)
@@ -300,17 +290,17 @@ def identify(
             f"{seen} independent torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
-    predictor = fit_predictor(data, signals)
-    terms, stacked = terms_of(predictor), all_columns(predictor)
-    found = fit_base(predictor, stacked[:, :, base.kept])
+    predictor = fits.fit_predictor(data, signals)
+    terms, stacked = fits.terms_of(predictor), fits.all_columns(predictor)
+    found = fits.fit_base(predictor, stacked[:, :, base.kept])
     say("fitting", 0.2)
-    consistent = parameters(predictor, terms)
+    consistent = fits.parameters(predictor, terms)
     say("held-out", 0.5)
-    nominal = parameters(predictor, [])
+    nominal = fits.parameters(predictor, [])
     free = np.zeros_like(nominal)
     free[:, base.kept] = found.values
-    models = (nominal, parameters(predictor, predictor.candidates), free, consistent)
-    hidden = np.isin(np.array(base.names)[base.kept], not_shown(predictor))
+    models = (nominal, fits.parameters(predictor, predictor.candidates), free, consistent)
+    hidden = np.isin(np.array(base.names)[base.kept], fits.not_shown(predictor))
     links, friction = np.split(consistent[0], [10 * data.n])
     *rotor, coulomb, viscous, offset = friction.reshape(-1, data.n)
     # torques are turned in all logs or none
@@ -328,7 +318,7 @@ def identify(
         viscous=viscous,
         offset=offset,
         rotor=rotor[0] if rotor else None,
-        rms={k: held_out(predictor, stacked, x) for k, x in zip(MODELS, models, strict=True)},
+        rms={k: fits.held_out(predictor, stacked, x) for k, x in zip(MODELS, models, strict=True)},
         noise=np.array(predictor.data.noise),
         provenance=made,
         unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),

@@ -9,13 +9,12 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import Arm, arm_title
 
-Array = NDArray[np.float64]
 COLOURS = ("0.8", "0.55", "#5b8db8", "#d1701a")
 """Colours of `identification.MODELS`."""
 
@@ -32,14 +31,8 @@ def plot_excitation(
 ) -> None:
     """Draw angles in their ranges, speeds, and the condition number reached; write a PNG.
 
-    Args:
-        t: (T,) times from its start to its end [s].
-        q: (T, n) angles [rad].
-        dq: (T, n) speeds [rad/s].
-        path: PNG to write.
-        arm: the arm it was found for.
-        condition: its condition number [-].
-        random: (R,) those of random motions inside the same limits [-].
+    t is (T,) [s], q and dq are (T, n) [rad, rad/s]; ``random`` (R,) are the condition numbers of
+    random motions inside the same limits [-].
     """
     low, high = arm.limits.position.T
     figure = Figure(figsize=(9.6, 7.2), layout="constrained")
@@ -72,14 +65,7 @@ def plot_excitation(
 def plot_identification(
     name: str, rms: Mapping[str, Array], noise: Array, path: str | os.PathLike[str]
 ) -> None:
-    """Draw the held-out residual of every joint under every model; write a PNG.
-
-    Args:
-        name: of the arm.
-        rms: (n,) of every model [N·m].
-        noise: (n,) [N·m].
-        path: PNG to write.
-    """
+    """Draw the held-out residual (n,) of every joint under every model, and the noise [N·m]."""
     figure = Figure(figsize=(9, 4.2), layout="constrained")
     axes = figure.subplots()
     joints = np.arange(1, len(noise) + 1)

@@ -13,12 +13,12 @@ from stiction_envs.measured.tables import (
     write_final,
     write_sje,
 )
-from stiction_envs.measured.thesis_robots import thesis_robots
 from stiction_envs.measured.thesis_tables import (
     THESIS_TABLES,
     DitheredRow,
     thesis_base,
     thesis_dithered,
+    thesis_robots,
     thesis_table,
 )
 

@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.csv_text import header_of
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import header_of, refuse_pointer
 from stiction_envs.measured.logs.aliases import column_of
+from stiction_envs.measured.logs.formats.base import OUR_COLUMNS
 from stiction_envs.measured.logs.formats.csv_file import CsvFile, known_header
-from stiction_envs.measured.logs.formats.header import OUR_COLUMNS
 from stiction_envs.measured.logs.formats.registry import format_of
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, BASE_COLUMNS, SJE_COLUMNS
 
@@ -19,10 +18,7 @@ TABLE, LOG = "torque table", "joint log"
 
 
 def file_kind(path: str | os.PathLike[str]) -> str:
-    """Return `TABLE` or `LOG`.
-
-    Args:
-        path: a file; one that cannot be read counts as a log, and the reader of logs reports why.
+    """Return `TABLE` or `LOG`; a file that cannot be read is a `LOG`, whose reader reports why.
 
     Raises:
         StictionError: the columns are neither's.

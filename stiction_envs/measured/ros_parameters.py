@@ -3,28 +3,19 @@
     /**:                        # any node; name yours instead where several listen
       ros__parameters:
         dither:
-          joints: [joint7]      # those that follow, in the order of final.csv
-          joint7:               # the joint's name in the robot's model
-            joint: 7            # its number, from 1: where your driver has other names
+          joints: [joint7]      # joints that follow, in the order of final.csv
+          joint7:               # name of the joint in the robot's model
+            joint: 7            # number of the joint, from 1
             frequency_hz: 15.0
             amplitude_nm: 0.8
             waveform: sine
             offset_nm: 0.0
             gate_rad_s: 0.0     # 0: never gated
 
-Friction compensation is a group of its own (`control.compensation_files`). Every joint has every
-key, each always of one type (``joint`` an integer, ``waveform`` and ``kind`` a string, the others
-doubles), as ROS 2 asks of a parameter; doubles read back bit for bit. A controller whose
-parameters come from generate_parameter_library declares them as
-
-    dither:
-      __map_joints:
-        frequency_hz: {type: double, default_value: 0.0}
-        amplitude_nm: {type: double, default_value: 0.0}
-
-and so on, ``joints`` being its own parameter with the joints it commands; defaults of 0 leave those
-without a row undithered. Loaded by ``--ros-args --params-file final.yaml``, or as `param_file` of
-a controller's spawner.
+Every joint has every key, each of one type, as ROS 2 asks of a parameter; doubles read back bit for
+bit. A controller whose parameters come from generate_parameter_library declares the keys below
+``__map_joints`` with defaults of 0. ``--ros-args --params-file final.yaml`` loads the file.
+Friction compensation is a group of its own (`control.compensation_files`).
 """
 
 from __future__ import annotations
@@ -66,13 +57,7 @@ class Group:
 def write_parameters(
     path: str | os.PathLike[str], groups: Sequence[Group], names: Sequence[str]
 ) -> None:
-    """Write groups of rows at once.
-
-    Args:
-        path: the file.
-        groups: as they follow in the file.
-        names: of joints 1 to n.
-    """
+    """Write groups of rows at once; ``names`` are those of joints 1 to n."""
     tree: dict[str, object] = {}
     for group in groups:
         joints = [names[row["joint"] - 1] for row in group.rows]
@@ -95,12 +80,7 @@ def read_parameters(
 ) -> list[Line]:
     """Read a group of such a file as lines of a table, one a joint.
 
-    Args:
-        path: the file.
-        required: columns that every joint has.
-        optional: columns that it may have.
-        group: name of the group.
-        shared: columns that are said once, and given to every line.
+    Every line gets the ``shared`` columns, which the file states once.
 
     Raises:
         StictionError: the file cannot be read, or is no such file.

@@ -13,21 +13,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array
 from stiction_envs.dither.dither import check_frequency
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.measured import ros_parameters as ros
 from stiction_envs.measured.csv_text import Line, header_of, parse_lines, read_lines, table_text
-from stiction_envs.measured.ros_parameters import (
-    DITHER_NOTE,
-    GROUP,
-    Group,
-    is_parameters,
-    read_parameters,
-    write_parameters,
-)
-from stiction_envs.measured.thesis_robots import our_name
 from stiction_envs.reporting.atomic import write_text_atomic
 
 Path = str | os.PathLike[str]
@@ -107,9 +100,7 @@ def write_sje(path: Path, rows: Iterable[SJERow]) -> None:
     """
     rows = list(rows)
     text = table_text(SJE_COLUMNS, [astuple(row) for row in rows])
-    for row, again in zip(rows, parse_sje(parse_lines(path, text, SJE_COLUMNS)), strict=True):
-        if row.robot != again.robot:
-            raise StictionError(f"{path}: robot is {row.robot!r}: expected a name or path")
+    parse_sje(parse_lines(path, text, SJE_COLUMNS))
     write_text_atomic(path, text)
 
 
@@ -152,8 +143,7 @@ def write_amplitudes(path: Path, rows: Iterable[AmplitudeRow]) -> None:
     optional = 3 if gated else 2 if shaped else 0
     header = AMPLITUDE_COLUMNS + AMPLITUDE_OPTIONAL[:optional]
     text = table_text(header, [astuple(row)[: len(header)] for row in rows])
-    for _ in _parse_amplitudes(parse_lines(path, text, header)):
-        pass
+    list(_parse_amplitudes(parse_lines(path, text, header)))
     write_text_atomic(path, text)
 
 
@@ -161,21 +151,17 @@ def write_final(
     folder: Path,
     rows: Iterable[AmplitudeRow],
     joint_names: Sequence[str],
-    more: Sequence[Group] = (),
+    more: Sequence[ros.Group] = (),
 ) -> None:
-    """Write ``final.csv``, and the same as ``final.yaml`` for a controller of ROS 2.
+    """Write ``final.csv``, and the same with ``more`` as ``final.yaml`` for a controller of ROS 2.
 
-    Args:
-        folder: where they go.
-        rows: dither of the joints that have some; without any there is no ``final.csv``.
-        joint_names: of all the arm's joints.
-        more: what else ``final.yaml`` holds.
+    Without rows there is no ``final.csv``. ``joint_names`` are those of all the arm's joints.
     """
     rows, groups = list(rows), list(more)
     if rows or not groups:
         write_amplitudes(os.path.join(folder, "final.csv"), rows)
-        groups.insert(0, Group(GROUP, [asdict(row) for row in rows], note=DITHER_NOTE))
-    write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
+        groups.insert(0, ros.Group(ros.GROUP, [asdict(row) for row in rows], note=ros.DITHER_NOTE))
+    ros.write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
 
 
 def read_amplitudes(
@@ -196,7 +182,7 @@ def read_amplitudes(
     """
     limit = np.broadcast_to(np.inf if torque_limit is None else torque_limit, (n_joints,))
     rows: list[AmplitudeRow] = []
-    read = read_parameters if is_parameters(path) else read_lines
+    read = ros.read_parameters if ros.is_parameters(path) else read_lines
     for line, row in _parse_amplitudes(read(path, AMPLITUDE_COLUMNS, AMPLITUDE_OPTIONAL), n_joints):
         most = float(limit[row.joint - 1])
         if row.amplitude_nm + abs(row.offset_nm) > most:
@@ -245,7 +231,7 @@ class BaseTable:
     """Base torques of one arm: breakaway without dither for each joint, pose and direction."""
 
     robot: str
-    tau: NDArray[np.float64]
+    tau: Array
     """(n, 2, 2) N·m, signed: [joint, load | no_load, + | −]."""
 
     def __post_init__(self) -> None:
@@ -263,12 +249,12 @@ class BaseTable:
         return self.tau.shape[0]
 
     @property
-    def friction(self) -> NDArray[np.float64]:
+    def friction(self) -> Array:
         """Half-width of the band, (τ₊ − τ₋)/2, (n, 2) N·m [joint, load | no_load]: friction."""
         return (self.tau[..., 0] - self.tau[..., 1]) / 2
 
     @property
-    def offset(self) -> NDArray[np.float64]:
+    def offset(self) -> Array:
         """Middle of the band, (τ₊ + τ₋)/2, (n, 2) N·m [joint, load | no_load].
 
         Bias of gravity model or sensor, not friction; dither narrows the band around it.
@@ -286,10 +272,10 @@ class BaseTable:
 
 
 def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTable:
-    """Read the base torques of one robot from an SJE table or one in the form of thesis table 4.3.
+    """Read base torques of one robot from an SJE table, or a table in the form of thesis table 4.3.
 
-    Of an SJE table only the rows without dither count. ``robot`` may be left out when the file
-    holds one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
+    Rows of an SJE table with dither do not count. ``robot`` may be left out where the file holds
+    one robot only; the thesis's ``iiwa`` is our ``iiwa7``.
     """
     thesis = "tau_base_Nm" in header_of(path)
     lines = read_lines(path, BASE_COLUMNS if thesis else SJE_COLUMNS)
@@ -323,6 +309,11 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
             f"joint {j + 1}, {LOADS[k]} {DIRECTIONS[d]} missing: expected all, once"
         )
     return BaseTable(robot, tau)
+
+
+def our_name(robot: str) -> str:
+    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
+    return "iiwa7" if robot == "iiwa" else robot
 
 
 def _check_sign(tau: float, direction: int, where: str) -> None:

@@ -1,11 +1,10 @@
 """The printed tables of the thesis, as typed rows.
 
-S. Monzó Martínez, A. Zejnullahu, *Accuracy Improvement and Joint Stiction Relieve in Robot Arms
-Movement Applying Torque-Based Cartesian Impedance Control With Dithering*, MSc thesis TFRT-6202,
-Lund University, 2023. The CSVs in ``thesis/`` stand as printed, misprints included, and
-:func:`thesis_table` returns them so. :func:`thesis_dithered` corrects the two that touch it (joint
-3's scale in 4.9 is 1.2, not 1.0; joint 5's no-load + intermediate amplitude is 1.2 × base) and
-marks one bad measurement.
+The CSVs in ``thesis/`` stand as printed, misprints included, and :func:`thesis_table` returns the
+tables so. :func:`thesis_dithered` corrects two misprints (joint 3's scale in 4.9 is 1.2, not 1.0;
+joint 5's no-load + intermediate amplitude is 1.2 × base) and marks one bad measurement.
+
+Source: S. Monzó Martínez, A. Zejnullahu, MSc thesis TFRT-6202, Lund University, 2023.
 """
 
 from __future__ import annotations
@@ -16,15 +15,25 @@ from pathlib import Path
 from typing import Any
 
 from stiction_envs.errors import unknown
-from stiction_envs.measured.tables import BaseTable, read_base
-from stiction_envs.measured.thesis_robots import our_name, thesis_robots
+from stiction_envs.measured.tables import BaseTable, our_name, read_base
 
 THESIS_TABLES = (*(f"4.{i}" for i in range(1, 12)), "A.1")
 """Numbers of the tables: 4.1, 4.2, … 4.11, A.1."""
 Cells = dict[str, Any]
-"""A printed row."""
 _TEXT = {"robot", "load", "direction", "subtable", "quantity", "unit", "printed"}
 _TEXT |= {"amplitude_set", "trajectory", "axis", "unit_printed"}
+
+
+_ROBOTS = {
+    "panda": ("Panda", ("4.2", "4.3", "4.4", *(f"4.{i}" for i in range(6, 12)), "A.1")),
+    "iiwa7": ("iiwa", ("4.1", "4.3", "4.5")),
+}
+"""Arms by our names: their titles in headings about the thesis, and the tables that have them."""
+
+
+def thesis_robots(table: str | None = None) -> dict[str, str]:
+    """Return titles of the thesis's arms by our names, or only of arms that one table has."""
+    return {k: title for k, (title, tables) in _ROBOTS.items() if table is None or table in tables}
 
 
 @dataclass(frozen=True)
@@ -32,13 +41,10 @@ class DitheredRow:
     """One dithered breakaway measurement of the thesis."""
 
     robot: str
-    """``panda`` or ``iiwa7``."""
     joint: int
     """From 1."""
     load: str
-    """``load`` or ``no_load``."""
     direction: str
-    """``+`` or ``-``."""
     frequency_hz: float
     """Dither frequency, Hz; in 4.10 that of the joint in 4.9."""
     scale: float

@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
 from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.model_files import ENDS, find_model
 from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, ArmFiles, known_arm
+from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
 from stiction_envs.robots.stated import StatedJoints, nothing_stated
 from stiction_envs.robots.tables import (
     Limits,
@@ -61,7 +60,7 @@ class Arm:
     """Turn of the hand's frame from the flange's about the flange's z, rad."""
     limits: Limits
     """Position, velocity, torque and torque rate."""
-    rest: NDArray[np.float64]
+    rest: Array
     """Rest pose, (n,), rad."""
     controller_rate_hz: float
     """Rate at which the robot takes torque commands, Hz."""
@@ -76,7 +75,7 @@ class Arm:
     stated: StatedJoints
     """Physics of the joints that the robot's own file states beyond rigid links."""
     registered: bool
-    """Whether it is an arm of `registry.ARMS`, which its files say, not their names."""
+    """Whether the arm is one of `registry.ARMS`, by the content of its files."""
 
     @property
     def n(self) -> int:
@@ -143,11 +142,8 @@ class Arm:
     def pinocchio(self, *, compensated: bool = False) -> pin.Model:
         """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
 
-        Frames carry the names of bodies, joints and sites, so ``end_effector`` is a frame.
-
-        Args:
-            compensated: bodies have only the share of their mass whose weight the gravity
-                compensation of the robot's file carries.
+        Frames have the names of bodies, joints and sites. If ``compensated``, bodies have only the
+        share of their mass whose weight the gravity compensation of the robot's file carries.
         """
         import pinocchio as pin  # only identification needs it: not loaded with an environment
 
@@ -163,10 +159,10 @@ class Arm:
                 ET.ElementTree(mjcf.skeleton(root)).write(path, encoding="unicode")
             model = pin.buildModelFromMJCF(str(path))
         option = root.find("option")
-        gravity = (0.0, 0.0, -9.81)
+        gravity = np.array((0.0, 0.0, -9.81))
         if option is not None:
-            gravity = tuple(mjcf.read_numbers(option, "gravity", gravity))
-        model.gravity.linear = np.array(gravity)
+            gravity = mjcf.read_numbers(option, "gravity", tuple(gravity))
+        model.gravity.linear = gravity
         if tuple(model.names)[1:] != self.joint_names:
             raise StictionError(
                 f"{self.name}: pinocchio reads joints {list(model.names)[1:]}, "
@@ -202,7 +198,13 @@ def load_arm(
         StictionError: unknown name, unreadable file, not a serial arm of 1 to 9 hinges, a moving
             link without mass, a payload or tilt that is not a finite number, or no such chain.
     """
-    load = _payload(payload)
+    load: tuple[float, float, float, float] | None = None
+    if payload is not None:
+        expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
+        mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
+        if mass < 0:
+            raise StictionError(f"payload mass {mass:g} kg: must not be negative")
+        load = mass, x, y, z
     expected = "2 finite numbers, roll and pitch in rad"
     roll, pitch = checked_array(tilt, "tilt", (2,), expected=expected).tolist()
     ends = check_chain(robot, chain)
@@ -224,16 +226,6 @@ def load_arm(
     return Arm(**fields, registered=registered, payload=load, tilt=(roll, pitch))
 
 
-def _payload(payload: Sequence[float] | None) -> tuple[float, float, float, float] | None:
-    if payload is None:
-        return None
-    expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
-    mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
-    if mass < 0:
-        raise StictionError(f"payload mass {mass:g} kg: must not be negative")
-    return mass, x, y, z
-
-
 def _shipped(files: ArmFiles) -> Table:
     """Fields as of `read_user_arm`; the package's MJCF is bare and taken bit for bit."""
     xml = files.model.read_text("utf-8")
@@ -241,7 +233,7 @@ def _shipped(files: ArmFiles) -> Table:
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
     n = len(joints)
 
-    def numbers(key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    def numbers(key: str, shape: tuple[int, ...]) -> Array:
         return per_joint(lookup(files.table, key), shape, f"{files.toml.name}, {key}")
 
     shapes = {"position": (n, 2), "velocity": (n,), "torque": (n,), "torque_rate": (n,)}
@@ -263,11 +255,7 @@ def _shipped(files: ArmFiles) -> Table:
 
 
 def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
-    """Return the chain of a robot's file.
-
-    Raises:
-        StictionError: not two names, or of a robot that is known by its name.
-    """
+    """Return the chain; raise where it is not two names, or the robot is one arm by its name."""
     if chain is None:
         return None
     if str(robot) in ARMS:

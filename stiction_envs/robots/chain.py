@@ -12,8 +12,8 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.robots.mjcf import free_name
 
@@ -21,8 +21,7 @@ Chain = tuple[str, str]
 """Link at the base, which does not move, and link or site at the tip, which is the flange."""
 
 _HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
-_ROUNDING = 1e-14
-"""By which MuJoCo lets A + B < C of principal moments pass [kg·m²]."""
+_ROUNDING = 1e-14  # by which MuJoCo lets A + B < C of principal moments pass [kg·m²]
 _MOST = 6  # arms of a bigger robot that a message names [-] (assumed)
 
 
@@ -40,16 +39,10 @@ def lock_other_joints(
     path: Path,
     build: Callable[[mujoco.MjSpec, Path], mujoco.MjModel],
 ) -> tuple[str, mujoco.MjModel]:
-    """Lock every joint that is not between base and tip.
+    """Lock every joint of a named ``spec`` that is not between base and tip, in place.
 
-    Args:
-        spec: of the robot, all bodies and joints named; changed in place.
-        chain: names of base and tip.
-        path: file it came from, for messages.
-        build: compiles a spec, or raises an error that names the file.
-
-    Returns:
-        Name of the flange site, and the model before any joint was locked.
+    Return the name of the flange site, and the model before any joint was locked. ``build``
+    compiles a spec, or raises an error that names the file.
 
     Raises:
         StictionError: an unknown name, a tip that is not behind the base, or a joint between them
@@ -85,12 +78,7 @@ def lock_other_joints(
 
 
 def lock_slides(spec: mujoco.MjSpec, model: mujoco.MjModel) -> set[str]:
-    """Hold every slide of an arm still that is not behind its last hinge; return their names.
-
-    Args:
-        spec: all bodies and joints named; changed in place.
-        model: compiled from it.
-    """
+    """Hold slides of an arm that are not behind its last hinge, in place; return their names."""
     hinged = {b.name for b in spec.bodies if any(int(j.type) == _HINGE for j in b.joints)}
     held = {
         joint.name
@@ -112,12 +100,10 @@ def _lock(spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str]) -> None:
     _delete_other_joints(spec, model, kept, rest)
 
 
-def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
-    """Return the arms of a robot, longest first: chains of hinges without a branch.
+def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
+    """Return how to choose one arm of a bigger, named robot; empty where there is none.
 
-    Args:
-        spec: of the robot, all bodies named.
-        joints: smallest and largest number of hinges of an arm.
+    An arm is a chain of hinges without a branch; ``joints`` are their least and largest number.
     """
     moving = {body.name: body for body in spec.bodies if body.joints}
     above = {
@@ -133,21 +119,16 @@ def find_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> list[Chain]:
         while len(behind[links[-1]]) == 1 and behind[links[-1]][0] in single:
             links += behind[links[-1]]
         if joints[0] <= len(links) <= joints[1]:
-            found.append((len(links), (moving[first].parent.name, links[-1])))
-    return [chain for _, chain in sorted(found, key=lambda x: -x[0])]
-
-
-def suggest_chains(spec: mujoco.MjSpec, joints: tuple[int, int]) -> str:
-    """Return how to choose one arm of a bigger robot; empty where there is none."""
-    found = [f"{base} {tip}" for base, tip in find_chains(spec, joints)]
+            found.append((len(links), f"{moving[first].parent.name} {links[-1]}"))
     if not found or len(spec.joints) <= joints[0]:
         return ""
-    more = f" (or {', '.join(found[1:_MOST])})" if found[1:] else ""
-    return f"; of a bigger robot take one arm: chain {found[0]}{more}"
+    longest, *others = (chain for _, chain in sorted(found, key=lambda x: -x[0])[:_MOST])
+    more = f" (or {', '.join(others)})" if others else ""
+    return f"; of a bigger robot take one arm: chain {longest}{more}"
 
 
 def balance_inertias(spec: mujoco.MjSpec) -> list[str]:
-    """Balance inertias that no body can have as MuJoCo's ``balanceinertia``; return a clause each.
+    """Balance inertias that no body can have as MuJoCo's ``balanceinertia``; return clauses.
 
     Principal moments A ≤ B ≤ C with A + B < C become their mean. Bodies that do not move become
     round without a word: their inertia has no effect.
@@ -206,7 +187,7 @@ def _drop_other_trees(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
             spec.delete(other)
 
 
-def rest_key(model: mujoco.MjModel) -> NDArray[np.float64] | None:
+def rest_key(model: mujoco.MjModel) -> Array | None:
     """Return (nq,) angles of the keyframe ``home``, else of the first; None without any."""
     if not model.nkey:
         return None
@@ -214,7 +195,7 @@ def rest_key(model: mujoco.MjModel) -> NDArray[np.float64] | None:
     return np.array(model.key_qpos[names.index("home") if "home" in names else 0])
 
 
-def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
+def _rest(model: mujoco.MjModel) -> Array:
     """Return (nq,) where the robot rests."""
     key = rest_key(model)
     if key is not None:
@@ -228,7 +209,7 @@ def _rest(model: mujoco.MjModel) -> NDArray[np.float64]:
 
 
 def _move_to_rest(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, joint: mujoco.MjsJoint, rest: NDArray[np.float64]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, joint: mujoco.MjsJoint, rest: Array
 ) -> None:
     """Move a joint's link to where the joint rests, before the joint is deleted."""
     body, found = joint.parent, model.joint(joint.name)
@@ -262,7 +243,7 @@ def _move_to_rest(
 
 
 def _delete_other_joints(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: NDArray[np.float64]
+    spec: mujoco.MjSpec, model: mujoco.MjModel, kept: set[str], rest: Array
 ) -> None:
     """Delete the other joints and what may name them; keep one keyframe of the arm's joints."""
     at = sorted(int(model.joint(j.name).qposadr[0]) for j in spec.joints if j.name in kept)

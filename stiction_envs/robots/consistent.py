@@ -1,15 +1,16 @@
-"""Bodies that can exist, nearest to what a fit wants: convex programs over pseudo-inertias.
+"""Bodies that can exist: nearest to what a fit wants, and a little off a known body.
 
-Solved by Clarabel (P. Goulart, Y. Chen, "Clarabel: an interior-point solver for conic programs with
-quadratic objectives", 2024).
+The nearest are convex programs over pseudo-inertias, solved by Clarabel (P. Goulart, Y. Chen,
+"Clarabel: an interior-point solver for conic programs with quadratic objectives", 2024).
+J' = A J Aᵀ of the pseudo-inertia J, with A near one, exists for every A (C. Rucker, P. Wensing,
+"Smooth parameterization of rigid-body inertia", IEEE RA-L 2022).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import clarabel
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.sparse import csc_matrix
 
 from stiction_envs.arrays import Array
@@ -28,20 +29,22 @@ Without it a thin nominal body could not become thicker."""
 LEAST_EIGENVALUE = 1e-6
 """Least eigenvalue of pseudo-inertias, in units of the nominal link's [-]; assumed: a body has an
 extent."""
+_STRETCHES = np.zeros((10, 4, 4))
+_STRETCHES[0] = 0.5 * np.eye(4)
+_STRETCHES[[1, 2, 3], [0, 1, 2], 3] = 1.0
+for _k, (_a, _b) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), start=4):
+    _STRETCHES[_k, _a, _b] = _STRETCHES[_k, _b, _a] = 1.0
+STRETCH_SD = np.array([0.1, *[0.015] * 3, *[0.2] * 6])
+"""(10,) prior standard deviations of a link's mass over its own [-], of its centre [m], of stretch
+and shear [-]; assumed: as far as published and identified bodies of a link usually differ."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Frames:
-    """Units of the links: J = C S Cᵀ, and S is near the identity for the nominal bodies."""
+def _units(phi: Array) -> Array:
+    """Return (n, 10, 10) maps from lower triangles of S to the ten parameters of links (n, 10).
 
-    c: Array
-    """(n, 4, 4)."""
-    maps: Array
-    """(n, 10, 10) from the lower triangle of S to a link's ten parameters."""
-
-
-def frames(phi: Array) -> Frames:
-    """Return the units of nominal links (n, 10); those that cannot exist are made consistent."""
+    J = C S Cᵀ, and S is near the identity for the nominal bodies; bodies that cannot exist are made
+    consistent.
+    """
     j = pseudo_inertia(phi)
     mass = np.maximum(np.abs(j[:, 3, 3]), 1e-3)
     spread = np.maximum(np.trace(j[:, :3, :3], axis1=1, axis2=2) / 3, 1e-6 * mass)
@@ -53,38 +56,27 @@ def frames(phi: Array) -> Frames:
     possible = (vectors * np.maximum(values, 0.0)[:, None]) @ vectors.transpose(0, 2, 1)
     c = np.linalg.cholesky(possible + ROUND_BODY * ball)
     each = c[:, None] @ _UNITS @ c[:, None].transpose(0, 1, 3, 2)
-    return Frames(c=c, maps=from_pseudo_inertia(each).transpose(0, 2, 1))
+    return from_pseudo_inertia(each).transpose(0, 2, 1)
 
 
 def nearest_bodies(phi: Array, hessian: Array, nominal: Array) -> Array:
     """Return (n, 10) links that exist and minimise ½ (x − φ)ᵀH(x − φ).
 
-    Args:
-        phi: (n, 10) parameters of links, which need not exist.
-        hessian: (10 n, 10 n) H.
-        nominal: (n, 10) links that give the units.
-
-    Raises:
-        StictionError: as of `least_consistent`.
+    ``phi`` (n, 10) are links that need not exist, ``hessian`` (10 n, 10 n) is H, and ``nominal``
+    (n, 10) are links that give the units.
     """
     if consistent(phi).all():
         return phi
-    n, units = len(phi), frames(nominal)
-    wide = np.zeros((10 * n, 10 * n))
-    for i in range(n):
-        wide[10 * i : 10 * i + 10, 10 * i : 10 * i + 10] = units.maps[i]
+    n, wide = len(phi), block_diag(*_units(nominal))
     inner = wide.T @ hessian @ wide
     x = least_consistent(inner, inner @ np.linalg.solve(wide, phi.ravel()), n)
     return np.asarray((wide @ x).reshape(n, 10))
 
 
 def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
-    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist.
+    """Return the minimum of ½ xᵀHx − hᵀx where n bodies exist; x is their lower triangles.
 
-    Args:
-        hessian: (10 n, 10 n) H, positive definite.
-        slope: (10 n,) h.
-        n: number of links: x is their lower triangles.
+    ``hessian`` (10 n, 10 n) is positive definite, ``slope`` (10 n,) is h.
 
     Raises:
         StictionError: the solver finds none.
@@ -102,3 +94,23 @@ def least_consistent(hessian: Array, slope: Array, n: int) -> Array:
     if found.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
         raise StictionError(f"no links fit these logs: the solver says {found.status}")
     return np.array(found.x)
+
+
+def tolerances(phi: Array) -> Array:
+    """Return (10 n, 10 n) F, F Fᵀ being the covariance of links (n, 10) as makers know them."""
+    n = len(phi)
+    out = np.zeros((n, 10, n, 10))
+    for k, own in enumerate(phi):
+        out[k, :, k] = stretch_directions(own) * STRETCH_SD
+    return out.reshape(10 * n, 10 * n)
+
+
+def stretch_directions(phi: Array) -> Array:
+    """Return (10, 10) change of a link's parameters per mass, shift [m], and stretch or shear [-].
+
+    The tangent of `stretched_link`; mass counts in the link's own.
+    """
+    j, to = pseudo_inertia(phi), np.eye(4)
+    to[:3, 3] = phi[1:4] / phi[0]  # the centre of mass
+    moved = [to @ x @ np.linalg.inv(to) @ j for x in _STRETCHES]
+    return np.stack([from_pseudo_inertia(x + x.T) for x in moved], axis=1)

@@ -20,9 +20,7 @@ EXACT = 1e-9
 def with_inertias(arm: Arm, phi: ArrayLike) -> Arm:
     """Return an arm with other inertias; those of bodies fixed to a link are included in it.
 
-    Args:
-        arm: the arm.
-        phi: (n, 10) parameters of the links about their joints, as `inertial_parameters`.
+    ``phi`` (n, 10) are the links' parameters about their joints, as `inertial_parameters`.
 
     Raises:
         StictionError: parameters of another number of links, or physically inconsistent ones.

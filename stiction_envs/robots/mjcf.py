@@ -46,12 +46,9 @@ def free_name(name: str, taken: Container[str | None]) -> str:
 
 
 def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> None:
-    """Turn the top-level body that holds ``first_link`` about its own origin.
+    """Turn the top-level body that holds ``first_link`` about its own origin, in place.
 
-    Args:
-        root: the ``mujoco`` element; changed in place.
-        first_link: name of the body of the first joint.
-        tilt: roll about the world's x, then pitch about the world's y, rad. Gravity stays.
+    ``tilt`` is roll about the world's x, then pitch about the world's y [rad]. Gravity stays.
     """
     # scipy.spatial takes longer to import than an arm to load
     from scipy.spatial.transform import Rotation
@@ -69,13 +66,10 @@ def tilt_base(root: ET.Element, first_link: str, tilt: tuple[float, float]) -> N
 def add_payload(
     root: ET.Element, site: str, payload: tuple[float, float, float, float], radius: float
 ) -> None:
-    """Fix a body with a point mass to the flange.
+    """Fix a point mass to the flange, in place.
 
-    Args:
-        root: the ``mujoco`` element; changed in place.
-        site: name of the flange site.
-        payload: mass [kg] and centre of mass x, y, z [m] in the frame of ``site``.
-        radius: of the solid sphere that lends the mass its inertia 2/5·m·r² [m].
+    ``payload`` is mass [kg] and centre of mass x, y, z [m] in the frame of ``site``; ``radius`` [m]
+    is that of the solid sphere that lends the mass its inertia 2/5·m·r².
     """
     mass, *com = payload
     flange = next(s for s in root.iter("site") if s.get("name") == site)
@@ -84,26 +78,11 @@ def add_payload(
     for key in ("pos", "quat"):
         if flange.get(key) is not None:
             body.set(key, str(flange.get(key)))
-    inertia = 0.4 * mass * radius**2
-    ET.SubElement(
-        body,
-        "inertial",
-        pos=numbers(com),
-        mass=repr(mass),
-        diaginertia=numbers([inertia] * 3),
-    )
-    ET.SubElement(
-        body,
-        "geom",
-        type="sphere",
-        pos=numbers(com),
-        size=repr(radius),
-        mass="0",
-        group="2",
-        contype="0",
-        conaffinity="0",
-        rgba="0.85 0.45 0.1 1",
-    )
+    inertia = numbers([0.4 * mass * radius**2] * 3)
+    ET.SubElement(body, "inertial", pos=numbers(com), mass=repr(mass), diaginertia=inertia)
+    shape = {"type": "sphere", "pos": numbers(com), "size": repr(radius), "mass": "0", "group": "2"}
+    look = {"contype": "0", "conaffinity": "0", "rgba": "0.85 0.45 0.1 1"}
+    ET.SubElement(body, "geom", shape | look)
 
 
 def bodies_out_of_frames(root: ET.Element) -> None:

@@ -10,22 +10,19 @@ from collections import Counter
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.precomputed import store
 
-POSES = 200
-"""Poses that are drawn [-] (assumed)."""
+POSES = 200  # poses that are drawn [-] (assumed)
 SHARE = 0.95
 """Least share of poses in which a pair touches that is excluded [-] (MoveIt's default: 0.95)."""
 
 
-def exclude_overlapping(root: ET.Element, position: NDArray[np.float64]) -> None:
-    """Add a contact exclusion for every pair of links that touches in (nearly) all poses.
+def exclude_overlapping(root: ET.Element, position: Array) -> None:
+    """Exclude contacts of links that touch in (nearly) all poses, in place.
 
-    Args:
-        root: the ``mujoco`` element of an arm of n hinges; changed in place.
-        position: (n, 2) ranges that poses are drawn from [rad].
+    Poses are drawn from the ranges ``position`` (n, 2) [rad].
     """
     text = ET.tostring(root, encoding="unicode")
     of = store.digest(text, position, POSES, SHARE)
@@ -50,7 +47,7 @@ def excluded_pairs(xml: str) -> list[tuple[str, str]]:
     return [(e.get("body1", ""), e.get("body2", "")) for e in mine]
 
 
-def _overlapping(model: mujoco.MjModel, position: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _overlapping(model: mujoco.MjModel, position: Array) -> list[tuple[int, int]]:
     """Return the ids of the bodies of such pairs."""
     data, count = mujoco.MjData(model), Counter[tuple[int, int]]()
     low, high = position.T

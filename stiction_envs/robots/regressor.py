@@ -20,14 +20,12 @@ from stiction_envs.arrays import Array, Bools, Index
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 """Parameters of one link in pinocchio's order: mass [kg], first moment [kg·m], inertia [kg·m²]."""
-RANK = 1e-8
-"""Singular values, over the largest, that count as zero [-] (assumed)."""
+RANK = 1e-8  # singular values, over the largest, that count as zero [-] (assumed)
 _LAST = {"m": 1e-3, "mz": 1e-2, "Iyy": 1e-1}
 """Weights by which the pivoting avoids parameters [-] (assumed). Of joints that turn about z these
 parameters can be grouped into others (M. Gautier, W. Khalil, "Direct calculation of minimum set of
 inertial parameters of serial robots", 1990), which keeps the sums short."""
-LEAST = 1e-6
-"""Coefficients of a grouping that count as zero [-] (assumed)."""
+LEAST = 1e-6  # coefficients of a grouping that count as zero [-] (assumed)
 
 
 def inertial_names(n: int) -> tuple[str, ...]:
@@ -41,14 +39,7 @@ def inertial_parameters(model: pin.Model) -> Array:
 
 
 def torque_regressor(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
-    """Return (T, n, 10 n): W with W @ φ = τ [N·m] (pinocchio's joint torque regressor).
-
-    Args:
-        model: the arm.
-        q: (T, n) [rad].
-        dq: (T, n) [rad/s].
-        ddq: (T, n) [rad/s²].
-    """
+    """Return (T, n, 10 n): W with W @ φ = τ [N·m], along q, dq, ddq (T, n) [rad, s]."""
     data = model.createData()
     out = np.empty((len(q), model.nv, 10 * model.nv))
     for k in range(len(q)):
@@ -123,9 +114,7 @@ def _term(coefficient: float, name: str) -> str:
 def base_set(columns: Array, names: Sequence[str]) -> BaseSet:
     """Return the base parameters of a regressor, by QR with column pivoting.
 
-    Args:
-        columns: (R, p) of exciting motions, the rows of all joints below one another.
-        names: (p,) of the parameters.
+    ``columns`` (R, p) are those of exciting motions, the rows of all joints below one another.
     """
     size = np.linalg.norm(columns, axis=0)
     acts = np.flatnonzero(size > RANK * size.max())

@@ -97,8 +97,7 @@ class StatedJoints:
     def line(self, used: bool = True) -> str:
         """Return one line on the numbers taken and left; empty where the file states nothing.
 
-        Args:
-            used: whether friction, springs and gravity compensation are taken; rotors always are.
+        Friction, springs and gravity compensation are taken if ``used``; rotors always are.
         """
         numbers = (
             ("rotor inertia", self.armature, "kg·m²"),
@@ -162,12 +161,12 @@ def read_stated(
     changed: Sequence[str],
     left: Sequence[str],
 ) -> StatedJoints:
-    """Return the physics that a file states of some joints.
+    """Return the physics that a file states of the joints ``names``, base to flange.
 
     Args:
         spec: of the file, all its parts named; before anything is deleted.
         model: compiled from it.
-        names: the arm's joints, base to flange.
+        names: the arm's joints.
         held: slides that are held still between them.
         changed: clauses on numbers that were changed.
         left: clauses on what was left out before.
@@ -204,12 +203,7 @@ def read_stated(
 
 
 def refuse_constraints(model: mujoco.MjModel, names: Sequence[str], path: Path) -> list[str]:
-    """Return clauses on constraints that do not hold the arm's joints.
-
-    Args:
-        model: compiled from the file.
-        names: the arm's joints.
-        path: the file, for messages.
+    """Return clauses on constraints that do not hold the arm's joints ``names``.
 
     Raises:
         StictionError: an active constraint between the arm's joints, or that closes a loop.

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 
 MOUNTINGS = ("floor", "free")
-PLACEHOLDER = 0.2
-"""No arm has so low a limit of speed or torque [rad/s, N·m]; assumed."""
+PLACEHOLDER = 0.2  # no arm has so low a limit of speed or torque [rad/s, N·m]; assumed
 Table = dict[str, Any]
 """Parsed TOML, whose values are checked where they are read."""
 
@@ -25,16 +25,16 @@ Table = dict[str, Any]
 class Limits:
     """Limits of the joints: float64 arrays, read-only, base to flange."""
 
-    position: NDArray[np.float64]
+    position: Array
     """Lower and upper joint angle, (n, 2), rad."""
-    velocity: NDArray[np.float64]
+    velocity: Array
     """Largest joint speed, (n,), rad/s."""
-    torque: NDArray[np.float64]
+    torque: Array
     """Largest joint torque, (n,), N·m."""
-    torque_rate: NDArray[np.float64]
+    torque_rate: Array
     """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
 
-    def assumed(self, name: str) -> NDArray[np.bool_]:
+    def assumed(self, name: str) -> Bools:
         """(n,) whether limits (``position``, ``velocity``, ``torque``) are those of `generic`.
 
         A joint whose position is not limited, as a continuous one, turns as far as it likes.
@@ -42,7 +42,7 @@ class Limits:
         default = lookup(generic(), f"limits.{name}")
         return np.array([bool((np.abs(x) == default).all()) for x in getattr(self, name)])
 
-    def doubtful(self, name: str) -> NDArray[np.bool_]:
+    def doubtful(self, name: str) -> Bools:
         """(n,) whether limits of ``velocity`` or ``torque`` are assumed, or may fill a gap.
 
         An exporter that knows none writes one number for all joints, or a tiny one.
@@ -60,11 +60,7 @@ class Limits:
 
 
 def read_toml(path: Path) -> Table:
-    """Tables of the TOML file ``path``.
-
-    Raises:
-        StictionError: the file cannot be read, or is not TOML.
-    """
+    """Tables of a TOML file; raises a StictionError for one that cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -95,11 +91,7 @@ def payload_radius() -> float:
 
 
 def on_floor(table: Mapping[str, object], where: str) -> bool:
-    """Whether ``mounting`` says that the arm stands on a floor at its world's z = 0.
-
-    Raises:
-        StictionError: another word than ``floor`` and ``free``, the default.
-    """
+    """Whether ``mounting`` says ``floor``, z = 0 of the arm's world; ``free`` is the default."""
     mounting = table.get("mounting", "free")
     if mounting not in MOUNTINGS:
         raise StictionError(f"{where}: {unknown('mounting', mounting, MOUNTINGS)}")
@@ -107,25 +99,14 @@ def on_floor(table: Mapping[str, object], where: str) -> bool:
 
 
 def hand_yaw(table: Mapping[str, object], where: str) -> float:
-    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s.
-
-    Raises:
-        StictionError: not a finite number.
-    """
+    """Turn of the hand's frame from the flange's about its z [rad], else ``generic.toml``'s."""
     given = lookup(table, "hand_yaw")
     value = lookup(generic(), "hand_yaw") if given is None else given
-    angle = float(per_joint(value, (), f"{where}, hand_yaw"))
-    if not np.isfinite(angle):
-        raise StictionError(f"{where}, hand_yaw: {angle}: expected a finite number of rad")
-    return angle
+    return float(checked_array(value, f"{where}, hand_yaw", (), expected="a finite number of rad"))
 
 
-def per_joint(value: object, shape: tuple[int, ...], where: str) -> NDArray[np.float64]:
-    """``value`` as float64 array of ``shape``; a single number fills it.
-
-    Raises:
-        StictionError: not numbers, another number of joints, or NaN.
-    """
+def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:
+    """``value`` as float64 array of ``shape``, which a single number fills; NaN is refused."""
     lone = np.ndim(value) == 0  # type: ignore[arg-type]
     array = checked_array(value, where, () if lone else shape, finite=False)
     if np.isnan(array).any():
@@ -136,17 +117,9 @@ def per_joint(value: object, shape: tuple[int, ...], where: str) -> NDArray[np.f
 def check_range(
     value: ArrayLike, unit: str, where: str, *, low: float = -np.inf, allow_inf: bool = False
 ) -> None:
-    """Raise if a number is impossible for a joint: larger than `[largest]` of `generic.toml`.
+    """Raise if a number is below ``low`` or above `[largest]` of `generic.toml` for its unit.
 
-    Args:
-        value: numbers of any shape.
-        unit: theirs.
-        where: file and name, for the message.
-        low: least value.
-        allow_inf: whether inf passes.
-
-    Raises:
-        StictionError: naming the number and what is expected.
+    Only if ``allow_inf`` may it be inf; ``where`` begins the message.
     """
     array, most = np.asarray(value, dtype=np.float64), largest(unit)
     good = (array >= low) & (np.abs(array) <= most) | (allow_inf & (array == np.inf))

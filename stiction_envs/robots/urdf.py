@@ -18,11 +18,8 @@ def velocities(root: ET.Element) -> dict[str, float]:
     out = {}
     for joint in root.iter("joint"):
         limit = joint.find("limit")
-        text = limit.get("velocity") if limit is not None else None
-        if text is None:
-            continue
-        speed = float(text)
-        if math.isfinite(speed) and speed > 0:
+        speed = math.nan if limit is None else float(limit.get("velocity", "nan"))
+        if 0 < speed < math.inf:
             out[joint.get("name", "")] = speed
     return out
 
@@ -30,9 +27,8 @@ def velocities(root: ET.Element) -> dict[str, float]:
 def prepare(root: ET.Element, path: Path) -> str:
     """URDF text that MuJoCo reads without fusing fixed links and with absolute mesh paths.
 
-    Args:
-        root: the ``robot`` element; changed in place.
-        path: file it came from; meshes are looked for next to it and in the folders above.
+    ``root`` is changed in place; meshes are looked for next to its ``path`` and in the folders
+    above.
     """
     options = root.find("mujoco")
     options = ET.SubElement(root, "mujoco") if options is None else options
@@ -56,10 +52,7 @@ def prepare(root: ET.Element, path: Path) -> str:
 
 
 def _find(name: str, path: Path, meshes: str) -> Path | None:
-    """The mesh ``name`` of the URDF at ``path``; None where it is missing or not readable.
-
-    ``meshes`` is the file's ``meshdir``.
-    """
+    """The mesh ``name`` of the URDF at ``path``, whose ``meshdir`` is ``meshes``; None for none."""
     tail = name.removeprefix("package://").removeprefix("file://")
     if Path(tail).suffix.lower() not in MESHES:
         return None

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
 from stiction_envs.robots.chain import (
@@ -43,8 +44,7 @@ from stiction_envs.robots.tables import (
     read_toml,
 )
 
-JOINTS = (1, 9)
-"""Smallest and largest number of hinges of an arm [-] (assumed)."""
+JOINTS = (1, 9)  # smallest and largest number of hinges of an arm [-] (assumed)
 
 CHAIN_JOINTS = 2
 """Smallest number of hinges of an arm that is suggested in a bigger robot [-] (assumed)."""
@@ -57,12 +57,9 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
-    """Fields of an ``Arm`` from a user's file.
+    """Fields of an ``Arm`` from a user's MJCF or URDF, and the TOML of the same stem beside it.
 
-    Args:
-        path: an existing MJCF or URDF. A TOML of the same stem beside it may give
-            limits, rest pose and interface.
-        chain: links at the base and the tip of the arm, in a file of a bigger robot.
+    ``chain`` are the links at the base and the tip of the arm, in a file of a bigger robot.
 
     Raises:
         StictionError: not readable, or not one serial chain of 1 to 9 hinges with massive links.
@@ -102,7 +99,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         shape: tuple[int, ...] = (n,),
         low: float = -np.inf,
         allow_inf: bool = False,
-    ) -> NDArray[np.float64]:
+    ) -> Array:
         """Return the TOML's numbers, else the model's custom ones, its joints', or the default."""
         given = lookup(table, key)
         where = f"{path if given is None else table_file}, {key}"
@@ -111,10 +108,13 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
         check_range(out, unit, where, low=low, allow_inf=allow_inf)
         return out
 
-    least, speed = (lookup(generic(), key) for key in ("smallest", "limits.velocity"))
+    keys = ("smallest", "limits.velocity", "limits.position")
+    least, speed, half = (lookup(generic(), key) for key in keys)
+    limited = model.jnt_limited[hinges].astype(bool)
+    ranges = np.where(limited[:, None], model.jnt_range[hinges], (-half, half))
     fastest = [speeds.get(name, speed) for name in joints]
     limits = Limits(
-        position=choose("limits.position", "rad", _positions(model, hinges), shape=(n, 2)),
+        position=choose("limits.position", "rad", ranges, shape=(n, 2)),
         velocity=choose("limits.velocity", "rad/s", fastest, low=least),
         torque=choose("limits.torque", "N·m", _torques(model, hinges), low=least),
         torque_rate=choose("limits.torque_rate", "N·m/s", low=least, allow_inf=True),
@@ -151,14 +151,9 @@ def _one_line(error: Exception) -> str:
 
 
 def compile_file(path: Path, chain: Chain | None = None) -> mujoco.MjModel:
-    """Return the compiled model of a user's MJCF or URDF, friction and actuators included.
+    """Return the compiled model of a user's file, friction and actuators included.
 
-    Args:
-        path: an existing file.
-        chain: links at the base and the tip of the arm whose joints are not locked; None for all.
-
-    Raises:
-        StictionError: not readable, or no such chain.
+    ``chain`` are base and tip of the arm whose joints are not locked; None for all.
     """
     spec = _named(path)[0]
     if chain is not None:
@@ -213,12 +208,8 @@ def _above(model: mujoco.MjModel, body: int) -> list[int]:
     return out
 
 
-def _hinges(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
-    """Ids of the hinges from base to tip.
-
-    Raises:
-        StictionError: not one serial chain of hinges.
-    """
+def _hinges(model: mujoco.MjModel, path: Path) -> Index:
+    """Ids of the hinges from base to tip; raises where they are not one serial chain."""
     for j in range(model.njnt):
         if int(model.jnt_type[j]) not in (_HINGE, _SLIDE):
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
@@ -257,14 +248,7 @@ def _hinges(model: mujoco.MjModel, path: Path) -> NDArray[np.int64]:
     return hinges
 
 
-def _positions(model: mujoco.MjModel, chain: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Joint ranges, (n, 2), rad; ±pi for a hinge without one."""
-    half = lookup(generic(), "limits.position")
-    limited = model.jnt_limited[chain].astype(bool)
-    return np.where(limited[:, None], model.jnt_range[chain], (-half, half))
-
-
-def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
+def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:
     """Largest torque of each hinge, N·m: the smallest limit of joint and actuators."""
     out = []
     for j in chain:
@@ -291,10 +275,8 @@ def _torques(model: mujoco.MjModel, chain: NDArray[np.int64]) -> list[float]:
     return out
 
 
-def _rest(
-    model: mujoco.MjModel, chain: NDArray[np.int64], position: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The keyframe ``home``, else the first keyframe, else zero, or the middle of its range, rad.
+def _rest(model: mujoco.MjModel, chain: Index, position: Array) -> Array:
+    """Rest pose [rad]: the keyframe ``home``, else the first, else zero or the middle of ranges.
 
     Zero only where it is a twentieth of the range (assumed) or more away from both ends: an arm
     that rests against a stop cannot follow a path.
@@ -320,11 +302,8 @@ def _absolute_assets(spec: mujoco.MjSpec) -> None:
 
 def _known(names: list[str]) -> str | None:
     """The first of ``names`` that is, or ends on ``_`` and, the most likely flange name."""
-    for wanted in FLANGE_NAMES:
-        for name in names:
-            if f"_{name.lower()}".endswith(f"_{wanted}"):
-                return name
-    return None
+    found = (x for end in FLANGE_NAMES for x in names if f"_{x.lower()}".endswith(f"_{end}"))
+    return next(found, None)
 
 
 def _flange(
@@ -332,8 +311,8 @@ def _flange(
 ) -> tuple[str, str | None]:
     """Site name of the flange, and the body to which it has to be added, if it is new.
 
-    A well-known site name on the last link or a body fixed to it wins, then a fixed link of such
-    a name (URDF), then any site of the last link, then the last link's own frame.
+    A well-known site name on the last link or a body fixed to it wins, then a fixed link of such a
+    name (URDF), then any site of the last link, then the last link's own frame.
     """
     tail = [
         b
@@ -357,16 +336,9 @@ def _flange(
 
 
 def _rigid_xml(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    chain: NDArray[np.int64],
-    path: Path,
-    end: str | None,
+    spec: mujoco.MjSpec, model: mujoco.MjModel, chain: Index, path: Path, end: str | None
 ) -> tuple[ET.Element, str]:
-    """MJCF of the bare rigid arm with all digits, and the name of its flange site.
-
-    ``end`` is that site where it is known.
-    """
+    """MJCF of the bare rigid arm with all digits, and the name ``end`` of its flange site."""
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}
     tip = int(model.jnt_bodyid[chain[-1]])
     end_effector, add_to = (end, None) if end else _flange(spec, model, tip, fingers)

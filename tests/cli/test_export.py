@@ -20,7 +20,7 @@ from stiction_envs.friction.parameters import (
     load_friction,
 )
 from stiction_envs.robots import load_arm
-from stiction_envs.robots.model_files import in_folder
+from stiction_envs.robots.registry import in_folder
 from stiction_envs.robots.stated import STICTION
 from tests.command_line import csv_rows
 from tests.experiments.test_conformance import lugre, stock

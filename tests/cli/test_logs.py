@@ -14,8 +14,7 @@ import pytest
 import stiction_envs as st
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats import registry
-from stiction_envs.measured.logs.formats.base import ColumnFile
-from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.base import ColumnFile, Header
 from stiction_envs.measured.logs.reader import read_logs
 from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.ros_bags import joint_states, write_bag

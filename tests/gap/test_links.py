@@ -13,9 +13,9 @@ from stiction_envs.gap.links import LinkErrors, link_errors
 from stiction_envs.gap.model_file import Nominal, dump, read
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
+from stiction_envs.robots.consistent import tolerances
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import consistent, inertial_parameters
-from stiction_envs.robots.stretched import tolerances
 from tests.gap.small_logs import data_of, hidden, panda
 
 SIZE = 0.3

@@ -20,14 +20,9 @@ def simulate_joint(
 ) -> tuple[Array, Array]:
     """Integrate one joint (or many in columns) under a torque history; semi-implicit Euler.
 
-    Args:
-        law: friction of the rotor.
-        torque: (T, ...) torque on the rotor [N·m], one row per step.
-        dt: step [s]; the reference uses 5e-5.
-        inertia: rotor inertia, with the link's added if the joint is rigid [kg·m²].
-        stiffness: spring between rotor and link [N·m/rad]; inf is a rigid joint.
-        link_inertia: inertia behind the spring [kg·m²], unused if rigid.
-        damping: damping of that spring [N·m·s/rad].
+    ``torque`` (T, ...) [N·m] acts on the rotor, one row per step ``dt`` [s]. ``inertia`` [kg·m²] is
+    that of the rotor, with the link's added if the joint is rigid: ``stiffness`` [N·m/rad] inf.
+    Else ``link_inertia`` and ``damping`` [N·m·s/rad] are those behind and of the spring.
 
     Returns:
         (q, z): link position [rad] and bristle deflection [rad], (T, ...) after each step.

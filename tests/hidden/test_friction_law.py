@@ -43,13 +43,6 @@ def test_bristle_settles_at_steady_sliding(v):
     assert abs(JOINT.bristle_rate(z, v)) < 1e-9 * abs(v)
 
 
-def test_asymmetry_scales_only_the_other_direction():
-    lame = law(asymmetry=1.3)
-    v = np.array([0.001, 0.01, 0.5])
-    np.testing.assert_array_equal(lame.level(v), JOINT.level(v))
-    np.testing.assert_allclose(lame.level(-v), 1.3 * JOINT.level(v), rtol=1e-15)
-
-
 def test_load_lifts_both_levels_in_the_same_ratio():
     """F_s(L) = F_s + k L, and F_c/F_s stays."""
     loaded = law(load_coefficient=0.02, load=20.0)

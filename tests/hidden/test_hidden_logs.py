@@ -76,9 +76,6 @@ def test_missing_gravity_is_that_share_of_it() -> None:
     assert case.effect[1] == pytest.approx(share * rms(g), rel=0.1)
 
 
-# ---- links that are a little off -----------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def makers() -> np.ndarray:
     """(7, 10) parameters of the links as the makers know them."""

@@ -46,9 +46,6 @@ def any_series(harmonics: int = 5, n: int = 3) -> FourierSeries:
     )
 
 
-# ---- motions -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("harmonics", [2, 3, 5, 8])
 def test_series_rests_at_the_start_of_every_period(harmonics):
     """Swevers's conditions: Σ a_k = 0 is zero speed, Σ k b_k = 0 zero acceleration."""
@@ -82,9 +79,6 @@ def test_sweeps_go_there_and_back_at_each_speed():
     assert (q[:, 0] <= 0.9 + 1e-9).all()  # towards the middle of the range
 
 
-# ---- limits, looked at by other means ------------------------------------------------------------
-
-
 def test_limits_are_held(panda, motion):
     t = motion.times(1000.0)
     q, dq, ddq = motion.state(t)
@@ -112,9 +106,6 @@ def test_clear_of_the_floor_and_itself(panda, motion):
         assert data.ncon == 0
         assert data.site(panda.end_effector).xpos[2] > QUICK.clearance
     assert motion.clearance >= QUICK.clearance
-
-
-# ---- what it is for ------------------------------------------------------------------------------
 
 
 def test_better_conditioned_than_random_motions(motion):
@@ -175,9 +166,6 @@ def test_files(tmp_path, motion):
     np.testing.assert_allclose(table[:, 1:8], motion.state(table[:, 0])[0], atol=1e-7)
     with pytest.raises(StictionError, match="rate"):
         motion.to_csv(path, 0.0)
-
-
-# ---- numbers and bad input -----------------------------------------------------------------------
 
 
 def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):

@@ -8,18 +8,15 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden import excited_logs as excited
+from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.hidden.worlds import inverse_torque
-from stiction_envs.identification.base_parameters import columns_of
 from stiction_envs.identification.excitation import excite
+from stiction_envs.identification.fits import columns_of
 from stiction_envs.identification.identify import MODELS, identify
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.consistent import LEAST_EIGENVALUE, least_consistent
 from stiction_envs.robots.inertias import with_inertias
-from stiction_envs.robots.regressor import (
-    consistent,
-    inertial_parameters,
-)
+from stiction_envs.robots.regressor import consistent, inertial_parameters
 from tests.robots.arms import MJCF, TETRA
 
 RATE = 200.0
@@ -49,9 +46,6 @@ def recorded(motion, true):
 @pytest.fixture(scope="module")
 def found(panda, recorded):
     return identify([recorded], panda, torque="link")
-
-
-# ---- what is identified --------------------------------------------------------------------------
 
 
 def test_true_base_parameters_lie_within_their_intervals(motion, panda, true):
@@ -119,9 +113,6 @@ def test_says_what_is_hardly_excited(panda):
     assert found.viscous.max() < 5
 
 
-# ---- the method ----------------------------------------------------------------------------------
-
-
 def test_the_consistent_minimum_is_one():
     """No consistent body nearby has a lower cost, and some bounds are active."""
     n, rng = 2, np.random.default_rng(0)
@@ -168,9 +159,6 @@ def test_a_fit_that_may_be_free_is_the_free_one(panda, motion, true):
     p = np.concatenate([found.phi.ravel(), found.coulomb, found.viscous, found.offset])
     ours, theirs = columns @ p, columns[:, :, found.base.kept] @ found.values
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.01
-
-
-# ---- into the plant ------------------------------------------------------------------------------
 
 
 def test_arm_with_the_links_moves_by_them(found, panda):

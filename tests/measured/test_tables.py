@@ -21,7 +21,7 @@ from stiction_envs.measured import (
     write_amplitudes,
     write_sje,
 )
-from tests.measured.logs.fuzzing import put, refuses
+from tests.measured.logs.bad_logs import put, refuses
 
 THESIS = Path(measured.__file__).parent / "thesis"
 SJE = "robot,joint,load,direction,frequency_hz,amplitude_nm,tau_nm,std_nm,iterations,reduction\n"
@@ -45,9 +45,6 @@ def random_sje(count: int) -> list[SJERow]:
         )
         for _ in range(count)
     ]
-
-
-# ---- SJE tables ----
 
 
 def test_sje_round_trip_is_exact(tmp_path):
@@ -80,9 +77,6 @@ BAD_SJE = {
 def test_bad_sje(tmp_path, line, message):
     path = put(tmp_path / "sje.csv", SJE + line + "\n")
     assert "sje.csv" in refuses(lambda: read_sje(path), message)
-
-
-# ---- amplitude tables ----
 
 
 @pytest.mark.parametrize("optional", ["", ",waveform,offset_nm", ",waveform,offset_nm,gate_rad_s"])
@@ -163,9 +157,6 @@ def test_write_amplitudes_writes_nothing_it_could_not_read(tmp_path):
         with pytest.raises(StictionError, match="expected"):
             write_amplitudes(tmp_path / "a.csv", [good, bad])
     assert not list(tmp_path.iterdir())
-
-
-# ---- base tables ----
 
 
 def test_half_sums_are_those_of_the_reference():

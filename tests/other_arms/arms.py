@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.hidden.excited_logs import perturbed, presliding
+from stiction_envs.hidden.imperfect_arms import perturbed, presliding
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.robots import Arm, load_arm
 from tests.command_line import Ran
@@ -51,7 +51,7 @@ def log_of(arm: Arm, trajectory: Path, log: Path, rate: float = 100.0) -> None:
     """Write what an arm with other links and with friction would log on the way of a trajectory.
 
     Friction is a share of the torque limits that differs by joint, so that it is no gain of the
-    file's own; the links are those of `excited_logs.perturbed`.
+    file's own; the links are those of `imperfect_arms.perturbed`.
     """
     way = np.loadtxt(trajectory, delimiter=",", skiprows=1)
     step = max(1, round(1 / rate / (way[1, 0] - way[0, 0])))

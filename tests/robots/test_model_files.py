@@ -69,8 +69,6 @@ def test_a_scene_without_one_arm_is_one_clear_line(folder: Path, text: str, says
         assert "expected" in str(error.value)
 
 
-# ---- robot_descriptions ----
-
 PART = {
     "__init__": "",
     "_repositories": "class R:\n    cache_path = 'zoo'\nREPOSITORIES = {'mujoco_menagerie': R}\n",

@@ -14,27 +14,8 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.measured import read_sje
 from stiction_envs.robots import ARMS, BUILTIN, arm_title, load_arm, register_arm_folder
+from tests.robots.arms import chain
 
-MJCF = """
-<mujoco model="toy">
-  <compiler angle="radian" autolimits="true"/>
-  <default><joint axis="0 1 0" range="-2 2"/><geom size="0.03" mass="1" type="capsule"/></default>
-  <worldbody>
-    <body name="base">
-      <body name="turret" pos="0 0 0.3">
-        <joint name="yaw" axis="0 0 1"/><geom fromto="0 0 0 0 0 0.1"/>
-        <body name="upper" pos="0 0 0.15">
-          <joint name="shoulder"/><geom fromto="0 0 0.05 0.2 0 0.05"/>
-          <body name="lower" pos="0.25 0 0.05">
-            <joint name="elbow"/><geom fromto="0.05 0 0 0.2 0 0"/>
-            <site name="flange" pos="0.25 0 0"/>
-          </body>
-        </body>
-      </body>
-    </body>
-  </worldbody>
-</mujoco>
-"""
 TOML = """
 name = "toy"
 title = "Toy arm of three joints"
@@ -52,7 +33,7 @@ own = "made up for this test"
 """
 
 
-def write_arm(folder: Path, name: str, toml: str, model: str = MJCF) -> Path:
+def write_arm(folder: Path, name: str, toml: str, model: str = chain(3)) -> Path:
     for room in ("robots", "friction"):
         (folder / room).mkdir(parents=True, exist_ok=True)
     (folder / "robots" / f"{name}.xml").write_text(model)
@@ -79,7 +60,7 @@ def test_it_is_loaded_by_name():
     arm = load_arm("toy", payload=(0.2, 0, 0, 0.05))
     assert (arm.name, arm.joint_names, arm.registered) == (
         "toy",
-        ("yaw", "shoulder", "elbow"),
+        ("j1", "j2", "j3"),
         True,
     )
     np.testing.assert_array_equal(arm.limits.torque, [20, 20, 8])

@@ -202,8 +202,6 @@ def test_the_compiler_element_of_a_urdf_is_honoured(tmp_path: Path):
     assert load_arm(path).model().body_mass.sum() == pytest.approx(6)
 
 
-# ---- every attribute -----------------------------------------------------------------------------
-
 SPECIAL = {
     "joints": {
         "type": None,  # a slide or ball is held, or refused: tests above and of user_arm

@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 
 from stiction_envs.robots import load_arm
-from stiction_envs.robots.consistent import nearest_bodies
+from stiction_envs.robots.consistent import (
+    STRETCH_SD,
+    nearest_bodies,
+    stretch_directions,
+    tolerances,
+)
 from stiction_envs.robots.regressor import (
     consistent,
     from_pseudo_inertia,
     inertial_parameters,
     pseudo_inertia,
 )
-from stiction_envs.robots.stretched import STRETCH_SD, stretch_directions, tolerances
 
 LINKS = inertial_parameters(load_arm("panda").pinocchio())
 

@@ -155,7 +155,7 @@ def test_bad_toml_beside_an_own_file(own: Path, text: str, message: str):
 
 @pytest.mark.parametrize("robot", ["panda", "two.urdf"])
 def test_limits_and_rest_survive_being_written(own: Path, robot: str):
-    """Of an arm that is exported, and of one that is identified: bit for bit."""
+    """An exported and an identified arm keep them bit for bit."""
     arm = load_arm(robot if robot == "panda" else own / robot)
     sticking = build(arm, load_friction("generic", arm.n))
     texts = {"rigid": arm.carrying_xml(), "sticking": plain_mjcf(sticking, friction_name="x")}

@@ -13,8 +13,7 @@ from pathlib import Path
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import read_lines
-from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow
-from stiction_envs.measured.thesis_robots import our_name
+from stiction_envs.measured.tables import DIRECTIONS, LOADS, SJE_COLUMNS, AmplitudeRow, our_name
 from tuning.search.bounds import Bounds
 from tuning.settings import RobotSettings
 

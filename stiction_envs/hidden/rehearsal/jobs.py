@@ -1,4 +1,4 @@
-"""What is hidden in which run of a rehearsal, at which sizes, and whether a run found it."""
+"""Jobs of a rehearsal: hidden causes, their sizes, and whether a run found them."""
 
 from __future__ import annotations
 
@@ -6,22 +6,21 @@ from dataclasses import KW_ONLY, dataclass
 from typing import Any, Protocol, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed
 
-Array = NDArray[np.float64]
 NOTHING = "nothing"
 """Key of the run in which nothing is hidden."""
 LARGE_NOISE, LARGE_SHARE = 25.0, 0.1
-"""What the largest size changes, over the noise, and over the joint's whole torque or motion,
+"""Change by the largest size, over the noise, and over the joint's whole torque or motion,
 whichever is more; root mean squares [-]; assumed: nobody overlooks either. The smallest changes as
 much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 
 
 class Run(TypedDict):
-    """What a diagnosis says of a log in which a cause was hidden."""
+    """Diagnosis of a log in which a cause was hidden."""
 
     sizes: dict[str, float]
     """Parameter by joint."""
@@ -36,7 +35,7 @@ class Hideable:
 
     name: str
     parameter: str
-    """What its size is, as in ``diagnosis.json`` where the size is one of its parameters."""
+    """Name of the size, as in ``diagnosis.json`` where the size is a parameter of the cause."""
     unit: str
     what_to_record: str
     """The motion that would show it."""
@@ -46,7 +45,6 @@ class Hideable:
     part_of: tuple[str, ...] = ()
     """Causes that are named instead where these data cannot tell it from their other parts."""
     arm_wide: bool = False
-    """Whether it is of the whole arm."""
     coupled: bool = False
     """Whether all joints' torques show it in one joint: it is hidden joint by joint."""
 
@@ -58,7 +56,6 @@ class Job:
     what: Hideable
     joints: tuple[int, ...]
     why_not: str = ""
-    """Why it is not hidden."""
 
     @property
     def cause(self) -> str:
@@ -77,7 +74,6 @@ class Job:
 
 
 NO_JOB = Job(what=Hideable(NOTHING, "", "", ""), joints=())
-"""Nothing is hidden."""
 
 
 class Subject(Protocol):
@@ -95,15 +91,14 @@ FOUND, CONFUSED, MISSED = "found", "confused", "missed"
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What a run says of the hidden cause on a joint."""
+    """Verdict of a run on the hidden cause on a joint."""
 
     verdict: str
     """``found``: named, and nothing false beside it; ``confused``: the same, but these data cannot
     tell it from others; ``missed``."""
     false: tuple[str, ...]
-    """What was named falsely."""
+    """Causes that were named falsely."""
     why: str
-    """Why it was not found, a clause."""
 
 
 def judge(job: Job, row: int, run: Run) -> Judgement:

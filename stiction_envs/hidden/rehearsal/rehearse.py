@@ -25,20 +25,19 @@ from functools import partial
 from pathlib import Path
 from typing import Unpack
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.gap.causes import Cause, cause_named, register, registered
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
-from stiction_envs.hidden.servo_effects import EFFECTS, effect_of
+from stiction_envs.hidden.servo_effects import EFFECTS
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.joint_names import naming_of
@@ -55,7 +54,7 @@ __all__ = ["Plan", "plan", "rehearse"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """What is to be hidden in a log, after its own diagnosis."""
+    """Jobs of a rehearsal in a log that was diagnosed."""
 
     robot: str
     subject: Subject
@@ -70,13 +69,9 @@ class Plan:
         progress: Callable[[str, float], None] | None = None,
         kept: Path | None = None,
     ) -> Rehearsal:
-        """Hide, diagnose and judge.
+        """Hide, diagnose and judge; ``threads`` and ``progress`` are as of `rehearse`.
 
-        Args:
-            threads: as of `rehearse`.
-            progress: as of `rehearse`.
-            kept: file in which finished jobs are kept; what is there already is not done again.
-                None keeps nothing.
+        Finished jobs are kept in the file ``kept``, and not done again; None keeps nothing.
         """
         asked = {job.key: job for job in self.jobs if not job.why_not}
 
@@ -126,16 +121,18 @@ def rehearse(
     """Say which causes, of which size, a diagnosis would find in recordings like these.
 
     Args:
-        data: as of `plan`, and so are the other arguments.
+        data: a joint log or servo log, or several.
         robot: name, model file or arm.
-        causes: names of the causes to hide; None for all that are registered.
+        causes: names of the causes to hide; None for all that are registered. All are always
+            looked for.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: of `diagnose`.
+        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
+            ``poses``.
 
     Raises:
-        StictionError: as of `plan`.
+        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
     """
     planned = plan(data, robot, causes=causes, progress=progress, **options)
     return planned.run(threads=threads, progress=progress)
@@ -149,21 +146,8 @@ def plan(
     progress: Callable[[str, float], None] | None = None,
     **options: Unpack[LogOptions],
 ) -> Plan:
-    """Diagnose logs as they are, and plan what to hide in them.
-
-    Args:
-        data: a joint log or servo log, or several.
-        robot: name, model file or arm.
-        causes: names of the causes to hide; None for all that are registered. All are always
-            looked for.
-        progress: called with what is done and the part of the whole, 0.
-        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
-            ``poses``.
-
-    Raises:
-        StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.
-    """
-    for name in ("check", "poses", "method"):
+    """Diagnose logs as they are, and plan what to hide in them; arguments are as of `rehearse`."""
+    for name in ("check", "poses"):
         if name in options:
             raise StictionError(f"{name}: cannot be used to rehearse")
     say = progress or (lambda *_: None)
@@ -173,11 +157,24 @@ def plan(
     naming = naming_of(None, options)
     kind = options.get("drive") or next((drive_of(x, naming) for x in given), TORQUE)
     for name in causes or ():  # before the long computation
-        effect_of(name) if kind == POSITION else cause_named(name)
+        if kind != POSITION:
+            cause_named(name)
+        elif name not in EFFECTS:
+            raise unknown("cause", name, EFFECTS)
     own = diagnose(
         given, robot, progress=lambda stage, _: say(f"the log itself: {stage}", 0.0), **options
     )
-    subject, jobs = _planned(own, causes)
+    subject: Subject
+    if isinstance(own, ServoResult):
+        subject = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
+        jobs = subject.jobs_of(causes or EFFECTS)
+    else:
+        assert isinstance(own, LogDiagnosis)
+        hidden = [c for c in registered() if causes is None or c.name in causes]
+        subject, jobs = (
+            HiddenTorques(replay=replay_of(own.diagnosis)),
+            jobs_of(own.diagnosis, hidden),
+        )
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
@@ -194,13 +191,3 @@ def plan(
         seed=seed,
         provenance=provenance("diagnose", arguments, seed=seed, inputs=inputs),
     )
-
-
-def _planned(own: DiagnosisResult, causes: Sequence[str] | None) -> tuple[Subject, list[Job]]:
-    """Return the logs of a diagnosis, and the jobs."""
-    if isinstance(own, ServoResult):
-        servos = subject_of(own.diagnosis, changed_arm(own.arm, own.before.parts))
-        return servos, servos.jobs_of(causes or EFFECTS)
-    assert isinstance(own, LogDiagnosis)
-    hidden = [c for c in registered() if causes is None or c.name in causes]
-    return HiddenTorques(replay=replay_of(own.diagnosis)), jobs_of(own.diagnosis, hidden)

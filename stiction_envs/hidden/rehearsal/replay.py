@@ -20,9 +20,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import DRY
@@ -30,15 +30,12 @@ from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, nominal_torque
 from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.gap.signals.spectra import resample
 from stiction_envs.measured.logs.reader import JointLog
 
-Array = NDArray[np.float64]
 Fields = dict[str, Any]
 """Arrays (T, ...) by field of `Recording`, and what is left of torques and angles."""
-LEAST_ROWS = 16
-"""Shorter segments are left out [-]; assumed."""
+LEAST_ROWS = 16  # shorter segments are left out [-]; assumed
 LEAST_FRICTION = 5.0
 """Dry friction that is taken where the log shows none, over the noise [-]; assumed."""
 
@@ -60,11 +57,9 @@ class Replay:
     unknown_friction: Array
     """(n,) the part of it that the nominal model lacks [N·m]."""
     sources: tuple[str, ...]
-    """Paths of the logs."""
     cutoff_hz: float
     """Cutoff of the filter in the log's own diagnosis."""
     baseline: Nominal
-    """The nominal model."""
 
     def logs(self, hidden: Array, seed: Sequence[int]) -> list[JointLog]:
         """Return the logs with a torque (T, n) [N·m] hidden in them, and noise."""
@@ -155,11 +150,18 @@ def replay_of(own: Diagnosis) -> Replay:
         **joined,
     )
     noise = np.maximum(np.sqrt(np.mean(np.square(remaining), axis=0)), own.data.noise)
+    data = Data(
+        recording=even,
+        nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
+        rigid=even.rigid,
+        friction=own.base.friction,
+        noise=own.data.noise,
+    )
     known, found = _dry_friction(own)
     friction = known + np.maximum(found, 0.0)
     friction = np.where(friction > 0, friction, LEAST_FRICTION * noise)
     return Replay(
-        data=_nominal(own, even),
+        data=own.baseline.extend(data),
         left=left,
         noise=noise,
         angle_noise=taken_off.std(axis=0),
@@ -206,18 +208,6 @@ def _evened(
         "left": tau - model(t),
         "taken_off": q - path(t),
     }
-
-
-def _nominal(own: Diagnosis, even: Recording) -> Data:
-    """Return a recording against the nominal model of a diagnosis."""
-    data = Data(
-        recording=even,
-        nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
-        rigid=even.rigid,
-        friction=own.base.friction,
-        noise=own.data.noise,
-    )
-    return own.baseline.extend(data)
 
 
 def _dry_friction(own: Diagnosis) -> tuple[Array, Array]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import joints as joints_text
 from stiction_envs.reporting.markdown import listed, plural, short
@@ -22,7 +20,7 @@ RUNS = "rehearsal_runs.jsonl"
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """What the recording shows of a cause on a joint."""
+    """Result of a recording for a cause on a joint."""
 
     cause: str
     joint: int
@@ -32,11 +30,11 @@ class Row:
     smallest_found: float
     """Smallest size that was named, told from all others, and nothing false beside it; else NaN."""
     smallest_named: float
-    """The same where it need not be told from others."""
+    """Smallest size that was named, told from others or not; else NaN."""
     tried: tuple[float, ...]
     """Sizes that were hidden, smallest effect first."""
     false_alarms: str
-    """What was named falsely, and at which sizes."""
+    """Causes that were named falsely, and at which sizes."""
     instead: str
     """Why it was not found: what was named instead, or what it cannot be told from."""
     what_to_record: str
@@ -84,7 +82,7 @@ def row_of(job: Job, row: int, runs: list[Run]) -> Row:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Rehearsal(Result):
-    """What a recording can and cannot show."""
+    """Causes that a recording can and cannot show."""
 
     robot: str
     rows: tuple[Row, ...]
@@ -110,15 +108,13 @@ class Rehearsal(Result):
 
     def write(self, folder: Path) -> None:
         """Write ``rehearsal.csv``, and the runs behind it."""
-        text = io.StringIO()
-        out = csv.writer(text, lineterminator="\n")
-        out.writerow(f.name for f in fields(Row))
+        table = []
         for row in self.rows:
-            cells = {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
+            cells = asdict(row) | {"tried": " ".join(f"{x:.4g}" for x in row.tried)}
             cells["smallest_found"] = f"{row.smallest_found:.4g}" if row.found else ""
             cells["smallest_named"] = f"{row.smallest_named:.4g}" if row.named else ""
-            out.writerow(cells.get(f.name, getattr(row, f.name)) for f in fields(Row))
-        write_text_atomic(folder / CSV, text.getvalue())
+            table.append(list(cells.values()))
+        write_lines(folder / CSV, [f.name for f in fields(Row)], table)
         rows = KeptRows(folder / RUNS)
         for key, runs in self.runs.items():
             if key not in rows.every:
@@ -126,7 +122,7 @@ class Rehearsal(Result):
 
     @property
     def summary(self) -> str:
-        """What is shown, in sentences."""
+        """Sentences on the causes that the recording shows."""
         found = sum(r.found for r in self.rows)
         also = sum(r.named and not r.found for r in self.rows)
         text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "

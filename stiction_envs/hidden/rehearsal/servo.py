@@ -17,8 +17,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.findings import ALIKE
 from stiction_envs.gap.servo.joint import JointMotion
@@ -34,14 +34,7 @@ from stiction_envs.gap.servo.questions import (
     sags,
     unknown_damping,
 )
-from stiction_envs.hidden.rehearsal.jobs import (
-    LARGE_NOISE,
-    LARGE_SHARE,
-    NO_JOB,
-    NOTHING,
-    Job,
-    Run,
-)
+from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB, NOTHING, Job, Run
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate
@@ -49,16 +42,13 @@ from stiction_envs.hidden.torque_effects import COM
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 USUAL_PERCENT, REACHED_PERCENT = 70.0, 99.5
 """Percentiles of a joint's angle where it mostly is, and of what it reaches [%]; assumed."""
 TRIED, SMALLEST = 40, 1e-4
 """Number of sizes whose effect is simulated to find three, and the least over the largest [-];
 assumed: they are 26 % apart, and interpolated."""
-NO_CHANGE = 1e-3
-"""Change of the angle over the noise that is none [-]; assumed."""
-SPARSE = 10
-"""Rows of which one shows a body's gravity [-]; assumed."""
+NO_CHANGE = 1e-3  # change of the angle over the noise that is none [-]; assumed
+SPARSE = 10  # rows of which one shows a body's gravity [-]; assumed
 FIXED = ("payload", "external_contact")
 """Causes of which `confused_with` says the same of every log."""
 
@@ -71,7 +61,7 @@ class HiddenServos:
     """As its user models it."""
     logs: tuple[ServoLog, ...]
     servo: Servo
-    """What is known of its servos."""
+    """Known stiffness and damping of the servos."""
     motions: list[JointMotion]
     base: Array
     """(n, P) parameters with nothing hidden."""
@@ -119,10 +109,7 @@ class HiddenServos:
             return ""
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
-    # ---- sizes -------------------------------------------------------------------------------
-
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
-        """See `runs.Subject`."""
         whole = np.array([float(m.q.std()) for m in self.motions])
         targets = self.noise, np.maximum(LARGE_NOISE * self.noise, LARGE_SHARE * whole)
         if job.what.arm_wide:
@@ -159,10 +146,7 @@ class HiddenServos:
         mass = float(np.min(target / np.maximum(sag, 1e-12)))
         return np.full(len(target), min(mass, EFFECTS["payload"].largest))
 
-    # ---- runs --------------------------------------------------------------------------------
-
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
-        """See `runs.Subject`."""
         rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
         parameters, sizes, mass = self.base.copy(), {}, 0.0
         wall = np.zeros(len(parameters))
@@ -214,12 +198,7 @@ def _behind_wall(angle: Array, depth: Array | float) -> Array:
 
 
 def subject_of(own: ServoDiagnosis, arm: Arm) -> HiddenServos:
-    """Return the logs of a diagnosis, to hide causes in them.
-
-    Args:
-        own: their diagnosis.
-        arm: the rigid arm that was judged.
-    """
+    """Return the logs of a diagnosis of the rigid ``arm``, to hide causes in them."""
     motions = joint_motions(arm, own.logs)
     base = _base(own, motions)
     left = []

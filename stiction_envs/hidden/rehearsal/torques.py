@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.gap.causes import Cause, cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
@@ -38,18 +38,13 @@ from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World, inverse_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED
 
-Array = NDArray[np.float64]
-DAMPING = 0.1
-"""Damping ratio of a soft gear [-]; assumed."""
+DAMPING = 0.1  # damping ratio of a soft gear [-]; assumed
 TURN = 0.1
 """Largest angle by which a link behind a gear swings in a step [rad]; assumed: the error of its
 frequency is below 0.1 %."""
-CLOSE = 0.03
-"""Relative error of a size [-]; assumed."""
-STEPS = 8
-"""Most steps in which a size is found; assumed: the torque is nearly proportional to it."""
-NO_TORQUE = 1e-6
-"""Torque over the noise that is none [-]; assumed."""
+CLOSE = 0.03  # relative error of a size [-]; assumed
+STEPS = 8  # most steps in which a size is found; assumed: the torque is nearly proportional to it
+NO_TORQUE = 1e-6  # torque over the noise that is none [-]; assumed
 
 
 def hideable(cause: Cause) -> Hideable:
@@ -97,8 +92,6 @@ class HiddenTorques:
     """Torques that are hidden along the motion of joint logs."""
 
     replay: Replay
-
-    # ---- torques -----------------------------------------------------------------------------
 
     @cached_property
     def bare(self) -> World:
@@ -189,10 +182,7 @@ class HiddenTorques:
             parameters[str(0 if job.what.arm_wide else j + 1)] = float(first)
         return self.torque_of(world), parameters
 
-    # ---- sizes and runs ----------------------------------------------------------------------
-
     def sizes(self, job: Job) -> tuple[Array, Array, Array]:
-        """See `jobs.Subject`."""
         replay = self.replay
         whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
         small = self._size(job, replay.noise)
@@ -222,13 +212,12 @@ class HiddenTorques:
         return size
 
     def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
-        """See `jobs.Subject`."""
         replay = self.replay
         sizes: dict[str, float] = {}
         hidden = np.zeros_like(replay.data.q)
         if job.cause != NOTHING:
             hidden, sizes = self.hidden(job, size)
-            if job.cause in EFFECTS and EFFECTS[job.cause].refines_friction:
+            if job.what.expected:  # it refines dry friction
                 hidden = hidden + replay.unknown_friction * self.dry / replay.friction
         logs = replay.logs(hidden, [seed, zlib.crc32(job.key.encode()), number])
         said = replay.diagnose(logs, seed)
@@ -236,18 +225,11 @@ class HiddenTorques:
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
 
 
-# ---- a link behind a soft gear whose motor moves as a log says -----------------------------------
-
-
 def link_behind_gear(data: Data, joint: int, stiffness: float) -> tuple[Array, Array]:
     """Return (T,) the link's angle less the motor's, δ [rad], and its speed [rad/s].
 
-    M δ̈ = −L − K δ − D δ̇, where L is the load at the link's angle, to first order in δ.
-
-    Args:
-        data: the motor's motion.
-        joint: from 0.
-        stiffness: K of the gear [N·m/rad].
+    M δ̈ = −L − K δ − D δ̇, where L is the load at the link's angle, to first order in δ, and K the
+    ``stiffness`` of the gear [N·m/rad]; ``joint`` counts from 0.
     """
     model, nudge = data.pinocchio, 1e-5
     mass = mass_matrices(model, data.q)[:, joint, joint]

@@ -1,36 +1,50 @@
-"""`check`: what is wrong in files of measurements, torque tables and joint logs.
-
-found = check("base.csv", "log.csv", robot="panda")
-print(found)                   # one finding in a line
-"""
+"""`check`: what is wrong in files of measurements, torque tables and joint logs."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, astuple, dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Unpack
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.checks.tables import check_table
-from stiction_envs.measured.csv_text import write_lines
+from stiction_envs.measured.csv_text import Line, header_of, read_lines, write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
 from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Reading, naming_of
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.measured.logs.reader import IGNORED, drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
-from stiction_envs.measured.logs.timing import IGNORED
+from stiction_envs.measured.tables import (
+    BASE_COLUMNS,
+    DIRECTIONS,
+    LOADS,
+    SJE_COLUMNS,
+    parse_sje,
+    read_amplitudes,
+)
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
+from stiction_envs.robots.tables import Limits
 
 REMARK = "remark"
 """Kind of what is true but not wrong."""
 NOT_WRONG = ("gap", "run", "epoch", "source", "wrap")
 """Kinds of correction that only say how a log was recorded: segments, recordings, dates as time,
 what its columns or messages are, angles within one turn."""
+SAME_STD = 5.0
+"""Two runs of one setting contradict if they differ by more combined standard deviations
+[-]; assumed."""
+SAME_SHARE = 0.25
+"""Share of the torque, where no deviation is known [-]. Source: five times the 4.7
+points by which the thesis's own runs repeat."""
+ANY_JOINTS = 99  # joints of an amplitude table's robot where it is not known
+Cells = tuple[str, str, str]
+"""Row, kind and message of a defect."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +55,9 @@ class Finding:
     where: str
     """Row or cell; empty for the file as a whole."""
     kind: str
-    """For a table: see `Defect.kind`. For a log: ``corrected`` when it is read, ``warning``
-    if it cannot be. ``unreadable``: nothing can be done with the file. ``remark``: not wrong."""
+    """In a table: ``sign``, ``percentage`` or ``repeat``. In a log: ``corrected`` when it is read,
+    ``warning`` if it cannot be. ``unreadable``: nothing can be done with the file. ``remark``: not
+    wrong."""
     message: str
 
 
@@ -118,32 +133,30 @@ def check(
     arm = None if robot is None else load_arm(robot, chain=chain)
     n, limits = (0, None) if arm is None else (arm.n, arm.limits)
     naming = naming_of(arm, reading)
-    kinds = {path: file_kind(path) for path in paths}
     findings: list[Finding] = []
     logs: list[JointLog] = []
-    for path, kind in kinds.items():
+    for path in paths:
+        kind, found = file_kind(path), list[Cells]()
         try:
             if kind == TABLE:
-                for d in check_table(path, limits):
-                    findings.append(Finding(str(path), d.where, d.kind, d.message))
-                continue
-            count = n or count_joints(path, naming)
-            position = (drive or drive_of(path, naming)) == POSITION
-            read = read_servo_logs if position else read_logs
-            log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
+                for defect in _table_defects(path, limits):
+                    found.append(defect)
+            else:
+                count = n or count_joints(path, naming)
+                position = (drive or drive_of(path, naming)) == POSITION
+                read = read_servo_logs if position else read_logs
+                log: RobotLog = read([path], count, limits=limits, naming=naming)[0]
+                logs += [log] if isinstance(log, JointLog) else []
+                for c in log.corrections:
+                    found.append(("", REMARK if c.kind in NOT_WRONG else "corrected", c.text))
+                for text in log.warnings:
+                    remark = REMARK if text.startswith(IGNORED) else "warning"
+                    found.append(("", remark, text))
         except StictionError as error:
             # the message begins with the file, or one in its folder, whose path stays whole
             text = str(error).removeprefix(f"{path}: ").removeprefix(f"{path}, ")
-            findings.append(Finding(str(path), "", "unreadable", text))
-            continue
-        if isinstance(log, JointLog):
-            logs.append(log)
-        for c in log.corrections:
-            remark = REMARK if c.kind in NOT_WRONG else "corrected"
-            findings.append(Finding(str(path), "", remark, c.text))
-        for text in log.warnings:
-            remark = REMARK if text.startswith(IGNORED) else "warning"
-            findings.append(Finding(str(path), "", remark, text))
+            found.append(("", "unreadable", text))
+        findings += [Finding(str(path), *x) for x in found]
     arguments = {
         "files": [str(p) for p in paths],
         "robot": robot,
@@ -163,3 +176,75 @@ def check(
         logs=tuple(logs),
         provenance=provenance("check", arguments, seed=0, inputs=inputs),
     )
+
+
+def _table_defects(path: str | os.PathLike[str], limits: Limits | None = None) -> Iterator[Cells]:
+    """Yield the defects of an SJE table, a table of base torques or an amplitude table.
+
+    ``limits`` of the robot bound amplitudes; None where the robot is not known.
+
+    Raises:
+        StictionError: the file cannot be read as such a table.
+    """
+    header = header_of(path)
+    if "tau_base_Nm" in header:
+        for line in read_lines(path, BASE_COLUMNS):
+            joint, load = line.whole("joint", 1), line.name("load", LOADS)
+            direction, tau = line.name("direction", DIRECTIONS), line.number("tau_base_Nm")
+            yield from _check_sign(f"{line.text('robot')} joint {joint}, {load}", direction, tau)
+    elif "tau_nm" in header or "robot" in header:
+        yield from _check_sje(read_lines(path, SJE_COLUMNS))
+    elif limits is None:
+        read_amplitudes(path, n_joints=ANY_JOINTS)
+    else:
+        read_amplitudes(path, n_joints=len(limits.torque), torque_limit=limits.torque)
+
+
+def _check_sign(where: str, direction: str, tau: float) -> Iterator[Cells]:
+    sign, expected = (1, "> 0") if direction == "+" else (-1, "< 0")
+    if tau * sign <= 0:
+        message = f"{tau:g}, expected {expected}: torque against the direction of its ramp"
+        yield f"{where} {direction}", "sign", message
+
+
+def _check_sje(lines: list[Line]) -> Iterator[Cells]:
+    """Yield wrong signs, reductions that are not 1 − |tau|/|base|, and contradicting repetitions.
+
+    NaN and rows without a base row of the same robot, joint, pose and direction pass.
+    """
+    rows = parse_sje(lines)
+    tau = [Decimal(line.fields["tau_nm"]) for line in lines]
+    keys = [(row.robot, row.joint, row.load, row.direction) for row in rows]
+    for row in rows:
+        place = f"{row.robot} joint {row.joint}, {row.load}"
+        yield from _check_sign(place, row.direction, row.tau_nm)
+    bases: dict[tuple[object, ...], list[Decimal]] = {}
+    for row, key, x in zip(rows, keys, tau, strict=True):
+        if row.is_base and x:
+            bases.setdefault(key, []).append(x)
+    first: dict[tuple[object, ...], int] = {}
+    for k, (row, key) in enumerate(zip(rows, keys, strict=True)):
+        where = f"{row.robot} joint {row.joint}, {row.load} {row.direction}, "
+        where += f"{row.frequency_hz:g} Hz, {row.amplitude_nm:g} N·m"
+        if key in bases and not math.isnan(row.reduction):
+            printed = Decimal(lines[k].fields["reduction"])
+            # of several base rows the one that suits the printed number best
+            base = min(bases[key], key=lambda b: abs(1 - abs(tau[k] / b) - printed))
+            best = 1 - abs(tau[k] / base)
+            slack = _rounding(tau[k]) / abs(base) + abs(tau[k]) * _rounding(base) / base**2
+            # The last term: reductions computed in double precision.
+            if abs(printed - best) > _rounding(printed) + slack + Decimal("1e-12"):
+                message = f"{printed}, expected {best:.4f}: 1 - |tau|/|base| of the base row"
+                yield where, "percentage", message
+        before = first.setdefault((*key, row.frequency_hz, row.amplitude_nm), k)
+        std = SAME_STD * math.hypot(rows[before].std_nm, row.std_nm)
+        share = SAME_SHARE * max(abs(rows[before].tau_nm), abs(row.tau_nm))
+        most = Decimal(share if math.isnan(std) else std)
+        if abs(tau[before] - tau[k]) > most + _rounding(tau[before]) + _rounding(tau[k]):
+            message = f"{tau[k]} N·m, expected near {tau[before]}: the same setting is there twice"
+            yield where, "repeat", f"{message}, at most {most:.3g} N·m apart"
+
+
+def _rounding(value: Decimal) -> Decimal:
+    """Half a unit in the last printed place."""
+    return Decimal((0, (5,), int(value.as_tuple().exponent) - 1))

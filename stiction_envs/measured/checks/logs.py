@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, csd, sosfiltfilt, welch
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
 from stiction_envs.measured.motion import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
-
-if TYPE_CHECKING:
-    from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.tables import Limits
 
 LARGEST = {
     **dict.fromkeys(("q", "q_cmd"), (1e3, "rad")),
@@ -23,34 +19,21 @@ LARGEST = {
 """Values with their units that no joint of an arm comes near; assumed."""
 FREE_ANGLE = 20.0
 """Largest angle that passes for radians where the robot's limits are not known [rad]; assumed."""
-SLOWEST_STEP = 0.1
-"""Time between rows above which a log does not show friction [s]; assumed."""
-SATURATED_ROWS = 5
-"""This many rows in a row at a channel's largest value are a limit; assumed."""
-COARSE_LEVELS = 10
-"""A torque of fewer levels is a coarse sensor at rest [-]; assumed."""
-NEAR_ZERO = 0.02
-"""Values without a sign come down to this share of the largest [-]; assumed."""
-COMPARED_SECONDS = 60.0
-"""Length of the stretch in which speed and angle are compared [s]; assumed."""
-COMPARED_ROWS = 64
-"""Fewest rows in which speeds are compared; assumed."""
-COMPARED_HZ = 2.0
-"""Below this frequency arms move, and speeds are compared [Hz]; assumed."""
+SLOWEST_STEP = 0.1  # time between rows above which a log does not show friction [s]; assumed
+SATURATED_ROWS = 5  # this many rows in a row at a channel's largest value are a limit; assumed
+COARSE_LEVELS = 10  # a torque of fewer levels is a coarse sensor at rest [-]; assumed
+NEAR_ZERO = 0.02  # values without a sign come down to this share of the largest [-]; assumed
+COMPARED_SECONDS = 60.0  # length of the stretch in which speed and angle are compared [s]; assumed
+COMPARED_ROWS = 64  # fewest rows in which speeds are compared; assumed
+COMPARED_HZ = 2.0  # below this frequency arms move, and speeds are compared [Hz]; assumed
 FASTEST = 20.0
 """No joint of an arm moves faster, whatever its limits say [rad/s]; assumed: hobby servos do 10."""
-TOO_FAST = 3.0
-"""No arm moves at more than this times its joint's largest speed [-]; assumed."""
-Array = NDArray[np.float64]
+TOO_FAST = 3.0  # no arm moves at more than this times its joint's largest speed [-]; assumed
 _DEGREE = np.pi / 180
 
 
 def check_finite(rows: RawLog) -> None:
-    """No value is infinite or larger than any joint's, and every row has a time.
-
-    Raises:
-        StictionError: naming the first such cell.
-    """
+    """Raise a StictionError at the first infinite or too large value, or row without time."""
     if not np.isfinite(rows.t).all():
         i = int(np.argmin(np.isfinite(rows.t)))
         raise StictionError(f"{rows.place(i)}: t is {rows.t[i]}: expected finite numbers in s")
@@ -68,11 +51,7 @@ def check_finite(rows: RawLog) -> None:
 
 
 def check_time(rows: RawLog) -> None:
-    """Time never falls within a recording, and is in seconds.
-
-    Raises:
-        StictionError: naming the first row where it falls, or the unit it looks like.
-    """
+    """Raise a StictionError at the first row where time falls, or for a unit other than s."""
     step = np.diff(rows.t)
     fell = (step < 0) & (rows.run[1:] == rows.run[:-1])
     if fell.any():
@@ -96,13 +75,10 @@ def check_time(rows: RawLog) -> None:
 
 
 def check_angles(rows: RawLog, limits: Limits | None, channel: str = "q") -> list[str]:
-    """Angles are in radians, as far as the joint ``limits`` show.
-
-    Returns:
-        Warnings about angles beyond the limits that no unit explains.
+    """Return warnings about angles beyond the joint ``limits`` that no unit explains.
 
     Raises:
-        StictionError: they look like degrees.
+        StictionError: angles look like degrees.
     """
     warnings = []
     unlimited = None if limits is None else limits.assumed("position")
@@ -142,10 +118,7 @@ def check_angles(rows: RawLog, limits: Limits | None, channel: str = "q") -> lis
 
 
 def check_units(rows: RawLog, limits: Limits | None) -> list[str]:
-    """Angles are in radians and torques in N·m, as far as the joint ``limits`` show.
-
-    Returns:
-        Warnings about values beyond the limits that no unit explains.
+    """Return warnings about angles and torques beyond the ``limits`` that no unit explains.
 
     Raises:
         StictionError: q looks like degrees, or tau like percent or mN·m.
@@ -184,7 +157,7 @@ def _limit(limits: Limits, name: str, j: int, unit: str) -> str:
 
 
 def check_channels(rows: RawLog) -> list[str]:
-    """Check that something moves; warn of channels that never change or stay at a limit.
+    """Return warnings about channels that never change or stay at a limit.
 
     Raises:
         StictionError: no torque, or neither angle nor torque, ever changes.
@@ -248,18 +221,10 @@ def _saturation(column: str, x: Array, *, least: bool = True) -> list[str]:
 
 
 def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
-    """No joint moves several times faster than it can, as small angles in degrees would.
-
-    Args:
-        rows: a log without repeats and gaps.
-        step: time between rows, s.
-        limits: limits of the robot, or None.
-
-    Returns:
-        Warnings where the limit is doubtful.
+    """Return warnings about joints of a log without gaps that move faster than a doubtful limit.
 
     Raises:
-        StictionError: naming the joint.
+        StictionError: a joint moves several times faster than it can: its angles look like degrees.
     """
     t = np.arange(rows.t[0], rows.t[-1], step)
     warnings: list[str] = []
@@ -282,23 +247,21 @@ def check_pace(rows: RawLog, step: float, limits: Limits | None) -> list[str]:
 
 
 def check_speeds(rows: RawLog, step: float) -> list[str]:
-    """Compare the logged dq with the derivative of q: unit, sign, lag, low-pass; and q with both.
+    """Return warnings about dq against the derivative of q: unit, sign, lag, low-pass.
 
-    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`.
-
-    Args:
-        rows: a log without repeats and gaps.
-        step: time between rows, s.
-
-    Returns:
-        Warnings.
+    Scale s and lag δ by least squares, dq(t) ≈ s·(q̇(t) − δ·q̈(t)), below `COMPARED_HZ`, of a log
+    without repeats and gaps, whose rows are ``step`` [s] apart.
 
     Raises:
         StictionError: dq is in degrees per second.
     """
     if "dq" not in rows.data or rows.t[-1] - rows.t[0] < 2 / COMPARED_HZ:
         return []
-    grid, rate = _even(rows, step), 1 / step
+    t, rate = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step), 1 / step
+    grid = {
+        name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
+        for name in rows.core()
+    }
     if len(grid["q"]) < COMPARED_ROWS:
         return []
     speeds = np.gradient(grid["q"], step, axis=0)
@@ -350,7 +313,7 @@ def _speed_findings(found: Array, step: float) -> list[str]:
     return warnings
 
 
-def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.int64]) -> list[str]:
+def _commanded_angles(grid: dict[str, Array], rate: float, movers: Index) -> list[str]:
     """Warn where q lacks a vibration that dq and tau show: then q is not what was measured."""
     found: dict[tuple[float, float], list[tuple[float, float, float]]] = {}
     for j in movers:
@@ -379,15 +342,6 @@ def _commanded_angles(grid: dict[str, Array], rate: float, movers: NDArray[np.in
         f"shakes with tau (coherence {a:.2f}), but the derivative of q is {ratio:.0f} times "
         f"smaller and does not (coherence {b:.2f})"
     ]
-
-
-def _even(rows: RawLog, step: float) -> dict[str, Array]:
-    """Measured channels of the first `COMPARED_SECONDS` on even times."""
-    t = np.arange(rows.t[0], min(rows.t[-1], rows.t[0] + COMPARED_SECONDS), step)
-    return {
-        name: np.stack([np.interp(t, rows.t, x) for x in rows.data[name].T], axis=1)
-        for name in rows.core()
-    }
 
 
 def _spectra(x: Array, y: Array, rate: float) -> tuple[Array, ...]:

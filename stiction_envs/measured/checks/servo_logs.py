@@ -1,12 +1,9 @@
 """Checks of a servo log by itself: units of its commands, channels that never move or are copies.
 
-A servo's log repeats itself: its angles come in steps of the encoder, and a joint that sticks
-rests while its command moves. Nothing of that is a defect.
+Angles in steps of the encoder, and joints that rest while their command moves, are no defects.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,27 +11,21 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_angles, check_torques
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.motion import HOLD_SPAN, TRAVEL_SPAN
-
-if TYPE_CHECKING:
-    from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.tables import Limits
 
 OTHER_UNIT = 20.0
 """Commands that move by this many times what the joint moves are in another unit [-]; assumed."""
 ALIKE = 0.9
 """Least correlation of a command and the angle that follows it, to compare units [-]; assumed."""
 
-MOST_LAG = 0.2
-"""Longest time between command and motion that is tried [s]; assumed."""
+MOST_LAG = 0.2  # longest time between command and motion that is tried [s]; assumed
 
 
 def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
-    """Commanded and measured angles are in radians, as far as limits and each other show.
-
-    Returns:
-        Warnings about angles beyond the limits that no unit explains.
+    """Return warnings about commanded and measured angles beyond the ``limits``.
 
     Raises:
-        StictionError: they look like degrees, or are in different units.
+        StictionError: angles look like degrees, or are in different units.
     """
     warnings = [w for name in ("q", "q_cmd") for w in check_angles(rows, limits, name)]
     ratios = []
@@ -52,7 +43,7 @@ def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:
 
 
 def check_servo_channels(rows: RawLog) -> list[str]:
-    """Check that something moves; warn of commands and angles that never do, and of copies.
+    """Return warnings about commands and angles that never change, and about copies.
 
     Raises:
         StictionError: neither command nor angle ever changes.
@@ -96,7 +87,8 @@ def _late_commands(rows: RawLog) -> list[str]:
         if min(np.ptp(q), np.ptp(command)) < TRAVEL_SPAN or most < 2:
             continue
         v, u = np.diff(q)[most:-most], np.diff(command)
-        likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]
+        with np.errstate(invalid="ignore"):  # a constant stretch is like nothing
+            likeness = [np.corrcoef(v, u[k : k + len(v)])[0, 1] for k in range(2 * most + 1)]
         best = int(np.argmax(likeness))
         leads.append((best - most) * step if likeness[best] > ALIKE else np.nan)
     if not leads or not np.nanmin([*leads, np.inf]) > 1.5 * step or np.isnan(leads).any():

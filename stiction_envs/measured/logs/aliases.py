@@ -52,8 +52,7 @@ UNITS = {
     "temperature": dict.fromkeys(("c", "°c", "degc"), 1.0),
 }
 """Our units in one of a channel, by its small letters without blanks and dots."""
-MOST_SHOWN = 12
-"""Most columns that a message lists; assumed."""
+MOST_SHOWN = 12  # most columns that a message lists; assumed
 
 _CHANNELS = {word: name for name, words in list(WORDS.items())[:-4] for word in words.split()}
 _OURS = re.compile(r"(q|dq|tau|q_cmd|tau_cmd|temperature|current_abs)(0|[1-9]\d?)")
@@ -94,7 +93,6 @@ class OurNames:
     factors: dict[int, float] = field(default_factory=dict)
     """Our units in one of a column's, by its place, where that is not 1."""
     notes: list[str] = field(default_factory=list)
-    """Remarks for a person."""
 
 
 def unit_of(text: str) -> str | None:

@@ -20,27 +20,22 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.measured.logs.corrections import Correction, RawLog
 
 REGULAR = 1e-3
 """Stamps are a clock already if their steps are whole ones but for this share [-]; assumed."""
-EXACT = 0.02
-"""Stamps that are this near to the robot's clock stay [steps]; assumed."""
+EXACT = 0.02  # stamps that are this near to the robot's clock stay [steps]; assumed
 COARSE = 0.1
 """A clock is coarse if more than this share of rows has the time of the row before [-]; assumed."""
-CRYSTAL = 3e-4
-"""Two clocks with quartz crystals agree to this share [-]; assumed."""
+CRYSTAL = 3e-4  # two clocks with quartz crystals agree to this share [-]; assumed
 SEEN_DRIFT = 1e-5
 """Smallest drift of the logger's clock against the robot's that is reported [-]; assumed."""
-LEAST_ROWS = 200
-"""Fewer rows whose motion shows the samples that passed show no clock; assumed."""
-GAP_STEPS = 5.0
-"""A step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed."""
-GAP_SECONDS = 0.025
-"""See `GAP_STEPS` [s]; assumed."""
+LEAST_ROWS = 200  # fewer rows whose motion shows the samples that passed show no clock; assumed
+GAP_STEPS = 5.0  # a step of more than this many usual ones, and of `GAP_SECONDS`, is a gap; assumed
+GAP_SECONDS = 0.025  # see `GAP_STEPS` [s]; assumed
 AROUND, AROUND_SECONDS = 20, 0.05
 """Rows before and after a row, and time [s], whose changes show its usual one; assumed."""
 WHOLE = (0.1, 0.03)
@@ -51,20 +46,17 @@ AGREED = 0.02
 assumed."""
 SHOWN = 100.0
 """Least ratio of signal to noise, squared, that shows how many samples passed [-]; assumed."""
-LEAST_NOISE = 1e-9
-"""Least noise of an angle [rad]; assumed: no encoder is better."""
+LEAST_NOISE = 1e-9  # least noise of an angle [rad]; assumed: no encoder is better
 SLOWEST = 0.02
 """Rows further apart do not show by their motion how many samples passed [s]; assumed."""
 REGULAR_SHARE = 0.95
 """Least share of steps of whole samples behind stamps that come in bursts [-]; assumed."""
 ROUNDS = 2
 """Rounds of counting: samples that were lost make the usual change too large at first [-]."""
-LATE_ROWS = (5, 10, 20, 40)
-"""Rows after one that came late, of which one is in time again; assumed."""
+LATE_ROWS = (5, 10, 20, 40)  # rows after one that came late, of which one is in time again; assumed
 TURNED = 0.5
 """Largest change of the speeds about a row over the speeds, where a row may tell its time [-];
 assumed: more is an arm that stops."""
-Array = NDArray[np.float64]
 
 
 def usual_step(rows: RawLog) -> float:
@@ -74,7 +66,7 @@ def usual_step(rows: RawLog) -> float:
     return float(np.median(step)) if len(step) else float("nan")
 
 
-def find_gaps(t: Array, step: float) -> NDArray[np.int64]:
+def find_gaps(t: Array, step: float) -> Index:
     """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
     return np.flatnonzero(np.diff(t) > _gap(step)) + 1
 
@@ -87,9 +79,7 @@ def _gap(step: float) -> float:
 def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
     """Make the time of ``rows`` strictly rising and, where the motion shows it, regular; in place.
 
-    Args:
-        rows: a log.
-        slowest: longest usual step at which the motion is asked for the clock [s].
+    The motion is asked where the usual step is at most ``slowest`` [s].
     """
     corrections: list[Correction] = []
     equal = np.r_[False, _not_rising(rows)]
@@ -112,7 +102,7 @@ def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
     return corrections
 
 
-def _not_rising(rows: RawLog) -> NDArray[np.bool_]:
+def _not_rising(rows: RawLog) -> Bools:
     """Whether the next row of a recording has no later time: (T-1,)."""
     return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
 
@@ -182,7 +172,10 @@ def _count(rows: RawLog, parts: list[slice], step: float) -> list[Correction]:
     if seen < LEAST_ROWS or whole < REGULAR_SHARE * seen:
         return []
     pace = _pace(rows.t, counted, groups)
-    clock = _nice(pace)
+    # of whole 50 µs where these agree with the pace as crystals do
+    clock = round(pace / 5e-5) * 5e-5
+    if clock <= 0 or abs(pace / clock - 1) >= CRYSTAL:
+        clock = pace
     new, late = rows.t.copy(), np.zeros(len(rows.t))
     for p in parts:
         new[p] = counted[p] * clock + np.median(rows.t[p] - counted[p] * clock)
@@ -211,16 +204,11 @@ def _recordings(rows: RawLog) -> list[slice]:
     return [slice(a, b) for a, b in bounds if b - a > 2 * AROUND]
 
 
-def _samples_passed(
-    q: Array, logged: Array, step: float
-) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples that passed from row to row by the motion of (T, n), ``step`` [s] apart.
+def _samples_passed(q: Array, logged: Array, step: float) -> tuple[Array, Bools, Bools]:
+    """Return how many samples passed from row to row by the motion of (T, n), (T-1,).
 
-    ``logged`` (T-1,) are those by the stamps. Two joints or more must show it: one alone may have
-    slipped.
-
-    Returns:
-        (T-1,) each: how many, where two joints show it, and where the stamps say otherwise.
+    Also where two joints or more show it (one alone may have slipped), and where the stamps, by
+    which ``logged`` (T-1,) samples passed, say otherwise; ``step`` [s].
     """
     change = np.diff(q, axis=0)
     # speeds before and after, so that a row in which much time passed is no part of either
@@ -246,14 +234,8 @@ def _samples_passed(
     return passed, evident, odd & (left < AGREED * size.sum(axis=1))
 
 
-def _pace(t: Array, ticks: Array, groups: NDArray[np.int64]) -> float:
+def _pace(t: Array, ticks: Array, groups: Index) -> float:
     """Return the time per tick [s], fitted to groups of rows, each from its own start."""
     count = np.maximum(np.bincount(groups), 1)
     x, y = (v - (np.bincount(groups, v) / count)[groups] for v in (ticks, t))
     return float(x @ y / (x @ x))
-
-
-def _nice(clock: float) -> float:
-    """Return a clock's step [s], of whole 50 µs where that agrees with it as crystals do."""
-    whole = round(clock / 5e-5) * 5e-5
-    return whole if whole > 0 and abs(clock / whole - 1) < CRYSTAL else clock

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.joint_names import Naming
 
 TORQUE, POSITION = DRIVES = ("torque", "position")
 """Drives of the joints of a log: torque (a joint log), or a servo that gets positions."""
@@ -32,7 +33,6 @@ CHANNELS = {
     TORQUE: Channels(("q", "tau"), ("dq", "temperature", "tau_cmd")),
     POSITION: Channels(("q_cmd", "q"), ("dq", "tau", "current_abs", "temperature")),
 }
-"""Channels by drive."""
 
 RUN = "run"
 """Optional column of names: where it changes, another recording begins and time may start anew."""
@@ -58,6 +58,19 @@ class Columns:
         return tuple(c for c in found if c >= 0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """Request to read a log file."""
+
+    n_joints: int
+    time: bool = True
+    """Whether the log must have time; without, rows are numbered."""
+    naming: Naming
+    """Names of the joints, where a log has names."""
+    drive: str = TORQUE
+    """Which channels: those of `CHANNELS` for torque or position."""
+
+
 def joints_of(names: Sequence[str]) -> int:
     """Return the highest joint that has a column of angles; 0 without any."""
     found = [_CHANNEL.fullmatch(name.strip()) for name in names]
@@ -71,40 +84,23 @@ def drives_in(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(d for d, mark in ((TORQUE, "tau"), (POSITION, "q_cmd")) if mark in channels)
 
 
-def expected(n_joints: int, *, time: bool = True, drive: str = TORQUE) -> str:
-    """The columns of a log, for the end of a message."""
-    n, channels = n_joints, CHANNELS[drive]
-    must, may = (
-        ",".join(f"{c}1..{c}{n}" for c in group) for group in (channels.required, channels.optional)
-    )
-    names = f"expected {'t,' if time else ''}{must} with optional {may},{RUN}"
-    return f"{names}; columns OURS=NAME renames"
-
-
 def sort_columns(
-    where: str,
-    header: Sequence[str],
-    n_joints: int,
-    *,
-    shown: Sequence[str] = (),
-    time: bool = True,
-    drive: str = TORQUE,
+    where: str, header: Sequence[str], wanted: Wanted, shown: Sequence[str]
 ) -> Columns:
-    """Find the channels of a robot with ``n_joints`` joints in the ``header``.
+    """Find the channels of a robot in the ``header``, in any order; without time ``t`` is -1.
 
-    Args:
-        where: file, the beginning of every message.
-        header: names of the columns, in any order; spaces around them do not count.
-        n_joints: joints of the robot.
-        shown: their names in the file; () where these are those.
-        time: whether there must be a column ``t``; without, ``t`` is -1.
-        drive: which channels, of `CHANNELS`.
+    ``shown`` are the names of the columns in the file, the beginning of every message is ``where``.
 
     Raises:
         StictionError: a column is missing or there twice, or the log has another number of joints.
     """
+    n_joints, time, kind = wanted.n_joints, wanted.time, CHANNELS[wanted.drive]
+    must, optional = (
+        ",".join(f"{c}1..{c}{n_joints}" for c in x) for x in (kind.required, kind.optional)
+    )
+    may = f"expected {'t,' if time else ''}{must} with optional {optional},{RUN}"
+    may += "; columns OURS=NAME renames"
     names = [name.strip() for name in header]
-    may, kind = expected(n_joints, time=time, drive=drive), CHANNELS[drive]
     found: dict[str, dict[int, int]] = {}
     for i, name in enumerate(names):
         match = _CHANNEL.fullmatch(name)
@@ -116,7 +112,18 @@ def sort_columns(
             found.setdefault(match[1], {})[int(match[2])] = i
     if time and "t" not in names:
         raise StictionError(f"{where}: missing column 't' (time in s): {may}")
-    _check_joints(where, found, n_joints, kind.required, may)
+    counts = {max(found[channel]) for channel in kind.required if channel in found}
+    sizes = {len(found[channel]) for channel in kind.required if channel in found}
+    if counts != {n_joints} and len(counts) == 1 and sizes == counts:
+        raise StictionError(
+            f"{where}: columns for {max(counts)} joints, but the robot has {n_joints}: {may}"
+        )
+    for channel in kind.required:
+        extra = [j for j in found.get(channel, {}) if j > n_joints]
+        if extra:
+            raise StictionError(
+                f"{where}: column '{channel}{extra[0]}', but the robot has {n_joints} joints: {may}"
+            )
     channels: dict[str, tuple[int, ...]] = {}
     for channel in kind.all:
         joints = found.get(channel, {})
@@ -133,23 +140,5 @@ def sort_columns(
         t=names.index("t") if time else -1,
         channels=channels,
         run=names.index(RUN) if RUN in names else None,
-        ignored=tuple(x.strip() for i, x in enumerate(shown or names) if i not in used and x),
+        ignored=tuple(x.strip() for i, x in enumerate(shown) if i not in used and x),
     )
-
-
-def _check_joints(
-    where: str, found: dict[str, dict[int, int]], n_joints: int, required: tuple[str, ...], may: str
-) -> None:
-    counts = {max(found[channel]) for channel in required if channel in found}
-    if len(counts) == 1 and counts != {n_joints}:
-        count = counts.pop()
-        if all(len(found[channel]) == count for channel in required if channel in found):
-            raise StictionError(
-                f"{where}: columns for {count} joints, but the robot has {n_joints}: {may}"
-            )
-    for channel in required:
-        extra = [j for j in found.get(channel, {}) if j > n_joints]
-        if extra:
-            raise StictionError(
-                f"{where}: column '{channel}{extra[0]}', but the robot has {n_joints} joints: {may}"
-            )

@@ -12,21 +12,18 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 
-CHANCE_ROWS = 1e4
-"""A repeat that happens by chance once in this many rows is none; assumed."""
+CHANCE_ROWS = 1e4  # a repeat that happens by chance once in this many rows is none; assumed
 NEAR_CHANGES = 4
 """Changes on each side of a row that show how often it would repeat by chance; assumed."""
-MOST_REPEATS = 20
-"""More repeats in a row are a pause or a frozen log; assumed."""
+MOST_REPEATS = 20  # more repeats in a row are a pause or a frozen log; assumed
 JUMP = 5.0
 """After a frozen stretch the arm is this many steps further, and this much faster [-]; assumed."""
-MOST_MISSING_RUN = 5
-"""Most missing values in a row that are interpolated; assumed."""
+MOST_MISSING_RUN = 5  # most missing values in a row that are interpolated; assumed
 MOST_MISSING = 0.01
 """Largest share of missing values of a column that are interpolated [-]; assumed."""
 LEAST_CHANGES = 20
@@ -36,7 +33,8 @@ LEAST_STEPS = 3.0
 smaller change repeats itself by chance."""
 FEW_STALE = 0.2
 """Up to this share of rows with an old position are dropped, more are interpolated [-]; assumed."""
-Array = NDArray[np.float64]
+TURN = 2 * np.pi
+OFF = 0.5  # a jump is a turn to this much, which the joint moves meanwhile [rad]; assumed
 CORE = ("q", "dq", "tau")
 """Channels that a joint log measures with every sample; those but dq are needed."""
 SERVO_CORE = ("q_cmd", "q", "dq")
@@ -51,7 +49,6 @@ class Correction:
     """``missing``, ``repeat``, ``frozen``, ``stale``, ``held``, ``stamp``, ``clock``, ``epoch``,
     ``run``, ``wrap`` or ``gap``."""
     rows: int
-    """Number of rows it concerns."""
     text: str
     """One sentence for the report."""
     lag: tuple[float, float] | None = None
@@ -68,12 +65,11 @@ class RawLog:
     """Logged time, (T,), s; row numbers where the log has none."""
     data: dict[str, Array]
     """The required channels (`columns.CHANNELS`) and optional ones, (T, n) each."""
-    run: NDArray[np.int64]
+    run: Index
     """Number of the recording of each row, (T,), from 0."""
     place: Callable[[int], str]
     """Where a row is, such as ``a.csv, line 17``."""
     ignored: tuple[str, ...] = ()
-    """Columns that are not used."""
     side: str | None = None
     """Side of the gear on which ``tau`` was measured, where the file says it: motor or link."""
     origin: float = 0.0
@@ -81,7 +77,6 @@ class RawLog:
     notes: list[Correction] = field(default_factory=list)
     """Notes for a person on how it was read."""
     warnings: list[str] = field(default_factory=list)
-    """Warnings for a person."""
     measured: tuple[str, ...] = CORE
     """Channels that are measured with every sample, where the log has them."""
     held: int = 1
@@ -91,7 +86,7 @@ class RawLog:
         """Add a note on how it was read, which may concern some rows."""
         self.notes.append(Correction(kind="source", rows=rows, text=text))
 
-    def keep(self, mask: NDArray[np.bool_]) -> None:
+    def keep(self, mask: Bools) -> None:
         """Drop the rows where ``mask`` is False."""
         self.t, self.run = self.t[mask], self.run[mask]
         self.data = {name: array[mask] for name, array in self.data.items()}
@@ -102,15 +97,11 @@ class RawLog:
 
 
 def fill_missing(rows: RawLog) -> tuple[list[Correction], list[str]]:
-    """Interpolate isolated missing values (NaN) of ``rows``, in place.
+    """Interpolate isolated missing values (NaN), in place; return corrections and warnings.
 
-    Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped; so are up to
-    `MOST_MISSING_RUN` incomplete rows at either end. Slow extra channels are interpolated over any
-    length, and left out if they have fewer than two values; dq is left out where too much of it is
-    missing.
-
-    Returns:
-        What was corrected, and warnings.
+    Rows without any measured value (`CORE`, `SERVO_CORE`) are dropped, as are incomplete rows at
+    the ends. Slow extra channels are interpolated over any length, or left out with fewer than two
+    values; dq is left out where too much is missing.
 
     Raises:
         StictionError: too many values of a channel that is needed are missing.
@@ -280,25 +271,25 @@ def spread_held(rows: RawLog) -> list[Correction]:
     return corrections
 
 
-def longest_run(flags: NDArray[np.bool_]) -> int:
+def longest_run(flags: Bools) -> int:
     """Longest run of True."""
     return max((end - start for start, end in _runs(flags)), default=0)
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _runs(flags: Bools) -> list[tuple[int, int]]:
     """First row of each run of True, and the row after it."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def _corrected(kind: str, mask: NDArray[np.bool_], text: str) -> list[Correction]:
+def _corrected(kind: str, mask: Bools, text: str) -> list[Correction]:
     """The correction of some rows, their number in the text; nothing for no rows."""
     count = int(mask.sum())
     shown = text.format(f"{count} row{'s' if count > 1 else ''}")
     return [Correction(kind=kind, rows=count, text=shown)] if count else []
 
 
-def _refill(rows: RawLog, name: str, old: NDArray[np.bool_], kept: NDArray[np.bool_]) -> None:
+def _refill(rows: RawLog, name: str, old: Bools, kept: Bools) -> None:
     array = rows.data[name]
     good = kept & ~old
     for j in range(array.shape[1]):
@@ -308,7 +299,7 @@ def _refill(rows: RawLog, name: str, old: NDArray[np.bool_], kept: NDArray[np.bo
             array[old, j] = np.interp(rows.t[old], rows.t[good], array[good, j])
 
 
-def _through(t: Array, x: Array, good: NDArray[np.bool_]) -> Array:
+def _through(t: Array, x: Array, good: Bools) -> Array:
     """``x`` (T,) where it is good, and a cubic through its good values elsewhere."""
     rising = good & np.r_[True, np.diff(t) > 0]
     out, old = x.copy(), ~good
@@ -318,7 +309,7 @@ def _through(t: Array, x: Array, good: NDArray[np.bool_]) -> Array:
     return out
 
 
-def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
+def _short(flags: Bools, most: int) -> Bools:
     """The flags without runs of more than ``most``, which are rest."""
     short = flags.copy()
     for start, end in _runs(flags):
@@ -327,7 +318,7 @@ def _short(flags: NDArray[np.bool_], most: int) -> NDArray[np.bool_]:
     return short
 
 
-def _freshness(rows: RawLog) -> tuple[dict[str, NDArray[np.bool_]], dict[str, NDArray[np.bool_]]]:
+def _freshness(rows: RawLog) -> tuple[dict[str, Bools], dict[str, Bools]]:
     """For each channel: rows that differ from the one before; rows where a repeat is no chance.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
@@ -357,10 +348,39 @@ def _freshness(rows: RawLog) -> tuple[dict[str, NDArray[np.bool_]], dict[str, ND
     return fresh, active
 
 
-def _changes(x: Array, run: NDArray[np.int64]) -> Array:
+def _changes(x: Array, run: Index) -> Array:
     """Absolute change of ``x`` (T,) from row to row in its smallest steps, (T-1,); 0 at a run."""
     change = np.abs(np.diff(x))
     change[run[1:] != run[:-1]] = 0.0
     moved = change[change > 0]
     # Rounded decimals differ by rounding of floats too, far below any sensor's step.
     return change / max(np.percentile(moved, 1), 1e-7 * np.ptp(x)) if len(moved) else change
+
+
+def unwrap(rows: RawLog) -> list[Correction]:
+    """Add whole turns to angles where they jump by one, and to commands a turn away, in place."""
+    found: dict[str, int] = {}
+    for name in (x for x in ("q", "q_cmd") if x in rows.data):
+        for j, x in enumerate(rows.data[name].T):
+            if jumps := _unwrap(x):
+                found[f"{name}{j + 1}"] = jumps
+    if "q_cmd" in rows.data:
+        for j, (x, q) in enumerate(zip(rows.data["q_cmd"].T, rows.data["q"].T, strict=True)):
+            both = ~np.isnan(x - q)
+            apart = float(np.median((x - q)[both])) if both.any() else 0.0
+            if (turns := round(apart / TURN)) and abs(apart - turns * TURN) < OFF:
+                x -= turns * TURN
+                found.setdefault(f"q_cmd{j + 1}", 1)
+    text = f"{', '.join(found)}: angles within one turn, which jump at its ends: unwrapped"
+    return [Correction(kind="wrap", rows=sum(found.values()), text=text)] if found else []
+
+
+def _unwrap(x: Array) -> int:
+    """Add whole turns to angles (T,) within one turn, in place; return how often they jump."""
+    known = np.flatnonzero(~np.isnan(x))
+    if not len(known) or np.ptp(x[known]) > TURN + 1e-3:
+        return 0
+    jump = np.diff(x[known])
+    turns = -np.sign(jump) * (np.abs(jump) > TURN - OFF)
+    x[known[1:]] += TURN * np.cumsum(turns)
+    return int(np.count_nonzero(turns))

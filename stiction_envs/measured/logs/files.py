@@ -1,30 +1,26 @@
-"""Read joint logs of any kind of file into arrays, as they are.
-
-:mod:`stiction_envs.measured.logs.reader` checks whether they can be a measurement.
-"""
+"""Read joint logs of any kind of file into arrays, as they are."""
 
 from __future__ import annotations
 
 import os
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.dialect import refuse_pointer
-from stiction_envs.measured.logs.columns import TORQUE
-from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted
+from stiction_envs.measured.csv_text import refuse_pointer
+from stiction_envs.measured.logs.columns import Wanted
+from stiction_envs.measured.logs.formats.base import LogFormat, RawLog
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming, with_held
 from stiction_envs.measured.logs.units import RADIANS, UNITS, to_radians
 
-RESTS = 1e-3
-"""Largest way of a sliding joint that rests [m]; assumed."""
+RESTS = 1e-3  # largest way of a sliding joint that rests [m]; assumed
 PICKLES = (".pt", ".pth")
 """Files of PyTorch, which are not opened."""
-DATES = (1e9, 4e9)
-"""Times of logs as dates, 2001 to 2096 [s since 1970]; assumed."""
+DATES = (1e9, 4e9)  # times of logs as dates, 2001 to 2096 [s since 1970]; assumed
 OF_PICKLES = (
     "expected .npz; of PACE's make it with d = torch.load(FILE, weights_only=True); "
     "numpy.savez('log.npz', t=d['time'], q=d['dof_pos'], q_cmd=d['des_dof_pos'])"
@@ -33,55 +29,36 @@ OF_PICKLES = (
 scripts/pace/data_collection.py."""
 
 
-def read_raw(
-    path: str | os.PathLike[str],
-    n_joints: int,
-    *,
-    time: bool = True,
-    naming: Naming | None = None,
-    drive: str = TORQUE,
-) -> RawLog:
-    """Read the numbers of a log file of any kind.
-
-    Args:
-        path: a file whose name ends in one of `log_ends`, or a folder that ROS 2 recorded into.
-        n_joints: joints of the robot.
-        time: whether there must be time.
-        naming: names of the joints, for kinds of files that have them.
-        drive: what drives its joints, torque or position, and so which channels it has.
+def read_raw(path: str | os.PathLike[str], wanted: Wanted) -> RawLog:
+    """Read the numbers of a log file of any kind, or of a folder that ROS 2 recorded into.
 
     Raises:
         StictionError: the file cannot be read, is too large, or is not a log of such a robot.
     """
-    where, names = os.fspath(path), naming or Naming()
-    kind = _kind(path)
+    where, names, kind = os.fspath(path), wanted.naming, _kind(path)
     if names.units is not None and names.units not in UNITS:
         raise unknown("units", names.units, UNITS)
-    every, held = with_held(names), [place for place, _ in names.held]
-    if held and kind.count(where, every) == n_joints + len(held):
-        wanted = Wanted(n_joints=n_joints + len(held), time=time, naming=every, drive=drive)
-        raw = _without_held(kind.read(where, wanted), names)
+    every, count = with_held(names), wanted.n_joints + len(names.held)
+    if names.held and kind.count(where, every) == count:
+        raw = kind.read(where, replace(wanted, n_joints=count, naming=every))
+        raw = _without_held(raw, names)
     else:
-        raw = kind.read(where, Wanted(n_joints=n_joints, time=time, naming=names, drive=drive))
+        raw = kind.read(where, wanted)
     if not len(raw.t):
         raise StictionError(f"{where}: no rows below the header: expected one second or more")
     for unit, parts in (("ms", 1e3), ("µs", 1e6), ("ns", 1e9)):
-        if time and DATES[0] <= raw.t[0] / parts <= DATES[1]:
+        if wanted.time and DATES[0] <= raw.t[0] / parts <= DATES[1]:
             raw.t /= parts
             raw.note(f"times are dates in {unit}")
     if not kind.has_units and names.units not in (None, RADIANS):
-        units = [names.units] * n_joints
+        units = [names.units] * wanted.n_joints
         for text in to_radians(where, raw.data, units, (), names.calibration):
             raw.note(f"joints {text}")
     return raw
 
 
 def _without_held(raw: RawLog, naming: Naming) -> RawLog:
-    """Take joints that the robot's model holds still out of a log.
-
-    Raises:
-        StictionError: one of them moves.
-    """
+    """Take joints that the robot's model holds still out of a log; raise if one of them moves."""
     for place, name in naming.held:
         moved = float(np.ptp(raw.data["q"][:, place])) if len(raw.t) else 0.0
         if moved > RESTS:
@@ -98,10 +75,6 @@ def _without_held(raw: RawLog, naming: Naming) -> RawLog:
 def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> int:
     """Return for how many joints a log has angles.
 
-    Args:
-        path: the log.
-        naming: names of the joints, for kinds of files that have them.
-
     Raises:
         StictionError: a log without angles, or that cannot be read.
     """
@@ -114,15 +87,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
 
 
 def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
-    """Return what may have driven the joints of a log: torque, position, both, or none is there.
-
-    Args:
-        path: the log.
-        naming: names of the joints, for kinds of files that have them.
-
-    Raises:
-        StictionError: a log that cannot be read.
-    """
+    """Return what may have driven the joints of a log: torque, position, both or neither."""
     return _kind(path).drives(os.fspath(path), naming or Naming())
 
 
@@ -140,11 +105,7 @@ def no_log(path: Path, expected: str) -> StictionError:
 
 
 def _kind(path: str | os.PathLike[str]) -> LogFormat:
-    """Return the kind of what is there.
-
-    Raises:
-        StictionError: nothing is, or something that is no log.
-    """
+    """Return the kind of log that is there; raise a StictionError where there is none."""
     where, ends = os.fspath(path), ", ".join(log_ends())
     kind = format_of(Path(path))
     # Asked before opening: a pipe or a device would never end.

@@ -93,15 +93,23 @@ def find_joints(
 
     Args:
         where: the log, the beginning of every message.
-        names: all that are in it.
+        names: all names in the log.
         n_joints: joints of the robot; None where no robot is known: those of the longest series.
         naming: what the caller and the robot say.
 
     Raises:
         StictionError: names that were given are not in the log, or none can be found.
     """
-    if naming.joints:
-        return _given(where, names, n_joints, naming.joints)
+    if given := naming.joints:
+        if len(set(given)) != len(given) or len(given) != (n_joints or len(given)):
+            raise StictionError(
+                f"joints: {len(set(given))} names: expected {n_joints or 'different ones'}, those "
+                "of all the robot's joints from its base"
+            )
+        for name in given:
+            if name not in names:
+                raise StictionError(f"{where}: {unknown('joint', name, names)}")
+        return given
     if naming.robot and set(naming.robot) <= set(names):
         return naming.robot
     found = _series(names)
@@ -123,12 +131,9 @@ def find_joints(
 def joints_in_order(
     where: str, names: Sequence[str], n_joints: int, naming: Naming
 ) -> tuple[str, ...]:
-    """Return joints 1 to n of a log whose joints have a fixed order; see `find_joints`.
+    """Return joints 1 to n of a log whose joints have a fixed order: as `find_joints`.
 
-    They are taken in that order where there are n of them and nobody names them.
-
-    Raises:
-        StictionError: as of `find_joints`, or a topic is asked for, which such logs have not.
+    The order counts where there are n joints and nobody names them. A topic is refused.
     """
     if naming.topic is not None:
         raise StictionError(f"topic: {where} has no topics: expected ROS bags only")
@@ -136,20 +141,6 @@ def joints_in_order(
     if not named and len(names) == n_joints:
         return tuple(names)
     return find_joints(where, names, n_joints, naming)
-
-
-def _given(
-    where: str, names: Sequence[str], n_joints: int | None, joints: tuple[str, ...]
-) -> tuple[str, ...]:
-    if len(set(joints)) != len(joints) or len(joints) != (n_joints or len(joints)):
-        raise StictionError(
-            f"joints: {len(set(joints))} names: expected {n_joints or 'different ones'}, those "
-            "of all the robot's joints from its base"
-        )
-    for name in joints:
-        if name not in names:
-            raise StictionError(f"{where}: {unknown('joint', name, names)}")
-    return joints
 
 
 def _series(names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -7,12 +7,10 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.corrections import Correction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,7 +34,6 @@ class RobotLog:
     held: int = 1
     """Most rows for which a channel holds one value: what is between them is interpolated."""
     corrections: tuple[Correction, ...] = ()
-    """Corrections that were made."""
     warnings: tuple[str, ...] = ()
     """Defects that were found and not corrected, a sentence each."""
     date: float | None = None
@@ -83,7 +80,6 @@ class JointLog(RobotLog):
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.tau)
 
 
@@ -102,5 +98,4 @@ class ServoLog(RobotLog):
 
     @property
     def arrays(self) -> tuple[Array | None, ...]:
-        """See `RobotLog.arrays`."""
         return (self.t, self.q, self.dq, self.q_cmd, self.tau, self.current)

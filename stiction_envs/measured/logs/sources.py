@@ -25,16 +25,11 @@ class LogSources:
     names: dict[str, str]
     """File name, or the source of a log in memory."""
     files: dict[str, Path]
-    """Logs that are files."""
     in_memory: dict[str, str]
     """SHA-256 of the numbers of the logs that are not files."""
 
     def hashes(self, provenance: Provenance) -> dict[str, str]:
-        """Return the SHA-256 of every log.
-
-        Args:
-            provenance: of a run that had `files` among its inputs.
-        """
+        """Return the SHA-256 of every log, by the provenance of a run that read `files`."""
         read = {k: v["sha256"] for k, v in provenance["inputs"].items()}
         return {k: self.in_memory.get(k) or read[k] for k in self.names}
 
@@ -59,12 +54,10 @@ def log_sources(logs: Sequence[str | Path | RobotLog], word: str = "log") -> Log
 
 
 def torque_side(asked: str | None, logs: Sequence[JointLog]) -> str:
-    """Return the side of the gear on which the torque of logs was measured.
+    """Return the side of the gear on which the torque of logs of one robot was measured.
 
-    Args:
-        asked: "motor" (which warns where a log says link) or "link"; None for what the logs say,
-            and motor where they say nothing.
-        logs: of one robot.
+    ``asked`` is "motor" (which warns where a log says link), "link", or None for what the logs say,
+    and motor where they say nothing.
 
     Raises:
         StictionError: an unknown side, or None for logs of which only some say link.

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, opening
 
 RADIANS, DEGREES, PERCENT, TICKS = UNITS = ("rad", "deg", "percent", "ticks")
@@ -27,18 +27,13 @@ TURN = 4096
 """Encoder steps of a turn. Source: Feetech STS3215 and Dynamixel X series, their control tables."""
 DEGREE_STEPS = (360 / (TURN - 1), 360 / TURN)
 """Step of an encoder in degrees, as lerobot writes it and as it is."""
-ALIKE = 2e-3
-"""Steps that differ by less are the same [-]; assumed."""
-LEAST_LEVELS = 20
-"""Fewer different values do not show a step; assumed."""
-OFF_STEP = 0.1
-"""Values are whole steps if they are this near to them [steps]; assumed."""
+ALIKE = 2e-3  # steps that differ by less are the same [-]; assumed
+LEAST_LEVELS = 20  # fewer different values do not show a step; assumed
+OFF_STEP = 0.1  # values are whole steps if they are this near to them [steps]; assumed
 RANGE = (100, TURN)
 """Steps of a joint's range [-]; assumed: less than 9 degrees is no joint."""
-MOST_BYTES = 2**20
-"""Most bytes of a calibration file; assumed."""
+MOST_BYTES = 2**20  # most bytes of a calibration file; assumed
 
-Array = NDArray[np.float64]
 _KEYS = ("id", "range_min", "range_max")
 _GRIPPER = re.compile(r"gripper|jaw", re.IGNORECASE)
 
@@ -54,11 +49,7 @@ class MotorRange:
 
 
 def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
-    """Read a calibration file of lerobot: the ranges of motors by their names.
-
-    Raises:
-        StictionError: it cannot be read, or is none.
-    """
+    """Read a calibration file of lerobot: the ranges of motors by their names."""
     where = os.fspath(path)
     wanted = "expected lerobot's JSON: a motor's name, then id, range_min and range_max"
     with opening(path, wanted.removeprefix("expected ")):
@@ -128,17 +119,14 @@ def to_radians(
     names: Sequence[str],
     calibration: str | os.PathLike[str] | None,
 ) -> list[str]:
-    """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place.
+    """Convert ``q``, ``q_cmd`` and ``dq`` (T, n) of a log to rad, in place; return a remark a unit.
 
     Args:
         where: the log, the beginning of every message.
-        data: its channels.
+        data: channels of the log.
         units: of `UNITS`, one for each joint.
-        names: of its joints or motors; () where they have none, then joint j is motor j.
-        calibration: lerobot's file with the ranges of its motors; None where they are not known.
-
-    Returns:
-        How each joint in another unit than radians was read, a sentence each.
+        names: of the joints or motors; () where they have none, then joint j is motor j.
+        calibration: lerobot's file with the ranges of the motors; None where they are not known.
 
     Raises:
         StictionError: percent of a range that neither calibration nor steps show, or a calibration
@@ -167,14 +155,24 @@ def _scale(
     step = 2 * np.pi / TURN
     if unit == DEGREES:
         return np.pi / 180, 0.0, "degrees"
-    motor = None if calibration is None else _motor(where, calibration, name, j)
+    motor = None
+    if calibration is not None:
+        numbered = (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}")
+        motor = calibration.get(name) or next(numbered, None)
+        if motor is None:
+            raise StictionError(
+                f"{where}: the calibration has no motor {name!r}: expected one of "
+                f"{', '.join(str(k)[:40] for k in list(calibration)[:12])}"
+            )
     if unit == TICKS:
         if motor is None:
             return step, TURN / 2, f"encoder steps, {TURN} a turn, zero at {TURN // 2} (assumed)"
         zero = motor.low if is_gripper(name) else (motor.low + motor.high) / 2
         end = "lower end" if is_gripper(name) else "middle"
         return step, zero, f"encoder steps, {TURN} a turn, zero at the {end} of the range"
-    full = _full_range(q, name)
+    full = 200.0  # of a joint -100 to 100, of a gripper 0 to 100, or 0 to 1
+    if is_gripper(name):
+        full = 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
     if motor is not None:
         count, how = motor.high - motor.low, "from the calibration"
     else:
@@ -186,22 +184,3 @@ def _scale(
                 "not show: expected a calibration file (lerobot's JSON)"
             )
     return step * count / full, 0.0, f"{full:g} are a range of {count} encoder steps, {how}"
-
-
-def _full_range(q: Array, name: str) -> float:
-    """Return what a whole range is: 200 of a joint (-100 to 100), 100 or 1 of a gripper."""
-    if not is_gripper(name):
-        return 200.0
-    return 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
-
-
-def _motor(where: str, calibration: Mapping[str, MotorRange], name: str, j: int) -> MotorRange:
-    found = calibration.get(name) or next(
-        (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}"), None
-    )
-    if found is None:
-        raise StictionError(
-            f"{where}: the calibration has no motor {name!r}: expected one of "
-            f"{', '.join(str(k)[:40] for k in list(calibration)[:12])}"
-        )
-    return found

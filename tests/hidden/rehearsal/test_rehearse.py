@@ -41,9 +41,6 @@ def rows_of(result, cause: str) -> dict:
     return {r.joint: r for r in result.rows if r.cause == cause}
 
 
-# ---- what comes of it ----------------------------------------------------------------------------
-
-
 def test_a_large_cause_is_found_and_nothing_else(rehearsed):
     assert rehearsed.named_without == ()
     (share,) = rows_of(rehearsed, "gravity_compensation_missing").values()
@@ -101,8 +98,6 @@ def test_processes_change_nothing(planned, rehearsed):
     assert planned.run(threads=2).to_json() == rehearsed.to_json()
 
 
-# ---- verdict of one run --------------------------------------------------------------------------
-
 VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_friction"
 LINKS, TIP, GAP = "link_parameters", "payload", "torque_offset"
 OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
@@ -141,9 +136,6 @@ def test_a_run_is_judged(job, row, named, found, false, why):
     assert said == Judgement(verdict=found, false=(false,) if false else (), why=why)
 
 
-# ---- bad input -----------------------------------------------------------------------------------
-
-
 def test_what_has_no_law_is_said_to_have_none(two):
     class Wave(TorqueOffset):
         name = "wave"
@@ -168,9 +160,6 @@ def test_bad_input(two, two_xml, tmp_path):
         rehearse(log, two_xml, causes=["rust"])
     with pytest.raises(StictionError, match="unknown torque side 'both'"):
         rehearse(log, two_xml, torque="both")
-
-
-# ---- is the promise kept? ------------------------------------------------------------------------
 
 
 def size_of(name: str, joint: int, known: bool, value: float) -> float:

@@ -12,11 +12,7 @@ from stiction_envs.gap.causes.base import Parameter
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, Job
-from stiction_envs.hidden.rehearsal.torques import (
-    HiddenTorques,
-    hideable,
-    link_behind_gear,
-)
+from stiction_envs.hidden.rehearsal.torques import HiddenTorques, hideable, link_behind_gear
 from stiction_envs.hidden.torque_effects import COM, EFFECTS
 from stiction_envs.robots import load_arm
 

@@ -105,7 +105,7 @@ ixz="0" iyz="0"/></inertial></link><joint name="j{0}" type="continuous"><parent 
 
 
 def test_continuous_joints_have_no_limits(tmp_path):
-    """They turn as far as they like; angles that come within one turn are said, not refused."""
+    """Angles that come within one turn are said, not refused."""
     robot = tmp_path / "two.urdf"
     links = JOINT.format("a", "base", 60) + JOINT.format("b", "a", 30)
     robot.write_text(CONTINUOUS.format(links))

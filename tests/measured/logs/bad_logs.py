@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import gzip
 import io
+import re
 import zipfile
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import pytest
+
+from stiction_envs.errors import StictionError
+from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
+from stiction_envs.measured.logs.robot_log import ServoLog
 
 JOINTS = 7
 ROWS = 200
@@ -39,6 +47,30 @@ def text_of(values: np.ndarray, header: str = HEADER) -> str:
     out = io.StringIO()
     np.savetxt(out, values, delimiter=",", fmt="%.9g", header=header, comments="")
     return out.getvalue()
+
+
+def torque_log(path: Path, n: int = JOINTS, **naming: object) -> JointLog:
+    return read_logs([path], n, naming=Naming(**naming))[0]
+
+
+def servo_log(path: Path, n: int = JOINTS, **naming: object) -> ServoLog:
+    return read_servo_logs([path], n, naming=Naming(**naming))[0]
+
+
+def put(path: Path, text: str | bytes) -> Path:
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def refuses(read: Callable[[], object], says: str) -> str:
+    """Return the one line that refuses a file, with the pattern ``says`` and what is expected."""
+    with pytest.raises(StictionError) as error:
+        read()
+    message = str(error.value)
+    assert re.search(says, message), message
+    assert "expected" in message
+    assert "\n" not in message
+    return message
 
 
 def changed(change: Callable[[np.ndarray], None]) -> str:

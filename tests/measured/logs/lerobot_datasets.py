@@ -73,17 +73,10 @@ def write_dataset(
     robot: str | None = "so101_follower",
     version: str = "v3.0",
 ) -> Path:
-    """Write a dataset.
+    """Write a dataset of ``observation.state`` (T, k) and ``action`` (T, m) into a new folder.
 
-    Args:
-        folder: to make.
-        state: ``observation.state`` (T, k).
-        action: ``action`` (T, m), or None.
-        names: of the columns.
-        episodes: frames of each episode; None for one.
-        fps: frames a second.
-        robot: ``robot_type``.
-        version: v3.0 (all episodes in one file) or v2.1 (a file for each).
+    ``names`` are those of the columns, ``episodes`` the frames of each episode (one by default);
+    version v3.0 has all episodes in one file, v2.1 a file for each.
     """
     lengths = np.array(episodes or (len(state),))
     episode = np.repeat(np.arange(len(lengths)), lengths)

@@ -42,9 +42,6 @@ def numbered(**signals: Array) -> dict[str, Array]:
     return {f"{name}{j + 1}": x[:, j] for name, x in signals.items() for j in range(x.shape[1])}
 
 
-# ---- all joints at once, 1 kHz -------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Shaken:
     """What `excitation` wrote: the file, and how many rows of each defect."""
@@ -105,20 +102,13 @@ def excitation(path: Path, *, seconds: float = 20.0, defects: bool = True) -> Sh
     return Shaken(write(path, {"t": clock, **names}), len(twice), len(old), len(half))
 
 
-# ---- one joint at a time, 200 Hz -----------------------------------------------------------
-
-
 def sweeps(
     path: Path, joint: int, *, sign: float = -1.0, lag: float = 0.12, seconds: float = 8.0
 ) -> Path:
-    """An iiwa 14 that turns one joint to and fro at eight speeds, a run each; the others hold.
+    """An iiwa 14 that turns one joint (from 1) to and fro at eight speeds, a run each.
 
-    Args:
-        path: file to write.
-        joint: which, 1-based.
-        sign: of the torques as they are logged.
-        lag: [s] by which the torques come later than the angles.
-        seconds: of each run.
+    Logged torques have a ``sign`` and come by ``lag`` [s] later than the angles; a run takes some
+    seconds.
     """
     arm, rate = load_arm("iiwa14"), 200.0
     rng = np.random.default_rng(joint)

@@ -54,7 +54,7 @@ trajectory_msgs/JointTrajectoryPoint {}
 trajectory_msgs/JointTrajectoryPoint error
 """
 IIWA_AXES = "".join(f"float32 a{j}\n" for j in range(1, 8))
-"""Of iiwa_msgs: one number a joint."""
+"""Fields of iiwa_msgs: one number a joint."""
 _STATE = "control_msgs/msg/JointTrajectoryControllerState"
 OWN_TYPES = {
     "ros1": {
@@ -84,7 +84,7 @@ class Message:
     topic: str
     type: str
     time: int
-    """Of its recording [ns]."""
+    """Time of recording [ns]."""
     fields: dict[str, Any]
 
 
@@ -106,11 +106,7 @@ def header(known: Typestore, time: int, number: int = 0) -> Any:
 
 
 def write_bag(
-    path: Path,
-    kind: str,
-    messages: Iterable[Message],
-    *,
-    silent: Mapping[str, str] | None = None,
+    path: Path, kind: str, messages: Iterable[Message], *, silent: Mapping[str, str] | None = None
 ) -> Path:
     """Write a bag of one of `KINDS`; return its file or folder.
 

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.aliases import Column, column_of, our_names
 from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD, good_values, text_of
-from tests.measured.logs.fuzzing import fuzz, put, reads_or_complains
+from tests.measured.logs.bad_logs import GOOD, good_values, put, text_of
 
 LIMITS = load_arm("panda").limits
 VALUES = good_values()
@@ -136,13 +131,6 @@ def test_currents_are_called_so(tmp_path: Path) -> None:
     assert "tau in A, which is a current" in str(check(path))
 
 
-def test_what_was_commanded_makes_a_servo_log(tmp_path: Path) -> None:
-    path = put(tmp_path / "log.csv", text_of(VALUES[:, :15], header("actual_q_{}", "target_q_{}")))
-    assert drive_of(path) == "position"
-    (log,) = read_servo_logs([path], 7)
-    np.testing.assert_allclose(log.q_cmd, VALUES[:, 8:15], rtol=1e-8)
-
-
 def test_joints_by_name(tmp_path: Path) -> None:
     """By the robot's names in any order, or as the caller says; others are left out."""
     robot = ("base", "shoulder_lift", "elbow", "wrist_angle", "a", "b", "c")
@@ -197,40 +185,6 @@ def test_a_chain_knows_the_joints_of_its_robot(tmp_path: Path) -> None:
         put(tmp_path / "log.csv", text_of(q, names)), robot=path, chain=("torso", "right2")
     )
     assert "joints 3, 4 of the whole robot's 4 are read" in str(found)
-
-
-NAMES = ["t", "time [s]", "q1 [deg]", "q_2", "pos1", "effort 1", "tau[2]", "target_q1", "x pos", ""]
-
-
-@fuzz(80)
-@given(st.lists(st.sampled_from(NAMES) | st.text(max_size=12), max_size=9), st.integers(1, 3))
-def test_fuzz_names(names: list[str], n: int) -> None:
-    """Any names give ours or one line; ours have each channel of a joint once, or as they were."""
-    try:
-        found = our_names("log", names, Naming(), n)
-    except StictionError:
-        return
-    assert len(found.names) == len(names)
-    taken = [x for x in found.names if x]
-    assert len(set(taken)) == len(taken) or len({x.strip() for x in names}) < len(names)
-
-
-@fuzz(60)
-@given(
-    st.lists(st.sampled_from(NAMES), min_size=5, max_size=8),
-    st.sampled_from([";", "\t", " ", ","]),
-    st.lists(
-        st.lists(st.sampled_from(["0,1", "1.5", "nan", "", "deg", "-2"]), max_size=8), max_size=9
-    ),
-    st.sampled_from(["utf-8", "utf-16", "utf-16-le", "cp1252"]),
-)
-def test_fuzz_dialects(
-    tmp_path: Path, names: list[str], delimiter: str, rows: list[list[str]], encoding: str
-) -> None:
-    out = io.StringIO()
-    csv.writer(out, delimiter=delimiter).writerows([names, *rows])
-    path = put(tmp_path / "log.csv", out.getvalue().encode(encoding))
-    reads_or_complains(lambda: read_logs([path], 2)[0])
 
 
 def test_one_joint_needs_no_number() -> None:

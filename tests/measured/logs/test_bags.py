@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
 import sys
 from contextlib import closing
@@ -11,8 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
@@ -22,8 +19,7 @@ from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import good_values, put, refuses
 from tests.measured.logs.ros_bags import (
     FINGERS,
     KINDS,
@@ -156,11 +152,7 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
         measured, desired = state(channels), state(0 * channels)
-        return {
-            "header": header,
-            "measured_joint_state": measured,
-            "desired_joint_state": desired,
-        }
+        return {"header": header, "measured_joint_state": measured, "desired_joint_state": desired}
 
     topic, kind = "/broadcaster/robot_state", "franka_msgs/msg/FrankaRobotState"
     log = read(write_bag(tmp_path / "log", "mcap", states(VALUES, topic, kind, fields)))
@@ -174,7 +166,7 @@ def test_franka_robot_state(tmp_path: Path, plain: JointLog) -> None:
 def test_lbr_states_have_the_controllers_clock(
     tmp_path: Path, plain: JointLog, package: str, torque: str
 ) -> None:
-    """Of today's driver and of an old one."""
+    """States of today's driver and of an old one."""
 
     def fields(channels: np.ndarray) -> dict[str, Any]:
         q, _, tau = channels
@@ -236,8 +228,6 @@ def test_a_log_of_too_many_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     ):
         read_logs([path], 7, naming=NAMING)
 
-
-# ---- commands, and messages without names ----
 
 TOLD = VALUES[:, 1:8] + 0.02
 LEAD = 2_000_000
@@ -350,17 +340,6 @@ def test_several_commands_are_chosen_by_topic(tmp_path: Path) -> None:
     np.testing.assert_array_equal(servo(two, topic="/b/cmd").q_cmd, servo(path).q_cmd)
     none = write_bag(tmp_path / "none", "mcap", joint_states(VALUES))
     refuses(lambda: servo(none), "no topics with commanded positions: expected one of a JointState")
-
-
-@fuzz(12)
-@given(st.data())
-def test_fuzz_bytes(tmp_path: Path, data: st.DataObject) -> None:
-    """Some bytes of a bag with states and commands are changed."""
-    shutil.rmtree(tmp_path / "log", ignore_errors=True)
-    messages = merged(joint_states(VALUES), commands("/arm/joint_command", stamp=True))
-    path = write_bag(tmp_path / "log", "mcap", messages)
-    put(path, damaged(data, path.read_bytes(), least=1, most=6))
-    reads_or_complains(lambda: servo(path))
 
 
 def franka_states(tau: str) -> list[Message]:

@@ -32,10 +32,7 @@ def swaying(
     keep = rng.random(rows) >= lost
     keep[0] = True
     stamp = t * (1 + drift) + jitter / rate * (2 * rng.random(rows) - 1)
-    t, q, stamp = t[keep], q[keep], stamp[keep]
-    return RawLog(
-        source="x", place=str, t=stamp, data={"q": q, "tau": q.copy()}, run=np.zeros(len(t), int)
-    ), t
+    return log_of(stamp[keep], q[keep]), t[keep]
 
 
 def wrong_steps(rows: RawLog, truth: np.ndarray, drift: float = 0.0) -> float:
@@ -57,7 +54,7 @@ def test_fast_motion_hides_no_clock(rate: float, motion_hz: float, jitter: float
 
 @pytest.mark.parametrize(("rate", "lost"), [(600.0, 0.06), (59.94, 0.0)])
 def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
-    """Its step comes from the stamps, which are all that can say it."""
+    """The step of the clock comes from the stamps alone."""
     rows, truth = swaying(rate, 1.0, lost=lost, drift=3e-5)
     corrections = correct_clock(rows)
     assert [m.kind for m in corrections] == ["clock"]
@@ -115,12 +112,6 @@ def test_an_arm_that_stops_and_starts_at_once_lost_no_samples() -> None:
     at = np.r_[np.arange(2000.0), np.full(500, 1999.0), 1999.0 + 2 * np.arange(1500)]
     q = np.stack([np.interp(at, np.arange(6000), x) for x in rows.data["q"].T], axis=1)
     q += 3e-6 * np.random.default_rng(3).normal(size=q.shape)
-    stopped = RawLog(
-        source="x",
-        place=str,
-        t=truth[:4000].copy(),
-        data={"q": q, "tau": q.copy()},
-        run=np.zeros(4000, int),
-    )
+    stopped = log_of(truth[:4000].copy(), q)
     assert correct_clock(stopped) == []
     np.testing.assert_array_equal(stopped.t, truth[:4000])

@@ -57,9 +57,6 @@ def test_a_clean_log_is_left_alone(tmp_path: Path) -> None:
     assert all(np.array_equal(getattr(log, k), truth[k]) for k in ("t", "q", "dq", "tau"))
 
 
-# ---- rows that are no samples ----
-
-
 def test_repeated_rows_are_dropped_and_counted(tmp_path: Path) -> None:
     """The logger writes 300 samples twice: exactly those rows go, and the clock is the robot's."""
     truth = sway()
@@ -187,9 +184,6 @@ def test_speeds_that_are_mostly_missing_are_not_used(tmp_path: Path) -> None:
     assert found.warnings == ("dq2 has no value in 5000 of 10000 rows: dq is not used",)
 
 
-# ---- clock ----
-
-
 def jittered(kind: str, t: np.ndarray) -> np.ndarray:
     rng = np.random.default_rng(5)
     if kind == "slight":
@@ -248,9 +242,6 @@ def test_gaps_split_the_log(tmp_path: Path) -> None:
     assert found.breaks == (3000, 5500)
     # A few lost samples are no gap.
     assert read(tmp_path, rows_of(truth, np.r_[0:3000, 3015:10_000])).breaks == ()
-
-
-# ---- warnings ----
 
 
 def test_speeds_that_lag_are_found(tmp_path: Path) -> None:
@@ -316,9 +307,6 @@ def test_two_steps_of_a_coarse_sensor_at_rest_are_not_saturated(tmp_path: Path) 
         noise = np.random.default_rng(levels).integers(0, levels, len(log["t"]))
         log["tau"][:, 0] = 0.0264 * np.repeat(noise[: len(noise) // 8], 8)
         assert read(tmp_path, log).warnings == ()
-
-
-# ---- angles within one turn ----
 
 
 def wrapped(x: np.ndarray, low: float = -np.pi) -> np.ndarray:

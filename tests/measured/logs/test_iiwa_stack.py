@@ -6,16 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
-from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_servo_logs
-from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains
+from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
+from tests.measured.logs.bad_logs import good_values, torque_log
 from tests.measured.logs.ros_bags import (
     START,
     Message,
@@ -64,15 +60,11 @@ def arm(**where: str) -> list[Message]:
     )
 
 
-def read(path: Path, **naming) -> JointLog:
-    return read_logs([path], 7, naming=Naming(**naming))[0]
-
-
 def test_topics_become_one_log(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "log", "bag", arm())
     assert drive_of(path) == "torque"
     assert count_joints(path) == 7
-    log = read(path)
+    log = torque_log(path)
     assert log.t == pytest.approx(T, abs=1e-9)
     assert log.q == pytest.approx(Q, abs=1e-6)
     assert log.dq == pytest.approx(DQ, abs=1e-6)
@@ -89,7 +81,7 @@ def test_torques_with_other_stamps_are_interpolated_but_not_over_gaps(tmp_path: 
     torque = stream("JointTorque", TAU, early=0.005)
     del torque[100:120]
     path = write_bag(tmp_path / "log", "bag", merged(stream("JointPosition", Q), torque))
-    log = read(path)
+    log = torque_log(path)
     # 21 rows have the gap around them, the last no torque after it
     assert len(log.t) == len(T) - 22
     assert log.breaks == (99,)
@@ -108,23 +100,23 @@ def test_commands_make_a_servo_log(tmp_path: Path) -> None:
     assert log.q_cmd == pytest.approx(held, abs=1e-6)
     assert log.tau is None
     with pytest.raises(StictionError, match="no topic state/JointTorque: expected it beside"):
-        read(path)
+        torque_log(path)
 
 
 def test_two_arms(tmp_path: Path) -> None:
     path = write_bag(tmp_path / "log", "bag", merged(arm(arm="/left"), arm(arm="/right")))
     with pytest.raises(StictionError, match="several arms: /left/state/JointPosition, /right"):
-        read(path)
-    assert read(path, topic="/right/state/JointTorque").q == pytest.approx(Q, abs=1e-6)
+        torque_log(path)
+    assert torque_log(path, topic="/right/state/JointTorque").q == pytest.approx(Q, abs=1e-6)
     with pytest.raises(StictionError, match="/up"):
-        read(path, topic="/up")
+        torque_log(path, topic="/up")
 
 
 def test_joint_states_beside_them_are_preferred(tmp_path: Path) -> None:
     states = joint_states(VALUES, topic="/iiwa/joint_states")
     path = write_bag(tmp_path / "log", "bag", merged(arm(), states))
-    assert "/iiwa/joint_states" in read(path).corrections[0].text
-    chosen = read(path, topic="/iiwa/state/JointPosition")
+    assert "/iiwa/joint_states" in torque_log(path).corrections[0].text
+    chosen = torque_log(path, topic="/iiwa/state/JointPosition")
     assert "/iiwa/state/JointPosition" in chosen.corrections[0].text
 
 
@@ -137,18 +129,7 @@ def test_what_is_no_such_log(tmp_path: Path) -> None:
     silent = {"/iiwa/state/JointTorque": "iiwa_msgs/msg/JointTorque"}
     path = write_bag(tmp_path / "silent", "bag", stream("JointPosition", Q), silent=silent)
     with pytest.raises(StictionError, match="/iiwa/state/JointTorque: no messages"):
-        read(path)
+        torque_log(path)
     states = write_bag(tmp_path / "states", "bag", joint_states(VALUES))
     with pytest.raises(StictionError, match="no topics with commanded positions"):
         read_servo_logs([states], 7)
-
-
-@fuzz(20)
-@given(st.data())
-def test_fuzz_a_damaged_bag(tmp_path: Path, data: st.DataObject) -> None:
-    """Bytes of a good bag are changed."""
-    good = tmp_path / "good.bag"
-    if not good.exists():
-        write_bag(tmp_path / "good", "bag", arm()[::7])
-    path = put(tmp_path / "log.bag", damaged(data, good.read_bytes(), least=1, most=8))
-    reads_or_complains(lambda: read(path))

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256
-from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import refuses, servo_log
 from tests.measured.logs.lerobot_datasets import (
     SO101,
     TICK,
@@ -55,8 +53,7 @@ def dataset(folder: Path, degrees: bool, **options) -> Path:
     return write_dataset(folder, state, action, fps=FPS, **options)
 
 
-def read(path: Path, **naming) -> ServoLog:
-    return read_servo_logs([path], N, naming=Naming(**naming))[0]
+read = partial(servo_log, n=N)
 
 
 @pytest.mark.parametrize("version", ["v3.0", "v2.1"])
@@ -165,9 +162,6 @@ def test_provenance_knows_the_numbers_and_not_the_films(tmp_path: Path) -> None:
     assert sha256(path) != before
 
 
-# ---- damaged ----
-
-
 def info(change):
     """Return what changes info.json."""
 
@@ -234,18 +228,3 @@ def test_a_damaged_calibration_is_one_clear_line(tmp_path: Path, text: str) -> N
     other = write_calibration(tmp_path / "other.json", {"a": (0, 4095)})
     with pytest.raises(StictionError, match="has no motor 'shoulder_pan': expected one of a"):
         read(dataset(tmp_path / "set", False), calibration=other)
-
-
-@fuzz(30)
-@given(st.data())
-def test_fuzz_a_dataset(tmp_path: Path, data: st.DataObject) -> None:
-    """Some bytes of info.json or of the table are changed."""
-    path = tmp_path / "set"
-    if not path.exists():
-        dataset(path, False)
-        for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
-            shutil.copy(path / name, tmp_path / Path(name).name)
-    for name in ("meta/info.json", "data/chunk-000/file-000.parquet"):
-        raw = (tmp_path / Path(name).name).read_bytes()
-        (path / name).write_bytes(damaged(data, raw, most=4))
-    reads_or_complains(lambda: read(path))

@@ -7,23 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy.io import savemat
 
 from stiction_envs.measured.logs.formats import mat
-from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs
-from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import damaged, fuzz, put, reads_or_complains, refuses
+from stiction_envs.measured.logs.reader import JointLog, drive_of
+from tests.measured.logs.bad_logs import good_values, put, refuses, torque_log
 
 VALUES = good_values()
 T, Q, DQ, TAU = np.split(VALUES, [1, 8, 15], axis=1)
 LISTED = ("t", "q1..q7", "dq1..dq7", "tau1..tau7")
-
-
-def read(path: Path, **naming: object) -> JointLog:
-    return read_logs([path], 7, naming=Naming(**naming))[0]
 
 
 def assert_read(log: JointLog) -> None:
@@ -43,7 +35,7 @@ def assert_read(log: JointLog) -> None:
 def test_version_5(tmp_path: Path, content: dict[str, object], packed: bool) -> None:
     savemat(tmp_path / "log.mat", content, do_compression=packed)
     assert drive_of(tmp_path / "log.mat") == "torque"
-    assert_read(read(tmp_path / "log.mat"))
+    assert_read(torque_log(tmp_path / "log.mat"))
 
 
 def test_tables_without_names(tmp_path: Path) -> None:
@@ -52,9 +44,11 @@ def test_tables_without_names(tmp_path: Path) -> None:
     np.save(tmp_path / "log.npy", VALUES)
     np.save(tmp_path / "new.npy", np.asfortranarray(VALUES))
     for name in ("log.mat", "log.npy", "new.npy"):
-        assert_read(read(tmp_path / name, columns=LISTED))
-    assert_read(read(tmp_path / "log.npy", columns=("a", *LISTED[1:], "t=a")))
-    refuses(lambda: read(tmp_path / "log.npy"), "22 columns without names: .* columns t q1..q6")
+        assert_read(torque_log(tmp_path / name, columns=LISTED))
+    assert_read(torque_log(tmp_path / "log.npy", columns=("a", *LISTED[1:], "t=a")))
+    refuses(
+        lambda: torque_log(tmp_path / "log.npy"), "22 columns without names: .* columns t q1..q6"
+    )
     refuses(lambda: drive_of(tmp_path / "log.mat"), "neither torques .*columns OURS=NAME")
 
 
@@ -70,47 +64,26 @@ def hdf5(path: Path) -> Path:
 
 
 def test_version_7_3(tmp_path: Path) -> None:
-    assert_read(read(hdf5(tmp_path / "log.mat")))
+    assert_read(torque_log(hdf5(tmp_path / "log.mat")))
 
 
 def test_version_7_3_without_h5py(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = put(tmp_path / "log.mat", b"MATLAB 7.3".ljust(512) + mat.HDF5 + b"\0" * 600)
     monkeypatch.setitem(sys.modules, "h5py", None)
     with pytest.raises(ValueError, match=r"needs h5py: pip install 'stiction-envs\[mat\]'$"):
-        read(path)
+        torque_log(path)
 
 
 def test_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     savemat(tmp_path / "text.mat", {"name": "x"})
-    refuses(lambda: read(tmp_path / "text.mat"), "no matrices of numbers: expected t, q, tau")
-    refuses(lambda: read(put(tmp_path / "log.mat", b"")), "damaged or no MATLAB file")
+    refuses(lambda: torque_log(tmp_path / "text.mat"), "no matrices of numbers: expected t, q, tau")
+    refuses(lambda: torque_log(put(tmp_path / "log.mat", b"")), "damaged or no MATLAB file")
     np.save(tmp_path / "deep.npy", np.ones((3, 3, 3)))
-    refuses(lambda: read(tmp_path / "deep.npy"), r"shape \(3, 3, 3\): expected \(T, k\)")
+    refuses(lambda: torque_log(tmp_path / "deep.npy"), r"shape \(3, 3, 3\): expected \(T, k\)")
     np.save(tmp_path / "object.npy", np.array([[None]]), allow_pickle=True)
-    refuses(lambda: read(tmp_path / "object.npy"), "holds Python objects")
+    refuses(lambda: torque_log(tmp_path / "object.npy"), "holds Python objects")
     for packed, limit in ((False, "MOST_BYTES"), (True, "MOST_VALUES")):
         savemat(tmp_path / "log.mat", {"t": T}, do_compression=packed)
         with monkeypatch.context() as patch:
             patch.setattr(mat, limit, 100)
-            refuses(lambda: read(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")
-
-
-@fuzz(60)
-@given(st.sampled_from(["log.mat", "packed.mat", "log.npy"]), st.data())
-def test_fuzz_bytes(tmp_path: Path, name: str, data: st.DataObject) -> None:
-    path = tmp_path / name
-    if name == "log.npy":
-        np.save(path, VALUES[:150])
-    else:
-        content = {"t": T[:150], "s": {"q": Q[:150], "tau": TAU[:150]}}
-        savemat(path, content, do_compression=name == "packed.mat")
-    put(path, damaged(data, path.read_bytes(), least=1, most=6))
-    reads_or_complains(lambda: read(path, columns=LISTED if name == "log.npy" else ()))
-
-
-@fuzz(30)
-@given(st.data())
-def test_fuzz_hdf5(tmp_path: Path, data: st.DataObject) -> None:
-    path = hdf5(tmp_path / "log.mat")
-    put(path, damaged(data, path.read_bytes(), least=1, most=6))
-    reads_or_complains(lambda: read(path))
+            refuses(lambda: torque_log(tmp_path / "log.mat"), "over 0 MiB: expected a shorter log")

@@ -6,17 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.files import count_joints
-from stiction_envs.measured.logs.joint_names import Naming
-from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
-from tests.measured.logs.bad_logs import good_values
-from tests.measured.logs.fuzzing import CELLS, fuzz, put, reads_or_complains
+from stiction_envs.measured.logs.reader import drive_of
+from tests.measured.logs.bad_logs import good_values, servo_log, torque_log
 
 VALUES = good_values()
 PANDA = tuple(f"panda_joint{j}" for j in range(1, 8))
@@ -49,19 +44,11 @@ def commands(early: float, prefix: str) -> dict[float, dict[str, float]]:
     }
 
 
-def torque(path: Path, **naming) -> JointLog:
-    return read_logs([path], 7, naming=Naming(**naming))[0]
-
-
-def servo(path: Path, **naming) -> ServoLog:
-    return read_servo_logs([path], 7, naming=Naming(**naming))[0]
-
-
 def test_joint_states(tmp_path: Path) -> None:
     path = write(tmp_path / "log.csv", joint_states())
     assert drive_of(path) == "torque"
     assert count_joints(path) == 7
-    log = torque(path)
+    log = torque_log(path)
     assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
     assert log.dq == pytest.approx(VALUES[:, 8:15], abs=1e-7)
     assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
@@ -73,12 +60,12 @@ def test_joint_states(tmp_path: Path) -> None:
 def test_joints_by_name_whatever_their_order(tmp_path: Path) -> None:
     names = ("wrist", "elbow", "base", "lift", "a", "b", "c")
     path = write(tmp_path / "log.csv", joint_states(names=names))
-    assert torque(path, robot=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
-    assert torque(path, joints=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    assert torque_log(path, robot=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+    assert torque_log(path, joints=names).q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
     with pytest.raises(StictionError, match="name the joints"):
-        torque(path)
+        torque_log(path)
     with pytest.raises(StictionError, match="joint"):
-        torque(path, joints=(*names[:6], "d"))
+        torque_log(path, joints=(*names[:6], "d"))
     assert count_joints(path) == 7
 
 
@@ -86,7 +73,7 @@ def test_joints_by_name_whatever_their_order(tmp_path: Path) -> None:
 def test_commands_of_a_controller_hold_until_the_next(tmp_path: Path, side: str) -> None:
     rows = joint_states() | commands(0.002, f"{side}/positions")
     path = write(tmp_path / "log.csv", rows)
-    log = servo(path)
+    log = servo_log(path)
     assert len(log.t) == len(VALUES)
     assert log.q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
     held = VALUES[np.arange(len(VALUES)) // 2 * 2, 1:8]
@@ -94,7 +81,7 @@ def test_commands_of_a_controller_hold_until_the_next(tmp_path: Path, side: str)
     assert log.tau == pytest.approx(VALUES[:, 15:], abs=1e-7)
     # before the first command nothing is known
     late = write(tmp_path / "late.csv", joint_states() | commands(-0.002, f"{side}/positions"))
-    assert len(servo(late).t) == len(VALUES) - 1
+    assert len(servo_log(late).t) == len(VALUES) - 1
 
 
 def test_several_topics(tmp_path: Path) -> None:
@@ -103,27 +90,7 @@ def test_several_topics(tmp_path: Path) -> None:
         row |= other
     path = write(tmp_path / "log.csv", rows)
     with pytest.raises(StictionError, match="/joint_states, /other: expected one; name the topic"):
-        torque(path)
-    assert torque(path, topic="/other").q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
+        torque_log(path)
+    assert torque_log(path, topic="/other").q == pytest.approx(VALUES[:, 1:8], abs=1e-7)
     with pytest.raises(StictionError, match="/else"):
-        torque(path, topic="/else")
-
-
-NAMES = ["__time", "/j/a1/position", "/j/a2/position", "/j/a1/effort", "/j/a2/effort"]
-NAMES += ["/j/desired/positions[0]", "/j/desired/positions[1]", "/j/a1/position/position"]
-
-
-@fuzz(50)
-@given(
-    st.permutations(NAMES),
-    st.integers(4, 8),
-    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
-    st.sampled_from(["torque", "position"]),
-)
-def test_fuzz_cells(
-    tmp_path: Path, names: list[str], width: int, rows: list[list[str]], drive: str
-) -> None:
-    text = "\n".join(",".join(row[:width]) for row in [names, *rows])
-    path = put(tmp_path / "log.csv", text)
-    read_drive = read_logs if drive == "torque" else read_servo_logs
-    reads_or_complains(lambda: read_drive([path], 2)[0])
+        torque_log(path, topic="/else")

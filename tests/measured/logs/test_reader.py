@@ -10,25 +10,28 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pyarrow import parquet
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats import base, csv_file
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_poses
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import BAD_FILES, GOOD, HEADER, SIX, good_values, text_of
-from tests.measured.logs.fuzzing import CELLS, fuzz, put, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import (
+    BAD_FILES,
+    GOOD,
+    HEADER,
+    SIX,
+    good_values,
+    put,
+    refuses,
+    text_of,
+)
 
 LIMITS = load_arm("panda").limits
 
 
 def read(path: Path, n: int = 7) -> JointLog:
     return read_logs([path], n, limits=LIMITS if n == 7 else None)[0]
-
-
-# ---- bad input ----
 
 
 def says(paths: list[Path]) -> str:
@@ -123,9 +126,6 @@ def test_units_without_limits(tmp_path: Path) -> None:
     path = put(tmp_path / "log.csv", text_of(values))
     with pytest.raises(StictionError, match="looks like degrees: expected radians"):
         read_logs([path], 7)
-
-
-# ---- good input ----
 
 
 def test_values_arrive_as_they_stand(tmp_path: Path) -> None:
@@ -256,60 +256,3 @@ def test_poses_at_rest(tmp_path: Path) -> None:
         read(tmp_path / "poses.csv")
     with pytest.raises(StictionError, match="1 pose: expected two"):
         read_poses(put(tmp_path / "one.csv", "\n".join(text.splitlines()[:2])), 7)
-
-
-# ---- fuzz ----
-
-
-def check_read(path: Path, n: int = 2) -> None:
-    reads_or_complains(lambda: read_logs([path], n)[0])
-
-
-@fuzz(80)
-@given(
-    st.sampled_from(["log.csv", "log.csv.gz", "log.npz", "log.parquet"]),
-    st.sampled_from([b"", b"\x1f\x8b\x08\0", b"PK\x03\x04", b"PAR1", b"t,q1,q2,tau1,tau2\n"]),
-    st.binary(max_size=400),
-)
-def test_fuzz_bytes(tmp_path: Path, name: str, start: bytes, data: bytes) -> None:
-    check_read(put(tmp_path / name, start + data))
-
-
-@fuzz(80)
-@given(
-    st.permutations(["t", "q1", "q2", "tau1", "tau2", "dq1", "dq2", "run"]),
-    st.integers(5, 8),
-    st.lists(st.lists(CELLS, min_size=6, max_size=8), max_size=12),
-    st.sampled_from(["\n", "\r\n", "\r"]),
-)
-def test_fuzz_cells(
-    tmp_path: Path, names: list[str], width: int, rows: list[list[str]], end: str
-) -> None:
-    text = end.join(",".join(row[:width]) for row in [names, *rows])
-    check_read(put(tmp_path / "log.csv", text))
-
-
-@fuzz(60)
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(2, 400),
-    st.floats(0, 2),
-    st.floats(0, 0.3),
-    st.sampled_from([0.0, 1e-6, 1e-2, 1.0]),
-    st.booleans(),
-)
-def test_fuzz_numbers(
-    tmp_path: Path, seed: int, rows: int, jitter: float, holes: float, size: float, still: bool
-) -> None:
-    """Clocks that jitter, stand and leap, values that repeat and are missing."""
-    rng = np.random.default_rng(seed)
-    t = 0.01 * np.maximum.accumulate(np.arange(rows) + jitter * rng.normal(size=rows))
-    t += rng.random() * (rng.random(rows) < 0.01).cumsum()
-    v = size * rng.normal(size=(rows, 6)).cumsum(axis=0)
-    v[rng.random(rows) < holes] = np.nan
-    v[rng.random(v.shape) < holes / 20] = np.nan
-    if still:
-        v[rows // 3 :] = v[rows // 3]
-    held = np.maximum.accumulate(np.where(rng.random(rows) < holes, 0, np.arange(rows)))
-    text = text_of(np.column_stack([t, v[held]]), "t,q1,q2,dq1,dq2,tau1,tau2")
-    check_read(put(tmp_path / "log.csv", text))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
-from stiction_envs.measured.logs.robot_log import ServoLog
-from tests.measured.logs.fuzzing import damaged, fuzz, reads_or_complains, refuses
+from tests.measured.logs.bad_logs import refuses, servo_log
 from tests.measured.logs.lerobot_datasets import SO101, TICK, write_calibration
 from tests.measured.logs.test_lerobot import ANGLES, COMMAND, ROWS
 
@@ -66,8 +63,7 @@ def so101(folder: Path, **options) -> Path:
     return write_sage(folder, TIME, shares(COMMAND), shares(ANGLES), current(), **options)
 
 
-def read(path: Path, **naming) -> ServoLog:
-    return read_servo_logs([path], 6, naming=Naming(**naming))[0]
+read = partial(servo_log, n=6)
 
 
 def test_two_files_become_one_log(tmp_path: Path) -> None:
@@ -135,21 +131,6 @@ def test_a_damaged_folder_is_one_clear_line(tmp_path: Path, damage: str) -> None
     name, text, says = DAMAGES[damage]
     (path / name).write_text(text)
     refuses(lambda: read(path), says)
-
-
-@fuzz(30)
-@given(st.data())
-def test_fuzz_a_folder(tmp_path: Path, data: st.DataObject) -> None:
-    path = tmp_path / "motion"
-    files = ("control.csv", "state_motor.csv", "joint_list.txt")
-    if not path.exists():
-        small = (TIME[:80], COMMAND[:80], ANGLES[:80], current()[:80])
-        write_sage(path, *small)
-        for name in files:
-            shutil.copy(path / name, tmp_path / name)
-    for name in files:
-        (path / name).write_bytes(damaged(data, (tmp_path / name).read_bytes(), most=3))
-    reads_or_complains(lambda: read(path))
 
 
 def test_pickles_are_refused_and_not_opened(tmp_path: Path) -> None:

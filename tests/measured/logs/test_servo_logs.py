@@ -8,17 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.reader import drive_of, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
 from stiction_envs.robots import load_arm
-from tests.measured.logs.bad_logs import GOOD, header_of
+from tests.measured.logs.bad_logs import GOOD, header_of, put, refuses
 from tests.measured.logs.bad_logs import text_of as csv_text
-from tests.measured.logs.fuzzing import fuzz, put, reads_or_complains, refuses
 from tests.measured.logs.test_robot_logs import real
 
 N = 7
@@ -47,9 +44,6 @@ def text_of(values: np.ndarray, header: str = HEADER) -> str:
 
 def read(path: Path) -> ServoLog:
     return read_servo_logs([path], N, limits=LIMITS)[0]
-
-
-# ---- good input ----
 
 
 def test_steps_of_the_encoder_and_rest_are_kept_to_the_bit(tmp_path: Path) -> None:
@@ -104,9 +98,6 @@ def test_jitter_and_dates(tmp_path: Path) -> None:
     assert log.t == pytest.approx(np.delete(v[:, 0], 100) - v[0, 0], abs=1e-6)
 
 
-# ---- which drive ----
-
-
 def test_drive(tmp_path: Path) -> None:
     v = servo_values()
     both = text_of(np.column_stack([v, v[:, 1:8]]), header_of("q_cmd", "q", "tau"))
@@ -126,9 +117,6 @@ def test_drive(tmp_path: Path) -> None:
     assert not check(tmp_path / "both.csv", drive="position").findings
     with pytest.raises(StictionError, match="drive"):
         check(tmp_path / "both.csv", drive="hydraulic")
-
-
-# ---- what is wrong ----
 
 
 def changed(change: Callable[[np.ndarray], object]) -> str:
@@ -204,34 +192,6 @@ def test_torques_without_sign_are_not_called_saturated(tmp_path: Path) -> None:
     said = [x.message for x in check(path, robot="panda").findings]
     assert any(x.startswith("tau1..tau7 are never negative: sizes without sign") for x in said)
     assert not any("saturated" in x for x in said)
-
-
-# ---- fuzz ----
-
-
-@fuzz(40)
-@given(
-    st.integers(0, 2**32 - 1),
-    st.integers(2, 400),
-    st.floats(0, 2),
-    st.floats(0, 0.3),
-    st.sampled_from([0.0, 1e-6, 1e-2, 1.0]),
-    st.sampled_from([0.001, 0.005, 0.02]),
-)
-def test_fuzz_numbers(
-    tmp_path: Path, seed: int, rows: int, jitter: float, holes: float, size: float, step: float
-) -> None:
-    rng = np.random.default_rng(seed)
-    t = step * np.maximum.accumulate(np.arange(rows) + jitter * rng.normal(size=rows))
-    v = size * rng.normal(size=(rows, 8)).cumsum(axis=0)
-    v[rng.random(rows) < holes / 20] = np.nan
-    v[rng.random(v.shape) < holes / 20] = np.nan
-    header = header_of("q_cmd", "q", "tau", "current_abs", joints=2)
-    path = put(tmp_path / "log.csv", text_of(np.column_stack([t, v]), header))
-    reads_or_complains(lambda: read_servo_logs([path], 2)[0])
-
-
-# ---- real robots ----
 
 
 @pytest.mark.parametrize(

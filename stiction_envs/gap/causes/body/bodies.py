@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.robots import Arm, mjcf
+from stiction_envs.robots.consistent import tolerances
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
     from_pseudo_inertia,
@@ -30,7 +31,6 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
     torque_regressor,
 )
-from stiction_envs.robots.stretched import tolerances
 from stiction_envs.robots.tables import payload_radius
 
 Array = NDArray[np.float64]

@@ -20,10 +20,10 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats import iiwa_stack
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size, held
@@ -42,10 +42,8 @@ if TYPE_CHECKING:
 
 METADATA = "metadata.yaml"
 """In every folder that ROS 2 records into."""
-_PEEK = 1000
-"""Messages that show who publishes to a topic; assumed."""
-MOST_REASON = 200
-"""Most characters of another library's message, cut between words; assumed."""
+_PEEK = 1000  # messages that show who publishes to a topic; assumed
+MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
 _NS = 10**9
 
 
@@ -59,7 +57,6 @@ class RosBag(LogFormat):
         return (path / METADATA).is_file()
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         with _open(where) as reader:
             topics = _iiwa_stack(where, reader, wanted.naming)
             if topics:
@@ -70,7 +67,6 @@ class RosBag(LogFormat):
             return _read_servo(where, reader, wanted)
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         with _open(where) as reader:
             if _iiwa_stack(where, reader, naming):
                 return len(iiwa_stack.JOINTS)
@@ -80,7 +76,6 @@ class RosBag(LogFormat):
         return len(find_joints(where, names, None, naming)) if names else most
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         with _open(where) as reader:
             if topics := _iiwa_stack(where, reader, naming):
                 return iiwa_stack.drives_of(topics)
@@ -95,12 +90,11 @@ class _Stream:
     kind: Kind
     joints: tuple[str, ...]
     """Names of joints 1 to n; () where the messages have none."""
-    marks: NDArray[np.int64]
+    marks: Index
     """(T, 3) stamp, 0 where there is none, and time of recording [ns]; number from 1."""
-    data: dict[str, NDArray[np.float64]]
+    data: dict[str, Array]
     """(T, n) by channel."""
     others: int
-    """Messages of other joints."""
 
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:

@@ -6,7 +6,8 @@ Files may be hostile: every size is bounded before memory is taken, and nothing 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -14,11 +15,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
 from stiction_envs.measured.logs.columns import (
     TORQUE,
     Columns,
+    Wanted,
     drives_in,
     joints_of,
     sort_columns,
@@ -26,29 +29,13 @@ from stiction_envs.measured.logs.columns import (
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 
-MOST_BYTES = 2**31
-"""Most bytes of one file, unpacked; assumed."""
+MOST_BYTES = 2**31  # most bytes of one file, unpacked; assumed
 MOST_VALUES = 70_000_000
 """Most numbers of one file that are used. Source: 50 minutes at 1 kHz of t, q, dq and tau of 7
 joints."""
-MOST_LINE_BYTES = 2**16
-"""Most bytes of one line of text; assumed."""
+MOST_LINE_BYTES = 2**16  # most bytes of one line of text; assumed
 Arrays = dict[str, NDArray[Any]]
 """Arrays of any kind of value, by name."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """Request to read a log file."""
-
-    n_joints: int
-    """Joints of the robot."""
-    time: bool
-    """Whether the log must have time; without, rows are numbered."""
-    naming: Naming
-    """Names of the joints, where a log has names."""
-    drive: str = TORQUE
-    """Which channels: those of `CHANNELS` for torque or position."""
 
 
 class LogFormat(ABC):
@@ -69,27 +56,55 @@ class LogFormat(ABC):
 
     @abstractmethod
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """Read the numbers of a file.
-
-        Raises:
-            StictionError: it cannot be read, is too large, or is not a log of such a robot.
-        """
+        """Read the numbers of a file; raise a StictionError for no log of such a robot."""
 
     @abstractmethod
     def count(self, where: str, naming: Naming) -> int:
-        """Return for how many joints there are angles; 0 where there are none.
-
-        Raises:
-            StictionError: it cannot be read.
-        """
+        """Return for how many joints there are angles; 0 where there are none."""
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """Return what may have driven the joints: torque, position, both or none is there.
+        """Return what may have driven the joints: torque, position, both or neither."""
+        return (TORQUE,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """Columns of one kind of CSV log."""
+
+    mark: str
+    """A column that no other kind has."""
+    column: Callable[[str], str]
+    """Our name of a column (`logs.columns`); itself where nothing of ours is in it."""
+    per_second: float
+    """Units of its time in a second."""
+    side: str | None
+    """Side of the gear on which its torque is measured, where that is known: motor or link."""
+    note: str
+    """Note for a person about such a log; empty for ours."""
+    has_names: bool = False
+    """Whether its joints have names, so that `Naming` applies."""
+    sparse: bool = False
+    """Whether a row has only what changed."""
+
+    def ours(
+        self, names: Sequence[str], where: str, naming: Naming, n_joints: int | None = None
+    ) -> list[str]:
+        """Return our names of the columns of a file.
+
+        Args:
+            names: of the columns in the file.
+            where: the file, the beginning of every message.
+            naming: names of the joints.
+            n_joints: joints of the robot; None where none is known.
 
         Raises:
-            StictionError: it cannot be read.
+            StictionError: joints that have names cannot be found.
         """
-        return (TORQUE,)
+        return [self.column(name.strip()) for name in names]
+
+
+OUR_COLUMNS = Header(mark="t", column=str, per_second=1.0, side=None, note="")
+"""``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]."""
 
 
 class NamedColumns(LogFormat):
@@ -100,11 +115,9 @@ class NamedColumns(LogFormat):
         """Return our names of its columns."""
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return joints_of(self.names(where, naming))
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         return drives_in(self.names(where, naming))
 
 
@@ -116,23 +129,53 @@ class ColumnFile(NamedColumns):
         """Read columns (T,), or matrices (T, n) by the name of their channel."""
 
     def names(self, where: str, naming: Naming) -> list[str]:
-        """See `NamedColumns.names`."""
         flat, naming = _flat(where, self.columns(where), naming)
         return our_names(where, list(flat), naming).names
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         flat, naming = _flat(where, self.columns(where), wanted.naming)
         ours = our_names(where, list(flat), naming, wanted.n_joints)
-        return _from_columns(where, flat, ours, wanted)
+        names = list(flat)
+        columns = sort_columns(where, ours.names, wanted, names)
+        used = columns.numbers if columns.run is None else (*columns.numbers, columns.run)
+        length = len(flat[names[used[0]]])
+        for c in used:
+            name, array = names[c], flat[names[c]]
+            if len(array) != length:
+                raise StictionError(
+                    f"{where}: column {name!r} has {len(array)} rows, "
+                    f"{names[used[0]]!r} has {length}: expected one length for all"
+                )
+            if c != columns.run and array.dtype.kind not in "fiu":
+                raise StictionError(
+                    f"{where}: column {name!r} holds {array.dtype}: expected numbers"
+                )
+        check_size(where, length, len(used))
+        rows = range(1, length + 1)
+        return log_of_columns(where, columns, ours, lambda c: flat[names[c]], wanted, "row", rows)
 
 
-def held(
-    told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def held(told: NDArray[np.number[Any]], at: NDArray[np.number[Any]]) -> tuple[Index, Bools]:
     """Return which of the commands at times (K,) holds at others (T,), and where one does."""
     last = np.searchsorted(told, at, side="right") - 1
     return np.maximum(last, 0), last >= 0
+
+
+@contextmanager
+def damaged(message: str) -> Iterator[None]:
+    """Make any failure of a reader one error: damaged files make libraries raise anything."""
+    try:
+        yield
+    except StictionError:
+        raise
+    except Exception:
+        raise StictionError(message) from None
+
+
+def check_bytes(where: str, size: int, most: int = MOST_BYTES) -> None:
+    """Raise if a file, or what it unpacks to, has more bytes than are read."""
+    if size > most:
+        raise StictionError(f"{where}: over {most >> 20} MiB: expected a shorter log")
 
 
 def check_size(where: str, rows: int, per_row: int) -> None:
@@ -169,72 +212,37 @@ def _flat(where: str, arrays: Arrays, naming: Naming) -> tuple[Arrays, Naming]:
     return flat, naming
 
 
-def _from_columns(where: str, flat: Arrays, ours: OurNames, wanted: Wanted) -> RawLog:
-    names = list(flat)
-    columns = sort_columns(
-        where, ours.names, wanted.n_joints, shown=names, time=wanted.time, drive=wanted.drive
-    )
-    used = columns.numbers if columns.run is None else (*columns.numbers, columns.run)
-    length = len(flat[names[used[0]]])
-    for c in used:
-        name, array = names[c], flat[names[c]]
-        if len(array) != length:
-            raise StictionError(
-                f"{where}: column {name!r} has {len(array)} rows, "
-                f"{names[used[0]]!r} has {length}: expected one length for all"
-            )
-        if c != columns.run and array.dtype.kind not in "fiu":
-            raise StictionError(f"{where}: column {name!r} holds {array.dtype}: expected numbers")
-    check_size(where, length, len(used))
-    return log_of_columns(
-        where,
-        columns,
-        ours,
-        lambda c: flat[names[c]],
-        length,
-        wanted.time,
-        lambda i: f"row {i + 1}",
-    )
-
-
 def log_of_columns(
     where: str,
     columns: Columns,
     ours: OurNames,
     column: Callable[[int], NDArray[Any]],
-    length: int,
-    time: bool,
-    place: Callable[[int], str],
+    wanted: Wanted,
+    word: str,
+    rows: Sequence[int] | NDArray[np.integer[Any]],
 ) -> RawLog:
-    """Return the log of a table of ``length`` rows.
+    """Return the log of a table; ``word`` and a number of ``rows`` (T,) say where a row is.
 
-    Args:
-        where: the file.
-        columns: where its channels stand.
-        ours: their units.
-        column: a column (T,) by its place; that of the runs may hold anything.
-        length: number of rows, T.
-        time: whether it has time.
-        place: what a row is called within the file.
+    ``column`` returns a column (T,) by its place; that of the runs may hold anything.
     """
-    run = np.zeros(length, np.int64)
-    if columns.run is not None and length:
+    run = np.zeros(len(rows), np.int64)
+    if columns.run is not None and len(rows):
         label = column(columns.run)
         run[1:] = np.cumsum(label[1:] != label[:-1])
 
-    def converted(c: int) -> NDArray[np.float64]:
+    def converted(c: int) -> Array:
         values = np.asarray(column(c), np.float64)
         return values * ours.factors[c] if c in ours.factors else values
 
     log = RawLog(
         source=where,
-        t=np.array(converted(columns.t)) if time else np.arange(float(length)),
+        t=np.array(converted(columns.t)) if wanted.time else np.arange(float(len(rows))),
         data={
             channel: np.stack([converted(c) for c in group], axis=1)
             for channel, group in columns.channels.items()
         },
         run=run,
-        place=lambda i: f"{where}, {place(i)}",
+        place=lambda i: f"{where}, {word} {rows[i]}",
         ignored=columns.ignored,
     )
     for text in ours.notes:

@@ -17,20 +17,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.dialect import (
-    UTF8,
-    Dialect,
-    dialect_of,
-    encoding_of,
-    header_in,
-    is_number,
-)
+from stiction_envs.measured import csv_text
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names, unit_of
 from stiction_envs.measured.logs.columns import Columns, sort_columns
 from stiction_envs.measured.logs.formats.base import (
     MOST_BYTES,
     MOST_LINE_BYTES,
+    OUR_COLUMNS,
+    Header,
     NamedColumns,
     RawLog,
     Wanted,
@@ -38,7 +34,6 @@ from stiction_envs.measured.logs.formats.base import (
     log_of_columns,
 )
 from stiction_envs.measured.logs.formats.franka import FRANKA_ROS, LIBFRANKA
-from stiction_envs.measured.logs.formats.header import OUR_COLUMNS, Header
 from stiction_envs.measured.logs.formats.plotjuggler import PLOTJUGGLER, measured_rows
 from stiction_envs.measured.logs.joint_names import Naming, check_unnamed
 
@@ -47,9 +42,7 @@ HEADERS = [LIBFRANKA, FRANKA_ROS, PLOTJUGGLER]
 
 MISSING = ("", "nan", "na", "n/a", "null", "none")
 """How a cell says that it has no value, in any case of letters."""
-Array = NDArray[np.float64]
 _GZIP = b"\x1f\x8b"
-"""The first bytes of a gzip file."""
 
 
 class CsvFile(NamedColumns):
@@ -58,11 +51,26 @@ class CsvFile(NamedColumns):
     ends: ClassVar = tuple(end + gz for end in (".csv", ".tsv", ".txt") for gz in ("", ".gz"))
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
-        return _read_csv(where, wanted)
+        text = _open(where, wanted.naming)
+        kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
+        columns = sort_columns(where, ours.names, wanted, text.names)
+        table, numbers = _table(where, text, columns)
+        log = log_of_columns(where, columns, ours, table.__getitem__, wanted, "line", numbers)
+        for remark in text.notes:
+            log.note(remark)
+        if wanted.time:
+            log.t /= kind.per_second
+        if kind.sparse:
+            keep = measured_rows(log.data)
+            numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
+            log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
+            log.place = lambda i: f"{where}, line {numbers[i]}"
+        if kind is not OUR_COLUMNS:
+            log.side, log.ignored = kind.side, ()
+            log.note(kind.note)
+        return log
 
     def names(self, where: str, naming: Naming) -> list[str]:
-        """See `NamedColumns.names`."""
         return _our_names(where, _open(where, naming), naming)[1].names
 
 
@@ -78,46 +86,10 @@ class _Table:
     names: list[str]
     units: list[str]
     """Units of a row below the names; none where there is no such row."""
-    dialect: Dialect
+    dialect: csv_text.Dialect
     rows: Iterator[tuple[int, bytes]]
     """Number and bytes in UTF-8 of each line below."""
     notes: list[str]
-    """Remarks for a person."""
-
-
-def _read_csv(where: str, wanted: Wanted) -> RawLog:
-    text = _open(where, wanted.naming)
-    kind, ours = _our_names(where, text, wanted.naming, wanted.n_joints)
-    columns = sort_columns(
-        where,
-        ours.names,
-        wanted.n_joints,
-        shown=text.names,
-        time=wanted.time,
-        drive=wanted.drive,
-    )
-    table, numbers = _table(where, text, columns)
-    log = log_of_columns(
-        where,
-        columns,
-        ours,
-        table.__getitem__,
-        len(numbers),
-        wanted.time,
-        lambda i: f"line {numbers[i]}",
-    )
-    for remark in text.notes:
-        log.note(remark)
-    if wanted.time:
-        log.t /= kind.per_second
-    if kind.sparse:
-        keep = measured_rows(log.data)
-        numbers, log.t, log.run = numbers[keep], log.t[keep], log.run[keep]
-        log.data = {k: np.ascontiguousarray(x[keep]) for k, x in log.data.items()}
-    if kind is not OUR_COLUMNS:
-        log.side, log.ignored = kind.side, ()
-        log.note(kind.note)
-    return log
 
 
 def _our_names(
@@ -143,11 +115,11 @@ def _open(where: str, naming: Naming) -> _Table:
             rows.append((number, line))
             yield _text(where, number, line)
 
-    header, below = header_in(texts())
+    header, below = csv_text.header_in(texts())
     if not below:
         rows = deque(islice(lines, 1))
     sample = rows[0][1].decode("utf-8", "replace") if rows else ""
-    dialect = dialect_of(header or sample, sample)
+    dialect = csv_text.dialect_of(header or sample, sample)
     names = dialect.names(header or sample)
     if not names:
         raise StictionError(f"{where}: empty file: expected a header and one second of rows")
@@ -156,18 +128,14 @@ def _open(where: str, naming: Naming) -> _Table:
             f"{where}, line {rows[0][0]}: numbers without a header: expected a header, or columns "
             "with a name for each, as in columns t q1..q6 tau1..tau6"
         )
-    units = [] if is_number(sample) else dialect.names(sample.strip())
+    units = [] if csv_text.is_number(sample) else dialect.names(sample.strip())
     if len(units) != len(names) or not any(units) or None in map(unit_of, units):
         units = []
     return _Table(names, units, dialect, chain([] if units else rows, lines), dialect.notes)
 
 
 def _lines(where: str) -> Iterator[tuple[int, bytes]]:
-    """Yield the number and the bytes in UTF-8 of each line that is not blank.
-
-    Raises:
-        StictionError: the file cannot be read, is too large, damaged, or packed and not named so.
-    """
+    """Yield the number and the bytes in UTF-8 of each line that is not blank."""
     packed, number, total = where.lower().endswith(".gz"), 0, 0
     try:
         with open(where, "rb") as file:
@@ -180,9 +148,9 @@ def _lines(where: str) -> Iterator[tuple[int, bytes]]:
             if not packed and start == _GZIP:
                 raise StictionError(f"{where}: gzip-compressed: expected the name .csv.gz")
             stream = gzip.GzipFile(fileobj=file) if packed else file
-            encoding, most = encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
+            encoding, most = csv_text.encoding_of(stream.read(4)), MOST_LINE_BYTES + 1
             stream.seek(0)
-            wide = io.TextIOWrapper(stream, encoding) if encoding != UTF8 else None
+            wide = io.TextIOWrapper(stream, encoding) if encoding != csv_text.UTF8 else None
             while line := wide.readline(most).encode() if wide else stream.readline(most):
                 number, total = number + 1, total + len(line)
                 if len(line) > MOST_LINE_BYTES:
@@ -226,13 +194,7 @@ def _text(where: str, number: int, line: bytes) -> str:
 def _table(
     where: str, text: _Table, columns: Columns
 ) -> tuple[dict[int, Array], NDArray[np.int32]]:
-    """Return the used columns by their place, and the line of each row.
-
-    Of the runs' labels there are numbers, one for each label.
-
-    Raises:
-        StictionError: a row with too few or too many values, or a value that is no number.
-    """
+    """Return the used columns by their place, and the line of each row; runs have numbers."""
     used = columns.numbers
     pick, width, split = itemgetter(*used), len(text.names), text.dialect.cells
     values, labels, numbers = array("d"), array("d"), array("i")

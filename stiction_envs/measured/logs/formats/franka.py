@@ -24,7 +24,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.base import Header
 
 _OURS = {"q": "q", "dq": "dq", "tau_J": "tau"}
 

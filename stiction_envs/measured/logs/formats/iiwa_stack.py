@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import RawLog, Wanted, check_size, held
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 JOINTS = tuple(f"a{j}" for j in range(1, 8))
 """Fields of a message, one a joint."""
-MOST_STEPS = 5.0
-"""Torques further apart than this many usual steps are a gap; assumed."""
+MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
 _NS = 10**9
 _TYPE = "iiwa_msgs/msg/Joint"
 _STATE, _COMMAND = "/state/Joint", "/command/Joint"
@@ -42,8 +41,8 @@ _STATE, _COMMAND = "/state/Joint", "/command/Joint"
 class Stream:
     """One topic: stamps (T,) [ns] and values (T, 7)."""
 
-    stamps: NDArray[np.int64]
-    values: NDArray[np.float64]
+    stamps: Index
+    values: Array
 
 
 def arms(types: Mapping[str, str]) -> dict[str, dict[str, str]]:
@@ -67,11 +66,7 @@ def drives_of(topics: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def arm_of(where: str, found: dict[str, dict[str, str]], topic: str | None) -> dict[str, str]:
-    """Return the topics of the only arm, or of that which has a topic.
-
-    Raises:
-        StictionError: several arms, or no such topic.
-    """
+    """Return the topics of the only arm, or of that which has a topic."""
     if topic is not None:
         names = {t: name for name, topics in found.items() for t in topics.values()}
         if topic not in names:
@@ -86,11 +81,7 @@ def arm_of(where: str, found: dict[str, dict[str, str]], topic: str | None) -> d
 
 
 def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: Wanted) -> RawLog:
-    """Read an arm's topics as one log.
-
-    Raises:
-        StictionError: another robot, or a topic that is missing or empty.
-    """
+    """Read an arm's topics as one log."""
     if wanted.n_joints != len(JOINTS):
         raise StictionError(
             f"{where}: iiwa_stack's arm has 7 joints, but the robot has {wanted.n_joints}: "
@@ -136,9 +127,7 @@ def read_arm(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: W
     return log
 
 
-def _interpolated(
-    stamps: NDArray[np.int64], stream: Stream
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _interpolated(stamps: Index, stream: Stream) -> tuple[Array, Bools]:
     """Return values (T, 7) at stamps (T,) [ns], and where there are some on both sides."""
     # float of seconds since 1970 would round by 100 ns
     first = stream.stamps[0]

@@ -22,21 +22,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, opening
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
 from stiction_envs.measured.logs.formats.parquet import opened
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
-from stiction_envs.measured.logs.units import (
-    DEGREES,
-    PERCENT,
-    is_gripper,
-    recognised,
-    to_radians,
-)
+from stiction_envs.measured.logs.units import DEGREES, PERCENT, is_gripper, recognised, to_radians
 from stiction_envs.reporting.json_text import JsonRecord
 
 if TYPE_CHECKING:
@@ -45,16 +39,13 @@ if TYPE_CHECKING:
 INFO = Path("meta", "info.json")
 """In every such folder."""
 STATE, ACTION = "observation.state", "action"
-MOST_INFO_BYTES = 2**24
-"""Most bytes of ``meta/info.json``; assumed."""
+MOST_INFO_BYTES = 2**24  # most bytes of ``meta/info.json``; assumed
 NOMINAL = 1e-3
 """Times are frames over the rate if they differ by less [s]; assumed, float32 rounds them."""
 ALWAYS_DEGREES = ("openarm", "damiao")
 """Parts of the names of robots whose driver knows degrees only. Source: lerobot,
 robots/openarm_follower, motors/damiao."""
 _CHANNELS = {"pos": "q", "vel": "dq", "torque": "tau"}
-
-Array = NDArray[np.float64]
 
 
 class LeRobotDataset(LogFormat):
@@ -68,18 +59,15 @@ class LeRobotDataset(LogFormat):
         return (path / INFO).is_file()
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return len(naming.joints or _Features(where).motors)
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         features = _Features(where)
         return tuple(
             d for d, has in ((TORQUE, features.torque), (POSITION, features.action)) if has
         )
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         features = _Features(where)
         for drive, channel, names in (
             (TORQUE, "NAME.torque in observation.state", features.torque),

@@ -16,25 +16,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.measured.logs.formats.base import MOST_BYTES, MOST_VALUES, Arrays, ColumnFile
+from stiction_envs.measured.logs.formats.base import (
+    MOST_BYTES,
+    MOST_VALUES,
+    Arrays,
+    ColumnFile,
+    check_bytes,
+    damaged,
+)
 
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How HDF5 begins, behind MATLAB's own 512 bytes. Source: its specification."""
-MOST_JOINTS = 100
-"""Shorter sides of matrices are joints; assumed."""
+MOST_JOINTS = 100  # shorter sides of matrices are joints; assumed
 _COMPRESSED, _MATRIX, _STRUCT = 15, 14, 2
-_NUMBERS = {
-    1: "i1",
-    2: "u1",
-    3: "i2",
-    4: "u2",
-    5: "i4",
-    6: "u4",
-    7: "f4",
-    9: "f8",
-    12: "i8",
-    13: "u8",
-}
+_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4"}
+_NUMBERS |= {9: "f8", 12: "i8", 13: "u8"}
 """Kinds of elements with numbers."""
 _CLASSES = range(6, 16)
 """Classes of matrices of numbers."""
@@ -48,18 +44,15 @@ class MatFile(ColumnFile):
 
     def columns(self, where: str) -> Arrays:
         """Read the variables that hold numbers."""
-        try:
+        expected = "damaged or no MATLAB file: expected what MATLAB's save writes"
+        with damaged(f"{where}: {expected}"):
             with open(where, "rb") as file:
                 start = file.read(512 + len(HDF5))
             read = _hdf5 if HDF5 in (start[: len(HDF5)], start[512:]) else _version_5
-            found = {name: _upright(x) for name, x in read(where)}
-        except StictionError:
-            raise
-        except Exception:
-            # damaged files raise almost anything
-            raise StictionError(
-                f"{where}: damaged or no MATLAB file: expected what MATLAB's save writes"
-            ) from None
+            found = {}
+            for name, x in read(where):
+                upright = x.T if x.shape[0] < min(x.shape[1], MOST_JOINTS) else x
+                found[name] = x.reshape(-1) if 1 in x.shape else upright
         if not found:
             raise StictionError(
                 f"{where}: no matrices of numbers: expected t, q, tau; no objects (timeseries)"
@@ -71,14 +64,14 @@ class MatFile(ColumnFile):
 
 
 def _version_5(where: str) -> Iterator[tuple[str, Matrix]]:
-    _check_bytes(where, Path(where).stat().st_size, MOST_BYTES)
+    check_bytes(where, Path(where).stat().st_size, MOST_BYTES)
     data = Path(where).read_bytes()
     order = {b"IM": "<", b"MI": ">"}[data[126:128]]
     for kind, element in _elements(data[128:], order):
         if kind == _COMPRESSED:
             most = 8 * MOST_VALUES
             element = zlib.decompressobj().decompress(element, most)
-            _check_bytes(where, len(element) + 1, most)
+            check_bytes(where, len(element) + 1, most)
             ((kind, element),) = _elements(element, order)
         if kind == _MATRIX:
             yield from _matrices("", element, order)
@@ -134,17 +127,5 @@ def _hdf5(where: str) -> Iterator[tuple[str, Matrix]]:
 
     with h5py.File(where, "r") as file:
         file.visititems(note)
-        _check_bytes(where, sum(int(item.nbytes) for item in found.values()), MOST_BYTES)
+        check_bytes(where, sum(int(item.nbytes) for item in found.values()), MOST_BYTES)
         yield from ((name, item[()].T) for name, item in found.items())
-
-
-def _upright(value: Matrix) -> Matrix:
-    """Return a column (T,), or a matrix with a sample in each row."""
-    if 1 in value.shape:
-        return value.reshape(-1)
-    return value.T if value.shape[0] < min(value.shape[1], MOST_JOINTS) else value
-
-
-def _check_bytes(where: str, size: int, most: int) -> None:
-    if size > most:
-        raise StictionError(f"{where}: over {most >> 20} MiB: expected a shorter log")

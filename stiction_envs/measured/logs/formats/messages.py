@@ -30,9 +30,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 Message = Any
 """A message of ROS, or a part of one: rosbags makes their classes at run time."""
 
@@ -62,20 +63,17 @@ class Sample:
     """Commanded angles [rad]; empty where it has none."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Kind:
     """A type of message."""
 
     types: tuple[str, ...]
-    """Names of the type."""
     tau: str
     """The field that is read as torque."""
-    link_side: bool
-    """Whether that is always measured behind the gear."""
     read: Callable[[Message], Sample]
-    """Convert a message."""
+    link_side: bool = False
+    """Whether the torque is always measured behind the gear."""
     has_commands: bool = False
-    """Whether it has commanded angles."""
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
@@ -126,8 +124,7 @@ def _controller_state(message: Message) -> Sample:
 
 
 def _command(message: Message) -> Sample:
-    none = np.zeros(0)
-    return Sample(None, 0, _array(message.data), none, none)
+    return Sample(None, 0, _array(message.data), np.zeros(0), np.zeros(0))
 
 
 def _lbr_state(message: Message) -> Sample:
@@ -137,36 +134,30 @@ def _lbr_state(message: Message) -> Sample:
 
 
 KINDS = (
-    Kind(types=(_STATE,), tau="effort", link_side=False, read=_joint_state),
-    Kind(types=("franka_msgs/msg/FrankaState",), tau="tau_J", link_side=True, read=_franka_state),
+    Kind((_STATE,), "effort", _joint_state),
+    Kind(("franka_msgs/msg/FrankaState",), "tau_J", _franka_state, link_side=True),
     Kind(
-        types=("franka_msgs/msg/FrankaRobotState",),
-        tau="measured_joint_state.effort",
+        ("franka_msgs/msg/FrankaRobotState",),
+        "measured_joint_state.effort",
+        _franka_robot_state,
         link_side=True,
-        read=_franka_robot_state,
     ),
     Kind(
-        types=("lbr_fri_idl/msg/LBRState", "lbr_fri_msgs/msg/LBRState"),
-        tau="measured_torque",
+        ("lbr_fri_idl/msg/LBRState", "lbr_fri_msgs/msg/LBRState"),
+        "measured_torque",
+        _lbr_state,
         link_side=True,
-        read=_lbr_state,
     ),
     Kind(
-        types=("control_msgs/msg/JointTrajectoryControllerState",),
-        tau="feedback.effort",
-        link_side=False,
-        read=_controller_state,
+        ("control_msgs/msg/JointTrajectoryControllerState",),
+        "feedback.effort",
+        _controller_state,
         has_commands=True,
     ),
 )
-"""Types that are read."""
 
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
-"""Each by its name."""
-COMMAND_KINDS = {
-    _STATE: BY_TYPE[_STATE],
-    _ARRAY: Kind(types=(_ARRAY,), tau="", link_side=False, read=_command),
-}
+COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "", _command)}
 """Types of commands under a topic of their own."""
 
 

@@ -9,7 +9,13 @@ from typing import IO, ClassVar
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.measured.logs.formats.base import MOST_BYTES, Arrays, ColumnFile
+from stiction_envs.measured.logs.formats.base import (
+    MOST_BYTES,
+    Arrays,
+    ColumnFile,
+    check_bytes,
+    damaged,
+)
 
 
 class NumpyArchive(ColumnFile):
@@ -20,31 +26,18 @@ class NumpyArchive(ColumnFile):
     def columns(self, where: str) -> Arrays:
         """Read the arrays."""
         arrays: Arrays = {}
-        member = ""
-        try:
-            with zipfile.ZipFile(where) as archive:
-                if sum(info.file_size for info in archive.infolist()) > MOST_BYTES:
-                    raise StictionError(
-                        f"{where}: over {MOST_BYTES >> 20} MiB unpacked: expected a shorter log"
-                    )
-                for info in archive.infolist():
-                    member = info.filename
-                    if not member.endswith(".npy"):
-                        continue
-                    with archive.open(info) as file:
-                        _check_npy(f"{where}, {member}", file, info.file_size)
-                    with archive.open(info) as file:
-                        arrays[member.removesuffix(".npy")] = np.lib.format.read_array(
-                            file, allow_pickle=False
-                        )
-        except StictionError:
-            raise
-        except Exception:
-            # Damaged archives raise almost anything, from zlib.error to SyntaxError.
-            inside = f", {member}" if member else ""
-            raise StictionError(
-                f"{where}{inside}: damaged or no NumPy archive: expected what numpy.savez writes"
-            ) from None
+        expected = "damaged or no NumPy archive: expected what numpy.savez writes"
+        with damaged(f"{where}: {expected}"), zipfile.ZipFile(where) as archive:
+            check_bytes(where, sum(info.file_size for info in archive.infolist()))
+            for info in archive.infolist():
+                member = info.filename
+                if not member.endswith(".npy"):
+                    continue
+                with archive.open(info) as file:
+                    _check_npy(f"{where}, {member}", file, info.file_size)
+                with archive.open(info) as file:
+                    array = np.lib.format.read_array(file, allow_pickle=False)
+                arrays[member.removesuffix(".npy")] = array
         return arrays
 
 
@@ -55,17 +48,11 @@ class NumpyArray(ColumnFile):
 
     def columns(self, where: str) -> Arrays:
         """Read the array."""
-        try:
-            with open(where, "rb") as file:
-                _check_npy(where, file, Path(where).stat().st_size)
-                file.seek(0)
-                array = np.lib.format.read_array(file, allow_pickle=False)
-        except StictionError:
-            raise
-        except Exception:
-            raise StictionError(
-                f"{where}: damaged or no NumPy array: expected what numpy.save writes"
-            ) from None
+        expected = "damaged or no NumPy array: expected what numpy.save writes"
+        with damaged(f"{where}: {expected}"), open(where, "rb") as file:
+            _check_npy(where, file, Path(where).stat().st_size)
+            file.seek(0)
+            array = np.lib.format.read_array(file, allow_pickle=False)
         if array.dtype.names:
             return {name: array[name] for name in array.dtype.names}
         if array.ndim != 2:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.measured.dialect import refuse_pointer
-from stiction_envs.measured.logs.formats.base import Arrays, ColumnFile, check_size
+from stiction_envs.measured.csv_text import refuse_pointer
+from stiction_envs.measured.logs.formats.base import Arrays, ColumnFile, check_size, damaged
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -22,8 +22,8 @@ class Parquet(ColumnFile):
 
     def columns(self, where: str) -> Arrays:
         """Read the columns."""
-        damaged = "damaged or no Parquet file: expected a table of numbers"
-        with opened(where, where, damaged) as file:
+        wrong = "damaged or no Parquet file: expected a table of numbers"
+        with opened(where, where, wrong) as file:
             names = file.schema_arrow.names
             check_size(where, file.metadata.num_rows, (len(names) + 1) // 2)
             table = file.read()
@@ -36,18 +36,12 @@ class Parquet(ColumnFile):
 
 
 @contextmanager
-def opened(where: str, path: str | Path, damaged: str) -> Iterator[ParquetFile]:
-    """Open a file of a log; any failure while it is open is one error, that it is ``damaged``."""
+def opened(where: str, path: str | Path, wrong: str) -> Iterator[ParquetFile]:
+    """Open a file of a log; any failure while it is open is one error: what is ``wrong``."""
     try:
         from pyarrow import parquet  # here: few logs need it, and it takes a moment
     except ImportError:
         raise missing_extra(f"{where}: reading .parquet", "pyarrow", "parquet") from None
     refuse_pointer(path)
-    try:
-        with parquet.ParquetFile(path) as file:
-            yield file
-    except StictionError:
-        raise
-    except Exception:
-        # pyarrow has its own exceptions, and not all derive from one class.
-        raise StictionError(f"{path}: {damaged}") from None
+    with damaged(f"{path}: {wrong}"), parquet.ParquetFile(path) as file:
+        yield file

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.logs.formats.header import Header
+from stiction_envs.measured.logs.formats.base import Header
 from stiction_envs.measured.logs.formats.messages import COMMANDS
 from stiction_envs.measured.logs.joint_names import Naming, find_joints
 
@@ -47,13 +47,17 @@ class PlotJuggler(Header):
     def ours(
         self, names: Sequence[str], where: str, naming: Naming, n_joints: int | None = None
     ) -> list[str]:
-        """See `Header.ours`."""
         states, commands = _curves([n.strip() for n in names])
         found = {TIME: "t"}
         topic = _topic(states, where, naming, n_joints)
         if topic is not None:
             motors = [j for j, channels in states[topic].items() if "q" in channels]
-            joints = _joints(motors, where, naming, n_joints)
+            try:
+                joints = find_joints(where, motors, n_joints, naming)
+            except StictionError:
+                if n_joints is not None or naming.joints:
+                    raise
+                joints = tuple(motors)  # without a robot they are only counted
             for number, joint in enumerate(joints, 1):
                 found |= {
                     name: f"{channel}{number}" for channel, name in states[topic][joint].items()
@@ -98,17 +102,6 @@ def _topic(states: _Curves, where: str, naming: Naming, n_joints: int | None) ->
     return topics[0] if topics else None
 
 
-def _joints(
-    motors: Sequence[str], where: str, naming: Naming, n_joints: int | None
-) -> tuple[str, ...]:
-    try:
-        return find_joints(where, motors, n_joints, naming)
-    except StictionError:
-        if n_joints is not None or naming.joints:
-            raise
-        return tuple(motors)  # without a robot they are only counted
-
-
 def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:
     """Return our names of commands: those of the same joints, else of as many by number."""
     numbers = tuple(f"joint{k + 1}" for k in range(len(joints)))
@@ -119,13 +112,9 @@ def _commands(commands: _Curves, joints: tuple[str, ...]) -> dict[str, str]:
     return {}
 
 
-def measured_rows(data: dict[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Hold the commands of sparse rows until the next one, in place; return rows with angles.
-
-    Args:
-        data: channels (T, n), NaN where a row has no new value.
-    """
-    keep: NDArray[np.bool_] = np.asarray((~np.isnan(data["q"])).any(axis=1))
+def measured_rows(data: dict[str, Array]) -> Bools:
+    """Hold commands (T, n), NaN between them, until the next, in place; return rows with angles."""
+    keep: Bools = np.asarray((~np.isnan(data["q"])).any(axis=1))
     if "q_cmd" in data:
         index = np.arange(len(data["q"]))
         for x in data["q_cmd"].T:

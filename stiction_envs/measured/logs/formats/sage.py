@@ -16,32 +16,25 @@ from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.arrays import Array
+from stiction_envs.errors import StictionError, opening
 from stiction_envs.measured.checks.logs import is_unsigned
-from stiction_envs.measured.dialect import refuse_pointer
+from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import (
-    MOST_BYTES,
     LogFormat,
     RawLog,
     Wanted,
+    check_bytes,
     check_size,
     held,
 )
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
-from stiction_envs.measured.logs.units import (
-    PERCENT,
-    RADIANS,
-    is_gripper,
-    to_radians,
-)
+from stiction_envs.measured.logs.units import PERCENT, RADIANS, is_gripper, to_radians
 
 COMMANDS, STATES, NAMES = "control.csv", "state_motor.csv", "joint_list.txt"
 _PER_SECOND = 1e6
-
-Array = NDArray[np.float64]
 
 
 class SageFolder(LogFormat):
@@ -55,17 +48,14 @@ class SageFolder(LogFormat):
         return (path / COMMANDS).is_file() and (path / STATES).is_file()
 
     def count(self, where: str, naming: Naming) -> int:
-        """See `LogFormat.count`."""
         return len(naming.joints) or _table(Path(where, STATES))["positions"].shape[1]
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """See `LogFormat.drives`."""
         states = _table(Path(where, STATES))
         signed = "torques" in states and not is_unsigned(states["torques"])
         return (TORQUE, POSITION) if signed else (POSITION,)
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
-        """See `LogFormat.read`."""
         states = _table(Path(where, STATES))
         n = states["positions"].shape[1]
         names = _names(where, n)
@@ -101,25 +91,17 @@ class SageFolder(LogFormat):
         text = f"SAGE: joints 1 to {len(joints)} are {', '.join(joints)}"
         text += "; torques have no sign: sizes of currents" * unsigned
         log.note(text)
-        if len(rows):
-            _convert(where, log, joints, wanted.naming)
-        return log
-
-
-def _convert(where: str, log: RawLog, joints: tuple[str, ...], naming: Naming) -> None:
-    """Bring angles to rad: as asked, else they are, but for grippers between 0 and 1."""
-    units = [naming.units or RADIANS] * len(joints)
-    if naming.units is None:
-        q = log.data["q"]
+        if not len(rows):
+            return log
+        # angles are in rad where nobody says another unit, but for grippers between 0 and 1
+        units = [wanted.naming.units or RADIANS] * len(joints)
         for j, name in enumerate(joints):
-            if (
-                is_gripper(name)
-                and np.ptp(q[:, j]) > 0
-                and 0 <= q[:, j].min() <= q[:, j].max() <= 1
-            ):
+            low, high = log.data["q"][:, j].min(), log.data["q"][:, j].max()
+            if wanted.naming.units is None and is_gripper(name) and 0 <= low < high <= 1:
                 units[j] = PERCENT
-    for text in to_radians(where, log.data, units, joints, naming.calibration):
-        log.note(text)
+        for text in to_radians(where, log.data, units, joints, wanted.naming.calibration):
+            log.note(text)
+        return log
 
 
 def _names(where: str, n: int) -> list[str]:
@@ -171,17 +153,15 @@ def _table(path: Path) -> dict[str, Array]:
 
 def _rows(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Return rows by column, each with the number of its line."""
-    wanted = "expected SAGE's CSV in UTF-8"
     refuse_pointer(path)
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise StictionError(f"{path}: over {MOST_BYTES >> 20} MiB: expected a shorter log")
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.DictReader(file)
-            for row in reader:
-                yield reader.line_num, {k: v for k, v in row.items() if k and v is not None}
+        with opening(path, "SAGE's CSV in UTF-8"):
+            check_bytes(str(path), path.stat().st_size)
+            with path.open(encoding="utf-8", newline="") as file:
+                reader = csv.DictReader(file)
+                for row in reader:
+                    yield reader.line_num, {k: v for k, v in row.items() if k and v is not None}
     except (UnicodeDecodeError, csv.Error):
-        raise StictionError(f"{path}: no text between commas: {wanted}") from None
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{path}: {reason}: {wanted}") from None
+        raise StictionError(
+            f"{path}: no text between commas: expected SAGE's CSV in UTF-8"
+        ) from None
