@@ -32,58 +32,33 @@ _TINY = np.finfo(np.float64).tiny
 class Impedance(NamedTuple):
     """Settings and state of N controllers of n joints."""
 
-    dither_after: bool
-    """Whether dither is added behind the saturation."""
-    rate: float
-    """Largest change of the torque per cycle [N·m]."""
-    limit: Array
-    """(n,) largest torque [N·m]."""
-    low: Array
-    high: Array
-    """(n,) angles beyond which a joint is near its limit [rad]."""
-    singular_below: float
-    singular_length: float
-    """As of `operational.renew`."""
-    filter_step: float
-    """Share of the way to its target by which a reference moves per cycle [-]; 1 is all of it."""
-    position_target: Array
-    """(N, 3) [m]."""
-    quaternion_target: Array
-    """(N, 4)."""
-    position: Array
-    """(N, 3) of the reference [m]."""
-    quaternion: Array
-    """(N, 4) of the reference."""
-    error_matrix: Array
-    """(N, 4, 4) `rotation.error_matrix` of the reference."""
-    gain: Array
-    """(N, 6, 12) wrench per state: [−K, −D]."""
-    null_active: Bools
-    """(N,) whether there is a nullspace torque, of the next four."""
-    null_q: Array
-    """(N, n) q_d [rad]."""
-    null_stiffness: Array
-    """(N, n) k_n [N·m/rad]."""
-    null_damping: Array
-    """(N, n) d_n [N·m·s/rad]."""
-    null_torque: Array
-    """(N, n) τ_0 of the last cycle, written [N·m]."""
-    projector: Array
-    """(N, n, n) P [-]."""
-    inertia: Array
-    """(N, 6, 6) Λ [kg, kg·m, kg·m²]."""
-    singular: Bools
-    """(N,) whether the pose was (nearly) singular at the last `renew_space`."""
-    state: Array
-    """(N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle."""
-    q: Array
-    """(N, n) angles in the last cycle [rad]."""
-    wanted: Array
-    """(N, n) torque of the last cycle before the saturation [N·m]."""
-    sent: Array
-    """(N, n) torque of the last cycle behind the saturation [N·m]."""
-    command: Array
-    """(N, n) torque of the last cycle with all dither [N·m]."""
+    dither_after: bool  # Whether dither is added behind the saturation
+    rate: float  # Largest change of the torque per cycle [N·m]
+    limit: Array  # (n,) largest torque [N·m]
+    low: Array  # (n,) angle below which a joint is near its limit [rad]
+    high: Array  # (n,) angle above which a joint is near its limit [rad]
+    singular_below: float  # s_0 of `operational.renew` [1/kg]
+    singular_length: float  # ℓ of `operational.renew` [m]
+    filter_step: float  # Share of the way to its target that a reference moves per cycle [-]
+    position_target: Array  # (N, 3) [m]
+    quaternion_target: Array  # (N, 4)
+    position: Array  # (N, 3) of the reference [m]
+    quaternion: Array  # (N, 4) of the reference
+    error_matrix: Array  # (N, 4, 4) `rotation.error_matrix` of the reference
+    gain: Array  # (N, 6, 12) wrench per state: [−K, −D]
+    null_active: Bools  # (N,) whether there is a nullspace torque, of the next four
+    null_q: Array  # (N, n) q_d [rad]
+    null_stiffness: Array  # (N, n) k_n [N·m/rad]
+    null_damping: Array  # (N, n) d_n [N·m·s/rad]
+    null_torque: Array  # (N, n) τ_0 of the last cycle, written [N·m]
+    projector: Array  # (N, n, n) P [-]
+    inertia: Array  # (N, 6, 6) Λ [kg, kg·m, kg·m²]
+    singular: Bools  # (N,) whether the pose was (nearly) singular at the last `renew_space`
+    state: Array  # (N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle
+    q: Array  # (N, n) angles in the last cycle [rad]
+    wanted: Array  # (N, n) torque of the last cycle before the saturation [N·m]
+    sent: Array  # (N, n) torque of the last cycle behind the saturation [N·m]
+    command: Array  # (N, n) torque of the last cycle with all dither [N·m]
 
 
 class CartesianImpedance:
@@ -94,15 +69,10 @@ class CartesianImpedance:
     """
 
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
-        """Make the controllers; each needs `reset` before its first cycle.
-
-        Args:
-            settings: of all arms; `set_stiffness` changes their stiffness.
-            nsim: number of arms N ≥ 1.
-            limits: of one arm of n joints; its position and torque limits are used.
+        """Make the controllers of ``nsim`` arms with limits (n,); each needs `reset` at first.
 
         Raises:
-            StictionError: nsim, or a nullspace stiffness that is not one number or (n,).
+            StictionError: nsim < 1, or a nullspace stiffness that is not one number or (n,).
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: expected 1 or more")
@@ -148,13 +118,10 @@ class CartesianImpedance:
         self.set_stiffness(everyone, s.translational_stiffness, s.rotational_stiffness, nullspace)
 
     def reset(self, ids: Index, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
-        """Start arms anew: reference and nullspace at their poses, no torque, the same stiffness.
+        """Start arms ``ids`` (M,) anew: reference and nullspace at their poses, no torque.
 
-        Args:
-            ids: (M,) simulations.
-            position: (M, 3) of the end effector in the base frame [m].
-            quaternion: (M, 4) of the end effector, w, x, y, z.
-            q: (M, n) joint angles [rad].
+        The end effector's position (M, 3) [m] and quaternion (M, 4) are in the base frame; the
+        joint angles q are (M, n) [rad].
         """
         a = self.arrays
         a.position_target[ids] = a.position[ids] = position
@@ -166,13 +133,9 @@ class CartesianImpedance:
     def set_stiffness(
         self, ids: Index, translational: ArrayLike, rotational: ArrayLike, nullspace: ArrayLike
     ) -> None:
-        """Change the stiffness of arms ``ids`` (M,), and the damping with it.
+        """Change the stiffness of arms ``ids`` (M,), and the damping with it; stiffnesses are ≥ 0.
 
-        Args:
-            ids: (M,) simulations.
-            translational: ≥ 0, broadcasts to (M, 3) [N/m].
-            rotational: ≥ 0, broadcasts to (M, 3) [N·m/rad].
-            nullspace: ≥ 0, broadcasts to (M, n) [N·m/rad].
+        They broadcast to (M, 3) [N/m], (M, 3) [N·m/rad] and (M, n) [N·m/rad].
         """
         a, diagonal = self.arrays, np.empty((len(ids), 6))
         diagonal[:, :3], diagonal[:, 3:] = translational, rotational
@@ -188,7 +151,7 @@ class CartesianImpedance:
 def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
     """Renew Λ and P of arm ``i`` where a nullspace torque needs them, and whether it is singular.
 
-    Arguments and result are those of `operational.renew`.
+    See `operational.renew`.
     """
     low = a.singular_below, a.singular_length
     singular = a.singular[i : i + 1]
@@ -223,15 +186,8 @@ def impedance_cycle(
 ) -> None:
     """Write the command of arm ``i``.
 
-    Args:
-        i: the arm.
-        position: (N, 3) measured [m].
-        quaternion: (N, 4) measured.
-        jacobian: (N, 6, n).
-        q: (N, n) [rad].
-        dq: (N, n) [rad/s].
-        added: (N, n) dither and compensation, added to the torque [N·m].
-        a: the controllers.
+    Measured are position (N, 3) [m], quaternion (N, 4), Jacobian (N, 6, n), q and dq (N, n) [rad,
+    rad/s]; ``added`` (N, n) is dither and compensation, added to the torque [N·m].
     """
     n = dq.shape[1]
     state, wanted = a.state, a.wanted
@@ -273,9 +229,8 @@ def impedance_cycle(
 def read_flags(i: int, a: Impedance, out: Bools) -> None:
     """Raise flags (3,) of arm ``i``; none is lowered.
 
-    They are: at the last `renew_space` the arm was (nearly) singular, so that Λ is damped; in the
-    last cycle the torque rate or a torque limit cut the command of some joint; some joint was
-    beyond, or within the margin of, its position limit.
+    Singular: at the last `renew_space` Λ was damped. Saturated: in the last cycle the torque rate
+    or a torque limit cut a joint's command. Near a limit: a joint was within the margin or beyond.
     """
     if a.singular[i]:
         out[0] = True

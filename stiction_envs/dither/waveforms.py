@@ -42,12 +42,9 @@ class Waveform(ABC):
     An instance may have its own parameters (a duty cycle, say); each setting has its own name.
     """
 
-    name: ClassVar[str]
-    """In amplitude tables and on the command line: letters, digits and ``_``."""
-    cycles: ClassVar[int] = 1
-    """Period, in periods 1/f of the dither frequency."""
-    sinusoidal: ClassVar[bool] = False
-    """Whether w(θ) = sin θ: dither of such waveforms only is computed by compiled code."""
+    name: ClassVar[str]  # In amplitude tables and on the command line: letters, digits and ``_``
+    cycles: ClassVar[int] = 1  # Period, in periods 1/f of the dither frequency
+    sinusoidal: ClassVar[bool] = False  # Whether w(θ) = sin θ, which compiled code computes
 
     @abstractmethod
     def value(self, angle: Array, drawn: Array | None) -> Array:
@@ -61,9 +58,7 @@ class Waveform(ABC):
     def draw(self, seed: NDArray[np.uint64], joint: Index) -> Array:
         """Return (M, K) constants of M entries, once per dither; K = 0 unless overridden.
 
-        Args:
-            seed: (M,) seed of each entry's simulation.
-            joint: (M,) joint of each entry, from 0.
+        ``seed`` (M,) is that of each entry's simulation, ``joint`` (M,) counts from 0.
         """
         return np.zeros((len(seed), 0))
 
@@ -100,11 +95,7 @@ def register_waveform(waveform: Waveform) -> None:
 
 
 def named(name: str) -> Waveform:
-    """Return the waveform of that name.
-
-    Raises:
-        StictionError: an unknown name.
-    """
+    """Return the waveform of that name; raise a StictionError for an unknown one."""
     if name not in _registry:
         raise unknown("waveform", name, _registry)
     return _registry[name]

@@ -36,10 +36,8 @@ class Group:
     unit: str
     meaning: str
     _: KW_ONLY
-    per_joint: bool = False
-    """Whether there is one for every joint (name_1 … name_n)."""
-    labels: tuple[str, ...] = ()
-    """Otherwise: of each element (name_label); empty for a single one."""
+    per_joint: bool = False  # Whether there is one for every joint (name_1 … name_n)
+    labels: tuple[str, ...] = ()  # Otherwise: of each element (name_label); empty for a single one
 
     def names(self, n: int) -> list[str]:
         """Return the names of the elements for an arm of ``n`` joints."""

@@ -47,14 +47,10 @@ _METHOD = SWING, MARGIN, OTHERS_MARGIN, FLOOR, REST_PULL, SAMPLES, KEPT, ROUNDS,
 class Poses:
     """Poses and loads of all joints."""
 
-    q: Array
-    """(n, 2, n) pose for joint [first axis] under [load, no_load] [rad]."""
-    signed: Array
-    """(n, 2) signed load of the joint there [N·m]."""
-    load: Array
-    """(n, 2) absolute load there [N·m]."""
-    bearing: Bools
-    """(n,) joints whose load is their bearing's tilting moment."""
+    q: Array  # (n, 2, n) pose for joint [first axis] under [load, no_load] [rad]
+    signed: Array  # (n, 2) signed load of the joint there [N·m]
+    load: Array  # (n, 2) absolute load there [N·m]
+    bearing: Bools  # (n,) joints whose load is their bearing's tilting moment
 
 
 class PoseLoads:

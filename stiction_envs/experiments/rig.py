@@ -86,7 +86,7 @@ class Rig:
     def share_out(self, share: Share, threads: int) -> None:
         """Divide the arms into parts for some threads, whose tasks ``share`` does."""
         self._share = share
-        self.plant.part(threads)
+        self.plant.loop_batch.part(threads)
 
     # ---- where arms are put ------------------------------------------------------------------
 

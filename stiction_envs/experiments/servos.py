@@ -35,18 +35,13 @@ protocol: at 1.2/rad times the limit, friction (2 % scatter) is beaten within th
 class Approach:
     """Numbers of the way to a pose, and of its scatter; `sje.toml` has their sources."""
 
-    return_time: NotNegative
-    """Time of the move to the pose [s]."""
-    settle_time: NotNegative
-    """Time for which the pose is held afterwards [s]."""
+    return_time: NotNegative  # Time of the move to the pose [s]
+    settle_time: NotNegative  # Time for which the pose is held afterwards [s]
     hold_stiffness: NotNegative
     """Servo stiffness over torque limit [1/rad]; more where friction asks for it."""
-    hold_damping_ratio: NotNegative
-    """Damping ratio of the servo [-]."""
-    pose_scatter: NotNegative
-    """Standard deviation of the pose from one iteration to the next [rad]."""
-    friction_scatter: NotNegative
-    """Standard deviation of the dry friction, relative [-]."""
+    hold_damping_ratio: NotNegative  # Damping ratio of the servo [-]
+    pose_scatter: NotNegative  # Standard deviation of the pose from one iteration to the next [rad]
+    friction_scatter: NotNegative  # Standard deviation of the dry friction, relative [-]
 
 
 class Servos:

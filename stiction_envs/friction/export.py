@@ -43,16 +43,13 @@ class ExportedModel(Result):
 
     sticking: StickingModel
     xml: str
-    kind: Kind
-    """Element that carries the dry friction."""
-    motor: MotorInput
-    """Input of the ``dcmotor``."""
-    origin: Path | FrictionParameters
-    """Where the friction is from."""
+    kind: Kind  # Element that carries the dry friction
+    motor: MotorInput  # Input of the ``dcmotor``
+    origin: Path | FrictionParameters  # Where the friction is from
     provenance: Provenance
 
     def to_json(self) -> dict[str, list[dict[str, Any]]]:
-        """Return friction [N·m] and kind of every joint."""
+        """Return friction [N·m] of every joint, and whether it is elastic."""
         s = self.sticking
         return {
             "joints": [
@@ -167,11 +164,7 @@ def export(
 
 
 def friction_in(folder: Path) -> Path:
-    """Return the friction TOML of an earlier run's folder.
-
-    Raises:
-        StictionError: it has none of `SOURCES`.
-    """
+    """Return the friction TOML of an earlier run's folder; raise a StictionError if it has none."""
     for name in SOURCES:
         if (folder / name).is_file():
             return folder / name

@@ -11,8 +11,7 @@ import mujoco
 import numpy as np
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import StickingModel
-from stiction_envs.friction.tree import sticking_tree
+from stiction_envs.friction.model import StickingModel, sticking_tree
 from stiction_envs.reporting.templates import render
 from stiction_envs.robots.mjcf import numbers
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION
@@ -42,7 +41,7 @@ def plain_mjcf(
     Args:
         sticking: the model.
         friction_name: name of the friction in the comment at the top.
-        kind: what carries the dry friction; ``frictionloss`` is of its breakaway torque.
+        kind: element that carries dry friction; ``frictionloss`` has the breakaway torque.
         motor: input of the ``dcmotor``.
 
     Raises:
@@ -52,11 +51,15 @@ def plain_mjcf(
     own = sticking.parameters
     root = sticking_tree(arm, own, sticking.bristle_damping_of(own), sticking.timestep)
     joints = {j.get("name"): j for j in root.iter("joint")}
-    motors = [x for x in root.iter("dcmotor")]
+    motors = list(root.iter("dcmotor"))
     for name, limit, element in zip(arm.joint_names, arm.limits.torque, motors, strict=True):
         if kind == "frictionloss":
             element.tag, element.attrib = "motor", {"name": f"{name}_torque", "joint": name}
-            _frictionloss(joints[name], sticking)
+            actuator = model.actuator(f"{name}_torque").id
+            level = repr(float(model.actuator_biasprm[actuator, STICTION]))
+            joints[name].set("frictionloss", level)
+            for key, value in HARDEST.items():
+                joints[name].set(key, value.format(2 * sticking.timestep))
         elif motor != "ff":
             element.attrib |= {"input": motor, "motorconst": WINDING, "resistance": WINDING}
         if np.isfinite(limit):
@@ -97,11 +100,3 @@ def plain_mjcf(
     except ValueError as error:
         raise StictionError(f"{arm.name}: cannot be exported: {error}") from None
     return text
-
-
-def _frictionloss(element: ET.Element, sticking: StickingModel) -> None:
-    model = sticking.model
-    actuator = model.actuator(f"{element.get('name')}_torque").id
-    element.set("frictionloss", repr(float(model.actuator_biasprm[actuator, STICTION])))
-    for key, value in HARDEST.items():
-        element.set(key, value.format(2 * sticking.timestep))

@@ -57,14 +57,10 @@ copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _poin
 class Loop(NamedTuple):
     """Arms for compiled code; addresses are of memory that lives as long as the batch."""
 
-    model: int
-    """The address of the model that the simulations of this part use in turn."""
-    data: Addresses
-    """(N,) each simulation's `MjData`."""
-    rows: Addresses
-    """(N,) each simulation's state in the batch."""
-    going: Bools
-    """(N,) whether a simulation is stepped; the others do not change."""
+    model: int  # The address of the model that the simulations of this part use in turn
+    data: Addresses  # (N,) each simulation's `MjData`
+    rows: Addresses  # (N,) each simulation's state in the batch
+    going: Bools  # (N,) whether a simulation is stepped; the others do not change
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
     model, number of bytes."""

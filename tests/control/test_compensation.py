@@ -103,7 +103,7 @@ def test_gains_are_the_breakaway_torques():
         ("joint,gain_nm\n1,-0.5\n", "expected >= 0"),
         ("joint,gain_nm\n1,nan\n", "finite"),
         ("joint,gain_nm\n1,0\n", "compensates no joint"),
-        ("joint,gain_nm,speed_rad_s\n1,1,0\n", "speed_rad_s is 0: expected > 0"),
+        ("joint,gain_nm,speed_rad_s\n1,1,0\n", "speed of joint 1 is 0: expected > 0"),
         ("joint,gain\n1,1\n", "gain_nm"),
     ],
 )

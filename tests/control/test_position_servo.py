@@ -94,4 +94,4 @@ def test_a_delay_is_that_of_a_clock_where_it_is_negative():
     servos = PositionServos(
         stiffness=one, delay=-0.01 * one, speed_limit=one, torque_limit=one, dead_zone=0 * one
     )
-    assert servos.n == 2
+    assert servos.delay.tolist() == [-0.01, -0.01]

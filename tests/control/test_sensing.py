@@ -12,9 +12,9 @@ from stiction_envs.control.sensing import (
     Senses,
     Sensing,
     load_sensing,
-    low_pass_gain,
 )
 from stiction_envs.control.sensing_kernels import sense_arm
+from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
@@ -47,7 +47,6 @@ def phase_of(signal, wave):
 
 def test_only_senses_without_errors_are_ideal():
     assert Sensing().is_ideal
-    assert Sensing.ideal() == Sensing()
     for field in dataclasses.fields(Sensing):
         if field.name not in ("speed", "spread"):
             assert not Sensing(**{field.name: 0.01}).is_ideal, field.name

@@ -250,14 +250,14 @@ def test_bad_calls():
         d.torque(0.1)
     with pytest.raises(StictionError, match=r"qd has shape \(2, 1\)"):
         d.torque(0.1, np.zeros((2, 1)))
-    with pytest.raises(StictionError, match="amplitude"):
-        d.retune(0.1, amplitude=-1.0)
-    with pytest.raises(StictionError, match="frequency"):
-        d.retune(0.1, frequency=0.0)
-    with pytest.raises(StictionError, match="retune t has shape"):
-        d.retune(np.zeros(3), frequency=1.0)
-    with pytest.raises(StictionError, match="finite"):
-        d.retune(np.nan, frequency=1.0)
+    for t, amplitude, frequency, words in (
+        (0.1, -1.0, 1.0, "amplitude"),
+        (0.1, 1.0, 0.0, "frequency"),
+        (np.zeros(3), 1.0, 1.0, "retune time has shape"),
+        (np.nan, 1.0, 1.0, "finite"),
+    ):
+        with pytest.raises(StictionError, match=words):
+            d.retune(t, amplitude=amplitude, frequency=frequency)
     with pytest.raises(StictionError, match="set_rows"):
         d.set_rows([0], mixed(2))
 

@@ -37,31 +37,23 @@ class Refused(StictionError):
 class Bare:
     """A model in which nothing but friction and elastic joints acts."""
 
-    model: mujoco.MjModel
-    """As stock MuJoCo compiles it, without gravity, contacts, limits and controllers."""
+    model: mujoco.MjModel  # As MuJoCo compiles it, without gravity, contacts, limits, controllers
     mjcf: str | Path | None
     """Text or file from which it was compiled, for engines with a reader of their own; nothing is
     taken out of it. None for a model without MJCF."""
-    released: Index
-    """Hinges whose spring was taken out of `model`."""
+    released: Index  # Hinges whose spring was taken out of `model`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
     """A simulation for an engine: N copies, from rest, under applied joint torques."""
 
-    bare: Bare
-    """The model; controls stay zero."""
-    qpos: Array
-    """(N, nq) start positions [rad]."""
-    torque: Torque
-    """Asked once per chunk, so it may depend on the chunks before."""
-    steps: int
-    """Number of physics steps."""
-    record: Sequence[str] = ("qpos",)
-    """Names of `mujoco.MjData` fields."""
-    threads: int = 0
-    """Threads, 0 for all processors; an engine may not heed it."""
+    bare: Bare  # The model; controls stay zero
+    qpos: Array  # (N, nq) start positions [rad]
+    torque: Torque  # Asked once per chunk, so it may depend on the chunks before
+    steps: int  # Number of physics steps
+    record: Sequence[str] = ("qpos",)  # Names of `mujoco.MjData` fields
+    threads: int = 0  # Threads, 0 for all processors; an engine may not heed it
 
     @property
     def timestep(self) -> float:
@@ -78,16 +70,12 @@ class Drive:
 class Engine(abc.ABC):
     """A physics engine."""
 
-    name: ClassVar[str]
-    """On the command line; also of the extra that installs its packages."""
+    name: ClassVar[str]  # On the command line; also of the extra that installs its packages
     packages: ClassVar[tuple[tuple[str, str], ...]]
     """Module and distribution of each package that it needs; the first has its version."""
-    single: ClassVar[bool] = True
-    """Whether it computes in float32."""
-    motor: ClassVar[MotorInput | None] = "ff"
-    """Input of the ``dcmotor`` that it takes; None: it has no LuGre friction."""
-    keep: ClassVar[str]
-    """The line that a user has to write to keep the friction of an export, and why."""
+    single: ClassVar[bool] = True  # Whether it computes in float32
+    motor: ClassVar[MotorInput | None] = "ff"  # Its input of the ``dcmotor``; None: no LuGre
+    keep: ClassVar[str]  # What a user writes to keep the friction of an export, and why
 
     def check(self) -> None:
         """Raise a `StictionError` that names the extra if a package is missing."""

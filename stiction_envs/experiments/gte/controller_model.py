@@ -18,35 +18,24 @@ class Dynamics(NamedTuple):
     """One arm's model and data, in which the dynamics of all arms are computed in turn."""
 
     model: int
-    data: int
-    """Their addresses."""
-    qpos: Array
-    """(n,) of the data [rad]."""
-    qvel: Array
-    """(n,) [rad/s]."""
-    bias: Array
-    """(n,) torque of gravity, and of speeds [N·m]."""
+    data: int  # Their addresses
+    qpos: Array  # (n,) of the data [rad]
+    qvel: Array  # (n,) [rad/s]
+    bias: Array  # (n,) torque of gravity, and of speeds [N·m]
 
 
 class ModelArrays(NamedTuple):
     """What `renew_dynamics` computes with, and writes."""
 
-    believed: Dynamics
-    """Dynamics that the controller has."""
-    true: Dynamics
-    """Dynamics of the plant."""
-    is_wrong: bool
-    """Whether the two differ."""
-    entries: Array
-    """(E,) entries of the sparse inertia that is believed [kg·m²]."""
+    believed: Dynamics  # Dynamics that the controller has
+    true: Dynamics  # Dynamics of the plant
+    is_wrong: bool  # Whether the two differ
+    entries: Array  # (E,) entries of the sparse inertia that is believed [kg·m²]
     rows: Index
-    columns: Index
-    """(E,) where the entries are."""
-    rotor: Array
-    """(n,) [kg·m²]."""
+    columns: Index  # (E,) where the entries are
+    rotor: Array  # (n,) [kg·m²]
     mass: Array
-    missing: Array
-    """As of `ControllerModel`, written."""
+    missing: Array  # As of `ControllerModel`, written
 
 
 class ControllerModel:

@@ -216,7 +216,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self.recorder.start(ids, self.goals[ids])
 
     def _advance(self, ids: Index) -> None:
-        self.rig.plant.step_only(self.alive)
+        self.rig.plant.loop_batch.step_only(self.alive)
         self.recorder.advance()
         self.rig.end_effector.read()
         if self.rig.senses is not None:

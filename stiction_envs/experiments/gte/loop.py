@@ -45,21 +45,15 @@ from stiction_envs.plant.loop_batch import Loop, advance, take_fields
 class Shaking(NamedTuple):
     """The dither of N arms while they follow for K control steps."""
 
-    only_sines: bool
-    """Whether the dither is ungated sines without offset: else `ungated` has the waveforms."""
-    omega: Array
-    phase: Array
-    amplitude: Array
-    """(N, n) of the sines [rad/s, rad, N·m]."""
-    ungated: Array
-    """(K, N, n) other waveforms in the control steps in which a controller computes [N·m]."""
+    only_sines: bool  # Whether dither is ungated sines without offset; else `ungated` has it
+    omega: Array  # (N, n) of the sines [rad/s]
+    phase: Array  # (N, n) of the sines [rad]
+    amplitude: Array  # (N, n) of the sines [N·m]
+    ungated: Array  # (K, N, n) waveforms in the control steps in which a controller computes [N·m]
     gated: bool
-    fade: Array
-    """(N, n) 1/v_gate [s/rad]."""
-    offset: Array
-    """(N, n) [N·m]."""
-    torque: Array
-    """(N, n) of the last cycle, written [N·m]."""
+    fade: Array  # (N, n) 1/v_gate [s/rad]
+    offset: Array  # (N, n) [N·m]
+    torque: Array  # (N, n) of the last cycle, written [N·m]
 
 
 class Sampling(NamedTuple):
@@ -69,61 +63,41 @@ class Sampling(NamedTuple):
     """
 
     stride: int
-    position: Array
-    """(K, N, 3) of the tool points [m]."""
-    quaternion: Array
-    """(K, N, 4) of the hands."""
-    reference: Array
-    """(S, N, 7) position [m] and quaternion of the reference in each sample's first step."""
-    detailed: bool
-    """Whether the next three are recorded too; they start at 0."""
-    power: Array
-    """(S, N) sum over steps and joints of |dither torque · motor speed| [W]."""
-    rate: Array
-    """(S, N, n) largest change of torque [N·m/s]."""
-    flags: Bools
-    """(S, N, 3) whether the controller raised each flag of `impedance.read_flags`."""
-    previous: Array
-    """(N, n) torque on the joints in the step before, kept from call to call [N·m]."""
+    position: Array  # (K, N, 3) of the tool points [m]
+    quaternion: Array  # (K, N, 4) of the hands
+    reference: Array  # (S, N, 7) position [m], quaternion of the reference in a sample's first step
+    detailed: bool  # Whether the next three are recorded too; they start at 0
+    power: Array  # (S, N) sum over steps and joints of |dither torque · motor speed| [W]
+    rate: Array  # (S, N, n) largest change of torque [N·m/s]
+    flags: Bools  # (S, N, 3) whether the controller raised each flag of `impedance.read_flags`
+    previous: Array  # (N, n) torque on the joints in the step before, kept from call to call [N·m]
 
 
 class Arms(NamedTuple):
     """All that a control step of N arms of n joints reads and writes."""
 
-    step: Index
-    """(N,) control steps since the arm began to follow."""
-    hold: int
-    """Control steps of a controller's cycle."""
-    model_period: int
-    goal_period: int
-    """Control steps between two renewals of the controller's model, and between two looks at the
-    goals."""
+    step: Index  # (N,) control steps since the arm began to follow
+    hold: int  # Control steps of a controller's cycle
+    model_period: int  # Control steps between two renewals of the controller's model
+    goal_period: int  # Control steps between two looks at the goals
     plant: PlantArrays
-    hand: Hand
-    """The true end effector."""
-    senses: bool
-    """Whether controllers have measured states, and commands take time: else the true states."""
-    measured: Measured
-    """What controllers have: q, dq; without senses these two only."""
+    hand: Hand  # The true end effector
+    senses: bool  # Whether controllers have measured states, and commands take time
+    measured: Measured  # What controllers have: q, dq; without senses these two only
     sent: Sent
     chain: Chain
-    measured_hand: Hand
-    """The end effector at the measured angles."""
-    position: Array
-    quaternion: Array
-    jacobian: Array
-    """(N, 3), (N, 4), (N, 6, n) end effector as controllers have it."""
+    measured_hand: Hand  # The end effector at the measured angles
+    position: Array  # (N, 3) of the end effector as controllers have it [m]
+    quaternion: Array  # (N, 4) of the same
+    jacobian: Array  # (N, 6, n) of the same
     movement: Movement
     goals: Goals
     impedance: Impedance
-    compensated: bool
-    """Whether any arm has a compensation."""
+    compensated: bool  # Whether any arm has a compensation
     compensation: Compensations
-    added: Array
-    """(N, n) dither and compensation of the last cycle, written [N·m]."""
+    added: Array  # (N, n) dither and compensation of the last cycle, written [N·m]
     path: Path
-    applied: Array
-    """(N, n) what the joints get of the command, written [N·m]."""
+    applied: Array  # (N, n) what the joints get of the command, written [N·m]
     shaking: Shaking
     sampling: Sampling
 

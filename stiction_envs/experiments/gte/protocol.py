@@ -32,25 +32,17 @@ FLAGS = ("singular", "saturated", "near_limit")
 class GTEProtocol:
     """Numbers of the experiment; `gte.toml` has their sources."""
 
-    iterations: Count
-    """Runs per case."""
-    window: Positive
-    """Half the window of Table 4.11 [s]."""
-    sample_rate: Positive
-    """Rate at which errors are sampled [Hz]."""
-    model_steps: Count
-    """Control steps between two updates of the controller's model."""
-    return_distance: Positive
-    """How far joints are from the start before they are brought back [rad]."""
-    tail: Positive
-    """Time after the last goal is reached or given up [s]."""
+    iterations: Count  # Runs per case
+    window: Positive  # Half the window of Table 4.11 [s]
+    sample_rate: Positive  # Rate at which errors are sampled [Hz]
+    model_steps: Count  # Control steps between two updates of the controller's model
+    return_distance: Positive  # Distance of joints from the start before their return [rad]
+    tail: Positive  # Time after the last goal is reached or given up [s]
     patience: Positive
     """Time a path may take beyond its movements and the generator's own patience before it is
     given up: counts only where that is inf (`MotionLimits.patience`) [s]."""
-    vibration_low: Positive
-    """Lowest frequency that counts as vibration [Hz]."""
-    vibration_lever: Positive
-    """How much translation a vibration of 1 rad counts as [m]."""
+    vibration_low: Positive  # Lowest frequency that counts as vibration [Hz]
+    vibration_lever: Positive  # How much translation a vibration of 1 rad counts as [m]
 
     def __post_init__(self) -> None:
         if self.tail < self.window:
@@ -74,12 +66,9 @@ def load_gte_protocol() -> GTEProtocol:
 class EpisodeSettings:
     """What is drawn for an episode of the environment."""
 
-    stiffness: tuple[Stiffness, ...]
-    """Stiffnesses of the triangle and the pentagon."""
-    random_paths: Count
-    """How many are drawn from."""
-    undithered_iterations: Count
-    """Iterations of a random path whose mean is the unit of the reward."""
+    stiffness: tuple[Stiffness, ...]  # Stiffnesses of the triangle and the pentagon
+    random_paths: Count  # How many are drawn from
+    undithered_iterations: Count  # Iterations of a random path whose mean is the unit of the reward
 
     @property
     def unit(self) -> tuple[float, float]:
@@ -97,16 +86,11 @@ def episode_settings() -> EpisodeSettings:
 class GTERewardSettings:
     """Weights of the environment's reward, and the unit of its shaking."""
 
-    settling_weight: Share
-    """Weight of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
-    power_weight: Positive
-    """Weight of the mean of (A / A_max)² [-]."""
-    torque_rate_weight: Positive
-    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
-    shaking_weight: Positive
-    """Weight of the vibration [-]."""
-    shaking_unit: Positive
-    """Unit of the vibration [m]."""
+    settling_weight: Share  # Weight of the error left at the goals; that of tracking is 1 less it
+    power_weight: Positive  # Weight of the mean of (A / A_max)² [-]
+    torque_rate_weight: Positive  # Weight of the mean of (2πfA / torque rate limit)² [-]
+    shaking_weight: Positive  # Weight of the vibration [-]
+    shaking_unit: Positive  # Unit of the vibration [m]
 
 
 def gte_reward_settings() -> GTERewardSettings:
@@ -118,13 +102,10 @@ def gte_reward_settings() -> GTERewardSettings:
 class Case:
     """One path at one stiffness with one dither and one compensation."""
 
-    trajectory: str
-    """Name of the path."""
+    trajectory: str  # Name of the path
     stiffness: Stiffness
-    dither: tuple[AmplitudeRow, ...] = ()
-    """Dither of each dithered joint; empty is none."""
-    compensation: Compensation | None = None
-    """Compensation of the joints' friction; None is none."""
+    dither: tuple[AmplitudeRow, ...] = ()  # Dither of each dithered joint; empty is none
+    compensation: Compensation | None = None  # Compensation of the joints' friction; None is none
 
     def __post_init__(self) -> None:
         if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
@@ -153,25 +134,17 @@ class Run:
     """All iterations of one case; K samples at the sample rate, from the first goal on."""
 
     case: Case
-    time: Array
-    """(K,) [s]."""
-    reference: Array
-    """(iterations, K, 6) pose of the reference: x, y, z [m], roll, pitch, yaw [rad]."""
-    actual: Array
-    """(iterations, K, 6) measured pose of the tool point, oriented as the hand."""
-    accepted: Array
-    """(iterations, goals) times at which goals were accepted [s]; NaN where never."""
-    reached: Array
-    """(iterations, goals) times at which goals were reached [s]; NaN where never."""
+    time: Array  # (K,) [s]
+    reference: Array  # (iterations, K, 6) reference: x, y, z [m], roll, pitch, yaw [rad]
+    actual: Array  # (iterations, K, 6) measured pose of the tool point, oriented as the hand
+    accepted: Array  # (iterations, goals) times at which goals were accepted [s]; NaN where never
+    reached: Array  # (iterations, goals) times at which goals were reached [s]; NaN where never
     mean_square: Array
     """(iterations, K, 6) mean square above `vibration_low` within each sample: of the position,
     then of turns about x, y, z times `vibration_lever` [m²]."""
-    dither_power: Array
-    """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
-    torque_rate: Array
-    """(iterations, n) largest change of torque on each joint [N·m/s]."""
-    flags: dict[str, Bools]
-    """(iterations,) of each of :data:`FLAGS`: whether it was ever raised."""
+    dither_power: Array  # (iterations, K) mean of |dither torque · motor speed| of all joints [W]
+    torque_rate: Array  # (iterations, n) largest change of torque on each joint [N·m/s]
+    flags: dict[str, Bools]  # (iterations,) of each of :data:`FLAGS`: whether it was ever raised
 
     @property
     def error(self) -> Array:

@@ -33,11 +33,9 @@ class TrackingErrors(Result):
     """Tracking errors of an arm on its paths."""
 
     robot: str
-    runs: tuple[tuple[Run, Measures], ...]
-    """One per case."""
+    runs: tuple[tuple[Run, Measures], ...]  # One per case
     provenance: Provenance
-    note: str = ""
-    """Stands at the top of the report."""
+    note: str = ""  # Stands at the top of the report
 
     @property
     def rows(self) -> list[ErrorRow]:

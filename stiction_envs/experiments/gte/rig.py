@@ -78,7 +78,7 @@ class GTERig(Rig):
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
         # compiled code takes the arrays of senses also where there are none
-        nothing = Sensing.ideal()
+        nothing = Sensing()
         self._measured = self.senses or Senses(nothing, nsim, self.n)
         self._sent = self._line or CommandLine(nothing, nsim, self.n)
         self._measured_end_effector = MeasuredEndEffector(sticking, self._measured.q, setup.tool)
@@ -177,18 +177,13 @@ class GTERig(Rig):
     def advance(self, steps: int, sampling: Sampling | None = None) -> None:
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
-        arms, row = self._arms(steps, sampling), 0
-        parts = [
+        arms, row, batch = self._arms(steps, sampling), 0, self.plant.loop_batch
+        loops = [
             (part.start, part.stop, self._model.arrays(k), loop)
-            for k, (part, loop) in enumerate(self.plant.loops)
+            for k, (part, loop) in enumerate(zip(batch.parts, batch.loops, strict=True))
         ]
         for block in self.plant.blocks(steps):
-            self._share(
-                [
-                    partial(follow, first, end, row, block, arms, model, loop)
-                    for first, end, model, loop in parts
-                ]
-            )
+            self._share([partial(follow, a, b, row, block, arms, m, c) for a, b, m, c in loops])
             row += block
 
     def _arms(self, steps: int, sampling: Sampling) -> Arms:

@@ -32,10 +32,8 @@ class Samples:
     actual: Array
     """(N, S, 6) pose at the first control step of each sample: x, y, z of the tool point [m], roll,
     pitch, yaw of the hand's frame [rad]."""
-    error: Array
-    """(N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]."""
-    reference: Array
-    """(N, S, 6) pose of the reference then."""
+    error: Array  # (N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]
+    reference: Array  # (N, S, 6) pose of the reference then
     mean_square: Array
     """(N, 6, S) mean square, over the control steps of each sample, of what is above the protocol's
     `vibration_low`: the tool point's position, then the hand's turns about x, y, z times the
@@ -210,14 +208,10 @@ class RunLog(Sampler):
 class PathTrace:
     """One path, kept to be drawn; lists of one array per step."""
 
-    time: list[Array] = field(default_factory=list)
-    """(S,) of the samples [s]."""
-    error: list[Array] = field(default_factory=list)
-    """(S, 6) [m, rad]."""
-    position: list[Array] = field(default_factory=list)
-    """(S, 3) of the flange [m]."""
-    amplitude: list[Array] = field(default_factory=list)
-    """(1, n) of the step's dither [N·m]."""
+    time: list[Array] = field(default_factory=list)  # (S,) of the samples [s]
+    error: list[Array] = field(default_factory=list)  # (S, 6) [m, rad]
+    position: list[Array] = field(default_factory=list)  # (S, 3) of the flange [m]
+    amplitude: list[Array] = field(default_factory=list)  # (1, n) of the step's dither [N·m]
 
 
 class Recorder(Accumulator):

@@ -31,16 +31,11 @@ KIND, RANDOM_KIND = "undithered", "undithered_random"
 class Undithered:
     """Means over the iterations of one trajectory at one stiffness, without dither."""
 
-    total: Array
-    """(6,) absolute error summed over the samples of an episode [m, rad]."""
-    window: Array
-    """(6,) the same within the window of Table 4.11 [m, rad]."""
-    duration: float
-    """From the start to the end of the tail [s]."""
-    left: Array
-    """(G, 2) error left when the arm's time at each goal is over [m, rad]."""
-    shaking: float
-    """Vibration, turns included, root mean square over the motion [m]."""
+    total: Array  # (6,) absolute error summed over the samples of an episode [m, rad]
+    window: Array  # (6,) the same within the window of Table 4.11 [m, rad]
+    duration: float  # From the start to the end of the tail [s]
+    left: Array  # (G, 2) error left when the arm's time at each goal is over [m, rad]
+    shaking: float  # Vibration, turns included, root mean square over the motion [m]
 
 
 def fingerprint(

@@ -58,14 +58,11 @@ class Calibration:
     """Identified friction, and how well it reproduces the table."""
 
     parameters: FrictionParameters
-    simulated: Array
-    """(n, 2, 2) base torques with these parameters, scatter off [N·m]."""
+    simulated: Array  # (n, 2, 2) base torques with these parameters, scatter off [N·m]
     measured: BaseTable
-    error: float
-    """Largest |simulated − measured| / |measured| [-]."""
+    error: float  # Largest |simulated − measured| / |measured| [-]
     rounds: int
-    negative_load: tuple[int, ...]
-    """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
+    negative_load: tuple[int, ...]  # Joints (1..n) whose friction was *smaller* under load
 
     def to_json(self) -> dict[str, object]:
         """Return JSON values: every base torque measured and simulated."""

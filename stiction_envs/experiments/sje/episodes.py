@@ -64,16 +64,11 @@ GROUPS = (
 class RampTrace:
     """Samples of one ramp, one per block of control steps, kept to be drawn."""
 
-    time: list[float] = field(default_factory=list)
-    """Since the ramp started [s]."""
-    torque: list[float] = field(default_factory=list)
-    """Commanded torque of the tested joint, dither excluded [N·m]."""
-    amplitude: list[float] = field(default_factory=list)
-    """Dither amplitude of the tested joint [N·m]."""
-    frequency: list[float] = field(default_factory=list)
-    """Dither frequency of the tested joint [Hz]."""
-    displacement: list[float] = field(default_factory=list)
-    """Angle of the tested joint since its ramp started [rad]."""
+    time: list[float] = field(default_factory=list)  # Since the ramp started [s]
+    torque: list[float] = field(default_factory=list)  # Of the tested joint, without dither [N·m]
+    amplitude: list[float] = field(default_factory=list)  # Of the tested joint [N·m]
+    frequency: list[float] = field(default_factory=list)  # Of the tested joint [Hz]
+    displacement: list[float] = field(default_factory=list)  # Of the tested joint [rad]
 
 
 class SJEEpisodes(Episodes[Configuration, float]):

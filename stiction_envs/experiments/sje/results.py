@@ -79,18 +79,13 @@ class BreakawayTorques(Result):
     """Breakaway torques of an experiment, with and without dither."""
 
     robot: str
-    n: int
-    """Joints of the arm."""
+    n: int  # Joints of the arm
     protocol: Protocol
-    measurements: tuple[Measurement, ...]
-    """By joint, pose and direction, base before dithered."""
+    measurements: tuple[Measurement, ...]  # By joint, pose and direction, base before dithered
     provenance: Provenance
-    file: str = "sje.csv"
-    """Name of the table that `write` makes."""
-    note: str = ""
-    """Stands at the top of the report."""
-    servo_stiffness: NDArray[np.float64] | None = None
-    """(n,) of the position servos that drove the joints [N·m/rad]; None for torques."""
+    file: str = "sje.csv"  # Name of the table that `write` makes
+    note: str = ""  # Stands at the top of the report
+    servo_stiffness: NDArray[np.float64] | None = None  # (n,) of servos [N·m/rad]
 
     @property
     def rows(self) -> list[SJERow]:

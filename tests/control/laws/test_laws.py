@@ -13,7 +13,7 @@ from stiction_envs.control.impedance import CartesianImpedance, Impedance
 from stiction_envs.control.laws import LAWS, base, law_torque
 from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.inertia import mass_matrix
+from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.plant import Plant
@@ -133,7 +133,7 @@ def sliding_joint() -> tuple[Plant, Compensation, float]:
     sticking = build(arm, friction)
     c = Compensation.from_friction("lugre_observer", friction)
     c = replace(c, damping=tuple(sticking.bristle_damping_of(friction)), injection=(0.0,))
-    inertia = mass_matrix(arm, arm.rest[None])[0, JOINT, JOINT] + friction.rotor_inertia[JOINT]
+    inertia = link_inertia(arm, arm.rest[None])[0, JOINT] + friction.rotor_inertia[JOINT]
     return Plant(sticking, 1), c, float(inertia)
 
 
