@@ -27,8 +27,7 @@ from stiction_envs.measured.csv_text import Line, read_lines, write_lines
 from stiction_envs.measured.ros_parameters import Group, is_parameters, read_parameters
 from stiction_envs.measured.tables import write_final
 
-COLUMNS = ("joint", "gain_nm")
-"""Columns of a table of gains, which may also have `OPTIONAL`."""
+COLUMNS = ("joint", "gain_nm")  # Columns of a table of gains, which may also have `OPTIONAL`
 KIND, GROUP = "kind", "compensation"
 OPTIONAL = (
     KIND,

@@ -34,11 +34,9 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import read_toml
 
-Numbers = float | tuple[float, ...]
-"""One number for all joints, or one per joint."""
+Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
 SPEEDS = ("logged", "difference")
-LONGEST = 0.1
-"""Longest delay, jitter or lag that is simulated [s]; assumed."""
+LONGEST = 0.1  # Longest delay, jitter or lag that is simulated [s]; assumed
 PER_JOINT = (
     *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
     *("torque_resolution", "torque_noise", "torque_offset"),
@@ -176,9 +174,6 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
     return out
 
 
-# ---- N arms --------------------------------------------------------------------------------------
-
-
 def _steps(seconds: float) -> float:
     """Return a time in control steps, without the error of 0.003 / 0.001."""
     return round(seconds / CONTROL_DT, 9)
@@ -203,8 +198,7 @@ class _Seeded:
         return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
 
 
-FACTOR = 63
-"""Channel of an arm's factor, which is drawn with control step 0."""
+FACTOR = 63  # Channel of an arm's factor, which is drawn with control step 0
 
 
 class Senses(_Seeded):

@@ -22,10 +22,8 @@ _ONE, _HIGH = np.uint64(1), np.uint64(11)
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _STRIDE, _OWN = 64, 48
 """Channels of a control step: four of each joint, and those of the whole arm from `_OWN` on."""
-JITTER, MISSED = _OWN, _OWN + 1
-"""Channels of an arm."""
-START = -1
-"""Control step of what is drawn once, when a simulation starts."""
+JITTER, MISSED = _OWN, _OWN + 1  # Channels of an arm
+START = -1  # Control step of what is drawn once, when a simulation starts
 
 
 class Measured(NamedTuple):

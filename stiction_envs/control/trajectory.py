@@ -19,15 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.control.impedance import GTE_DEFAULTS
 from stiction_envs.control.rotation import from_rpy, multiply
-from stiction_envs.control.settings import GTE_DEFAULTS
-from stiction_envs.control.trapezoid import (
-    Goals,
-    Movement,
-    Reference,
-    plan,
-    sample,
-)
+from stiction_envs.control.trapezoid import Goals, Movement, Reference, plan, sample
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
 from stiction_envs.method_settings import Positive

@@ -22,8 +22,7 @@ from stiction_envs.errors import StictionError, unknown
 SWEEP_CYCLES = 64
 """Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
 (`assumed`: long enough to keep 98 % of the chirp's power in its band; 0.8 s at 80 Hz)."""
-TONES = 16
-"""Number of sines in the random waveform (`assumed`)."""
+TONES = 16  # Number of sines in the random waveform (`assumed`)
 BANDWIDTH = 0.5
 """Relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) [-] (`assumed`); at least
 TONES / SWEEP_CYCLES, so that the random tones lie on different lines."""
@@ -99,9 +98,6 @@ def named(name: str) -> Waveform:
     if name not in _registry:
         raise unknown("waveform", name, _registry)
     return _registry[name]
-
-
-# ---- the waveforms that come with the package ----------------------------------------------------
 
 
 class Sine(Waveform):
@@ -216,8 +212,7 @@ def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x ^ (x >> np.uint64(31))
 
 
-DEFAULT_WAVEFORM = Sine.name
-"""Used where a table or a call names none."""
+DEFAULT_WAVEFORM = Sine.name  # Used where a table or a call names none
 
 register_waveform(Sine())
 register_waveform(Square())

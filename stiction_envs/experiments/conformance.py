@@ -25,6 +25,7 @@ import copy
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -36,8 +37,8 @@ from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
+from stiction_envs.friction.export import Kind, plain_mjcf
 from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.plain_mjcf import Kind, plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
@@ -47,8 +48,7 @@ from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 
 USUAL = ConformanceSettings()
-STILL_SINGLE = 1e-5
-"""Largest motion of a joint that holds in an engine of float32 [rad]; assumed."""
+STILL_SINGLE = 1e-5  # Largest motion of a joint that holds in an engine of float32 [rad]; assumed
 _SILENT = 30  # actuator group that is switched off
 
 
@@ -76,18 +76,15 @@ def conformance(
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
         engine: where the joints are tested, one of `engines.ENGINES`.
         qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
-        rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings, and for
-            none in another engine than MuJoCo.
-        chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
-            other joints are locked; None for all hinges.
+        rates: ramp rates [N·m/s]; None for those of the settings, in MuJoCo alone.
+        chain: base and tip link of one arm in a bigger robot's file, whose other joints are locked.
         threads: threads, 0 for all processors.
         settings: numbers of the test; None for `USUAL`.
         progress: called with the tests done and their number.
 
     Raises:
-        StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
-            negative, position outside limits, rate that is not positive, or an engine that is
-            unknown or not installed.
+        StictionError: an unreadable model, no hinge with friction, a bad argument, or an engine
+            that is unknown or not installed.
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
     where = engine_named(engine)
@@ -170,25 +167,22 @@ def conformance(
     )
 
 
+@dataclass(frozen=True)
 class _Bench:
     """One simulation per joint and direction: first all joints +, then all −."""
 
-    def __init__(
-        self,
-        engine: Engine,
-        bare: Bare,
-        joints: Index,
-        level: Array,
-        qpos: Array,
-        threads: int,
-        settings: ConformanceSettings,
-    ) -> None:
-        self.settings = settings
-        self.engine, self.bare, self.threads = engine, bare, threads
-        self.qpos, self.n = qpos, len(joints)
-        self.level = level
-        self.dof = bare.model.jnt_dofadr[joints]
-        self.adr = bare.model.jnt_qposadr[joints]
+    engine: Engine
+    bare: Bare
+    joints: Index  # (joints,) the tested ones
+    level: Array  # (joints,) stiction [N·m]
+    qpos: Array  # (nq,) start positions
+    threads: int
+    settings: ConformanceSettings
+
+    @property
+    def n(self) -> int:
+        """Number of tested joints."""
+        return len(self.joints)
 
     def run(
         self,
@@ -201,23 +195,21 @@ class _Bench:
 
         ``torque`` of times (K,) is (joints, K); it is applied with each of the signs in turn.
         """
-        m = len(signs) * self.n
-        dof = np.tile(self.dof, len(signs))
+        m, model = len(signs) * self.n, self.bare.model
+        dof = np.tile(model.jnt_dofadr[self.joints], len(signs))
         sign = np.repeat(np.array(signs, float), self.n)
 
         def applied(t: Array) -> Array:
-            out = np.zeros((m, len(t), self.bare.model.nv))
+            out = np.zeros((m, len(t), model.nv))
             out[np.arange(m), :, dof] = sign[:, None] * np.tile(torque(t), (len(signs), 1))
             return out
 
-        start = np.tile(self.qpos, (m, 1))
-        steps = round(time / self.bare.model.opt.timestep)
-        adr = np.tile(self.adr, len(signs))
+        adr = np.tile(model.jnt_qposadr[self.joints], len(signs))
         drive = Drive(
             bare=self.bare,
-            qpos=start,
+            qpos=np.tile(self.qpos, (m, 1)),
             torque=applied,
-            steps=steps,
+            steps=round(time / model.opt.timestep),
             record=record,
             threads=self.threads,
         )
@@ -279,7 +271,7 @@ class _Bench:
         time = 2 * float(self.level.max()) / rate + self.settings.go_time
         for part, moved in self.run(torque, time, (1,), fields):
             friction = -(part["qfrc_actuator"] + part["qfrc_constraint"])
-            mine = friction[np.arange(self.n), :, self.dof]
+            mine = friction[np.arange(self.n), :, self.bare.model.jnt_dofadr[self.joints]]
             before = np.cumsum(moved > self.settings.gone, axis=1) == 0
             top = np.where(before & ~gone[:, None], mine, -np.inf).max(axis=1)
             peak = np.maximum(peak, top)

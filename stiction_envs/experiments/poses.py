@@ -24,15 +24,12 @@ from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
 _TOGETHER = 1024  # poses computed at once; assumed
-SWING = 0.15
-"""The experiment moves the joint this far each way [rad]; thesis 3.2."""
+SWING = 0.15  # The experiment moves the joint this far each way [rad]; thesis 3.2
 MARGIN = 0.3
 """Distance of the joint under test from its limits [rad]; assumed: swing, start tolerance,
 overshoot."""
-OTHERS_MARGIN = 0.1
-"""Distance of the other joints from their limits [rad]; assumed."""
-FLOOR = 0.05
-"""Least height of the outer links of an upright arm over its base plane [m]; assumed."""
+OTHERS_MARGIN = 0.1  # Distance of the other joints from their limits [rad]; assumed
+FLOOR = 0.05  # Least height of the outer links of an upright arm over its base plane [m]; assumed
 REST_PULL = 0.02
 """Weight of the distance (root mean square, over the range) from the rest pose [N·m]; assumed."""
 SAMPLES, KEPT, ROUNDS = 2048, 64, 14

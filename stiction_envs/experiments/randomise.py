@@ -26,8 +26,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "load": ("load_coefficient",),
 }
 """Fields of the friction that a spread is about; Coulomb friction is a share of the stiction."""
-SENSES = "senses"
-"""The spread of noise and delays of the senses."""
+SENSES = "senses"  # The spread of noise and delays of the senses
 
 
 def check_spreads(
@@ -36,8 +35,7 @@ def check_spreads(
     """Return the spread of each of `FIELDS`, or nothing where all are 0; see `randomised_senses`.
 
     Raises:
-        StictionError: an unknown name, a spread that is not in [0, 1), or one with which a bristle
-            would chatter.
+        StictionError: an unknown name, or a spread that is not in [0, 1) or makes bristles chatter.
     """
     names = (*FIELDS, SENSES)
     if randomise is not None and not isinstance(randomise, Mapping):
@@ -65,11 +63,7 @@ def check_spreads(
 
 
 def randomised_senses(sensing: Sensing, randomise: Mapping[str, float] | None) -> Sensing:
-    """Return senses with the spread that checked spreads have for them.
-
-    Raises:
-        StictionError: a spread of ideal senses.
-    """
+    """Return senses with the spread that ``randomise`` has for them; raise for ideal senses."""
     spread = (randomise or {}).get(SENSES, 0.0)
     if spread and sensing.is_ideal:
         raise StictionError(f"randomise {SENSES}: the senses are ideal: expected other sensing")
@@ -77,11 +71,7 @@ def randomised_senses(sensing: Sensing, randomise: Mapping[str, float] | None) -
 
 
 def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
-    """Return the friction of an arm whose fields of ``friction`` are times a factor.
-
-    Raises:
-        StictionError: a factor that is not above 0.
-    """
+    """Return the friction of an arm whose fields of ``friction`` are times a factor > 0."""
     number = isinstance(factor, (int, float)) and not isinstance(factor, bool)
     if not (number and 0 < factor < np.inf):
         raise StictionError(f"friction_factor {factor!r}: expected a number above 0")
@@ -100,10 +90,7 @@ def randomised(
 ) -> FrictionParameters:
     """Return the friction of M arms.
 
-    Args:
-        parameters: of the nominal arm.
-        spreads: of each of `FIELDS`.
-        drawn: (M, spreads, n) in [−1, 1].
+    ``spreads`` are those of `FIELDS`, ``drawn`` (M, spreads, n) is in [−1, 1].
     """
     out = parameters.tile(len(drawn))
     for k, (name, fields) in enumerate(FIELDS.items()):

@@ -55,9 +55,7 @@ class Servos:
     def resistance(self, signed: Array, load: Array) -> Array:
         """Return the torque (M, n) that a servo must beat [N·m]: stiction and offset of the model.
 
-        Args:
-            signed: (M, n) signed load of the joints [N·m].
-            load: (M, n) its size [N·m].
+        The load of the joints is ``signed`` (M, n), its size ``load`` (M, n) [N·m].
         """
         p = self.sticking.parameters
         offset = p.offset + p.gravity_error * np.clip(signed, -p.load_high, p.load_high)
@@ -71,11 +69,10 @@ class Servos:
         return out
 
     def inertia(self, q: Array) -> tuple[Array, Array]:
-        """Return the inertia that joints move at poses q (M, n) [rad].
+        """Return the inertia [kg·m²] that joints move at poses q (M, n) [rad], rotors included.
 
-        Returns:
-            (M, n) inertia of each joint with the others locked, and (M, nv, nv) mass matrices of
-            the model's motors and springs, both with rotors [kg·m²].
+        It is (M, n) for each joint with the others locked, then (M, nv, nv) mass matrices of the
+        model's motors and springs.
         """
         s = self.sticking
         data = mujoco.MjData(s.model)
@@ -89,10 +86,7 @@ class Servos:
     def damping(self, stiffness: Array, inertia: Array, mass: Array) -> Array:
         """Return the damping (M, n) [N·m·s/rad]: critical, or as much as the step allows.
 
-        Args:
-            stiffness: (M, n) of the servos [N·m/rad].
-            inertia: (M, n) as of `inertia` [kg·m²].
-            mass: (M, nv, nv) as of `inertia` [kg·m²].
+        ``inertia`` and ``mass`` are those of `inertia`; ``stiffness`` is (M, n) [N·m/rad].
         """
         critical = 2 * self.approach.hold_damping_ratio * np.sqrt(stiffness * inertia)
         s, p = self.sticking, self.sticking.parameters

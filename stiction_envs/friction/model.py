@@ -40,8 +40,7 @@ from stiction_envs.robots.mjcf import numbers, parents
 RIPPLE, BRISTLE_DAMPING = 0, 6
 NO_GRAVITY_NM = 0.02
 """Largest gravity torque under which a joint counts as one that sees none [N·m]; assumed."""
-_POSES = 256
-"""Random poses in which gravity is looked at [-]; assumed."""
+_POSES = 256  # Random poses in which gravity is looked at [-]; assumed
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -17,8 +17,7 @@ from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import Table, check_range, read_toml
 
-CONTROL_DT = 1e-3
-"""Control step, and longest physics step [s]."""
+CONTROL_DT = 1e-3  # Control step, and longest physics step [s]
 GENERIC = Path(__file__).with_name("generic.toml")
 """Friction of an arm without parameters of its own; all assumed."""
 

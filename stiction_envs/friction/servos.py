@@ -14,8 +14,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots.tables import read_toml
 
-LONGEST_DELAY = 1.0
-"""Longest delay of a command that is simulated [s]; assumed."""
+LONGEST_DELAY = 1.0  # Longest delay of a command that is simulated [s]; assumed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -16,8 +16,7 @@ from stiction_envs.friction.inertia import link_inertia, mass_matrix
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.robots import Arm
 
-POSES = 256
-"""Random poses in which the least inertia is looked for [-]; assumed."""
+POSES = 256  # Random poses in which the least inertia is looked for [-]; assumed
 STIFFEST = 0.1
 """Largest bristle stiffness over inertia/timestep² with r = 1 [-]; assumed: a twentieth of the
 chattering limit."""

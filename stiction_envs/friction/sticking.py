@@ -24,8 +24,7 @@ from stiction_envs.robots.registry import known_arm
 
 Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
-Friction = str | Path | FrictionParameters
-"""Parameters of one arm, or the TOML that holds them."""
+Friction = str | Path | FrictionParameters  # Parameters of one arm, or the TOML that holds them
 
 
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:

@@ -33,8 +33,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 SHARED_OUT = 0.625
 """Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
 less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
-FEWEST = 4
-"""Simulations of a part [-]: in every step it costs what half a simulation does."""
+FEWEST = 4  # Simulations of a part [-]: in every step it costs what half a simulation does
 _ACC = int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
@@ -133,8 +132,7 @@ class LoopBatch(CopiedBatch):
         self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
-        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)
-        """The simulations of each part."""
+        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)  # The simulations of each part
 
     def __reduce__(self) -> tuple[Any, ...]:
         return *super().__reduce__(), {"parts": self.parts, "_going": self._going}

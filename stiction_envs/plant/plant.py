@@ -30,8 +30,7 @@ from stiction_envs.plant.copies import CopiedBatch
 from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
-SLOW_STEPS = 50
-"""Control steps between two updates of load, warm-up and offset."""
+SLOW_STEPS = 50  # Control steps between two updates of load, warm-up and offset
 
 
 class Plant:
@@ -84,8 +83,6 @@ class Plant:
         self._p = {k: np.array(getattr(tiled, k), order="C") for k in QUANTITIES}
         self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
         self.set_friction(np.arange(nsim), tiled)
-
-    # ---- state -------------------------------------------------------------------------------
 
     @property
     def position(self) -> Array:
@@ -216,8 +213,6 @@ class Plant:
         self._biasprm[rows, act, 1] = -np.asarray(stiffness)
         self._biasprm[rows, act, 2] = -np.asarray(damping)
         self._setpoint[ids] = setpoint
-
-    # ---- stepping ----------------------------------------------------------------------------
 
     def run(
         self,

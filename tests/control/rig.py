@@ -13,12 +13,12 @@ from scipy.spatial.transform import Rotation
 from stiction_envs.control import rotation
 from stiction_envs.control.impedance import (
     CartesianImpedance,
+    ImpedanceSettings,
     advance_reference,
     impedance_cycle,
     read_flags,
     renew_space,
 )
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.robots import load_arm
 
 ROTOR = 0.1  # rotor inertia of every joint [kg·m²]

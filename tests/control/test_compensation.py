@@ -13,8 +13,7 @@ from stiction_envs.control.compensation import (
     look_ahead,
 )
 from stiction_envs.control.compensation_files import read_compensation
-from stiction_envs.control.impedance import CartesianImpedance
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
@@ -78,9 +77,6 @@ def test_push_is_the_law():
     expected = GAIN * np.tanh(error / 0.02) * np.exp(-((dq / 0.04) ** 2))
     np.testing.assert_allclose(torque, expected, atol=1e-12)
     assert np.all(torque * pull > -1e-24)  # rounding, where there is no pull
-
-
-# ---- where gains are from --------------------------------------------------------------------
 
 
 def test_gains_are_the_breakaway_torques():

@@ -10,8 +10,6 @@ from stiction_envs.control import rotation
 from stiction_envs.robots import load_arm
 from tests.control.rig import Rig, batch, from_rotation_vector
 
-# ---- the law itself ------------------------------------------------------------------------
-
 
 def test_torque_is_the_printed_law():
     """τ = Jᵀ(−K e − D J q̇) + P(k_n(q_d − q) − d_n q̇) + dither, term by term."""
@@ -32,9 +30,6 @@ def test_torque_is_the_printed_law():
         limit = load_arm("panda").limits.torque
         np.testing.assert_allclose(tau[k], np.clip(expected, -limit, limit), atol=1e-10)
     np.testing.assert_allclose(control.error, e, atol=1e-15)
-
-
-# ---- energy and nullspace --------------------------------------------------------------------
 
 
 def energies(rig: Rig, steps: int, k_n: float = 0.0, q_d: np.ndarray | float = 0.0) -> np.ndarray:
@@ -113,9 +108,6 @@ def test_inertia_is_pinocchios(robot):
         np.testing.assert_allclose(
             rig.control.arrays.inertia[0] / inertia.max(), inertia / inertia.max(), atol=1e-9
         )
-
-
-# ---- singular, saturated, near a limit -------------------------------------------------------
 
 
 def test_stretched_arm_is_flagged_and_bounded():

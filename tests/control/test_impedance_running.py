@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.control.impedance import CartesianImpedance, renew_space
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings, renew_space
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
 from tests.control.rig import Rig, angle_between, batch, from_rotation_vector
-
-# ---- filters and changes while running -------------------------------------------------------
 
 
 @pytest.mark.parametrize("p", [0.1, 0.5, 0.95])
@@ -47,9 +44,6 @@ def test_stiffness_of_single_arms():
     assert control.arrays.null_active[[2, 5]].tolist() == [False, True]
 
 
-# ---- bits ------------------------------------------------------------------------------------
-
-
 def test_q_and_minus_q_give_the_same_torque():
     """Double cover: neither the measured nor the desired quaternion's sign matters, to the bit."""
     control, look = batch()
@@ -60,9 +54,6 @@ def test_q_and_minus_q_give_the_same_torque():
         control.set_reference(x_d, desired * o_d)
         other = control.torque(look.position, measured * look.quaternion, *look[2:5])
         np.testing.assert_array_equal(other, tau)
-
-
-# ---- bad input -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

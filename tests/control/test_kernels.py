@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction_envs.control import impedance, operational, rotation
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.robots import load_arm
 from tests.control import rig
 from tests.control.rig import Controllers, Look, poses

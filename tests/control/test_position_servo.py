@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction_envs.control.position_servo import (
-    ServoDrive,
-    put_under_servos,
-)
+from stiction_envs.control.position_servo import ServoDrive, put_under_servos
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.servos import PositionServos, read_servos
 from stiction_envs.friction.sticking import sticking_model

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.control.trajectory import (
-    MotionLimits,
-    Path,
-    pentagon,
-    read_path,
-    triangle,
-)
+from stiction_envs.control.trajectory import MotionLimits, Path, pentagon, read_path, triangle
 from stiction_envs.control.trapezoid import write_twist
 from stiction_envs.errors import StictionError
 from tests.control.movements import Goals, Segment
@@ -128,9 +122,6 @@ def test_a_movement_without_distance_takes_no_time():
     np.testing.assert_allclose(turned, np.pi, atol=1e-12)
 
 
-# ---- goals -----------------------------------------------------------------------------------
-
-
 def sequencer(n: int = 3, **limits: object) -> tuple[Goals, np.ndarray, np.ndarray]:
     """Arms at different places with the triangle before them."""
     out = Goals(n, MotionLimits(**limits), 5)  # type: ignore[arg-type]
@@ -192,9 +183,6 @@ def test_walks_through_all_goals_and_finishes():
     assert np.isfinite(k.reached_at[:, 2]).all()
     np.testing.assert_array_equal(k.reference(np.full(3, 99.0))[0], p)
     np.testing.assert_array_equal(k.goal[0], p)
-
-
-# ---- paths -----------------------------------------------------------------------------------
 
 
 def test_polygons_are_regular_closed_and_where_the_thesis_puts_them():

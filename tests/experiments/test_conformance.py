@@ -32,9 +32,6 @@ def stock(frictionloss: float = 0.3, *, extra: str = "") -> str:
 </mujoco>"""
 
 
-# ---- what must pass ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "robot",
     [r if r == "iiwa14" else pytest.param(r, marks=pytest.mark.slow) for r in BUILTIN],
@@ -85,9 +82,6 @@ def test_elastic_joint_is_tested_on_its_motor():
     assert report.passed
 
 
-# ---- what must fail ------------------------------------------------------------------------
-
-
 def test_stock_frictionloss_creeps():
     """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (sources.md 3.5)."""
     report = conformance(stock(0.3 / 0.9), rates=(0.02,))
@@ -136,9 +130,6 @@ def test_one_weak_joint_fails_the_model():
     assert "NO" in str(report)
 
 
-# ---- what must not matter ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "extra",
     [
@@ -179,9 +170,6 @@ def test_the_model_is_not_changed():
     np.testing.assert_array_equal(model.opt.gravity, before.opt.gravity)
     assert model.opt.disableflags == before.opt.disableflags
     assert model.jnt_stiffness[0] == 50.0
-
-
-# ---- report, command line, errors ----------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -63,9 +63,6 @@ def slide(
     return drag(model, joint, v * DT * np.arange(round(time / DT)), start)
 
 
-# ---- the same integration ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("joint", [A, B])
 def test_engine_is_the_law_at_the_same_step(joint):
     """Without σ2 MuJoCo's Euler step is the reference's, to rounding."""
@@ -129,8 +126,6 @@ def test_dithered_ramp_against_the_fine_reference(case):
     assert errors[1] < 0.4 * errors[0]
 
 
-# ---- steady sliding ------------------------------------------------------------------------
-
 ASYMMETRIC = {
     "stiction": [0.6, 0.9],
     "coulomb_ratio": [0.8, 0.7],
@@ -181,9 +176,6 @@ def test_gravity_load_lifts_friction_as_it_moves(low, high):
     assert max(expected) > 1.1 * min(expected)
 
 
-# ---- presliding, breakaway, hysteresis -----------------------------------------------------
-
-
 def test_standing_load_stands():
     """90 % of F_s for 20 s: the joint gives way by −ln(0.1) F_s/σ0 and then rests."""
     model = sticking()
@@ -223,9 +215,6 @@ def test_breakaway_falls_with_the_ramp_rate():
     assert peaks[-1] < 0.9 * 0.6
 
 
-# ---- energy --------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("seed", range(2))
 def test_passive(seed):
     """With σ2 above the bound friction never gives back more than its bristle holds.
@@ -254,9 +243,6 @@ def test_passive(seed):
     assert taken[-1] > 0.5 * work[-1]
 
 
-# ---- elastic joints ------------------------------------------------------------------------
-
-
 def test_link_torque_goes_through_the_spring():
     """A torque on the link twists the spring by τ/K while the motor stands by its friction."""
     model = sticking(joint_stiffness=[5e3, np.inf], offset=[0.2, 0.0])
@@ -265,9 +251,6 @@ def test_link_torque_goes_through_the_spring():
     twist = plant.position[0, A] - plant.motor_position[0, A]
     assert twist == pytest.approx(-0.2 / 5e3, rel=1e-3)
     assert 0.2 / 1000.0 < -plant.motor_position[0, A] < 2 * 0.6 / 1000.0
-
-
-# ---- the documented trap -------------------------------------------------------------------
 
 
 def sliding_acceleration(integrator: mujoco.mjtIntegrator) -> float:

@@ -159,8 +159,6 @@ def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
     assert full < limited
 
 
-# ---- averaging theory ---------------------------------------------------------------------------
-
 RATE, THRESHOLD = 0.1, 0.15
 """Of the ramp [N·m/s]; what counts as moved [rad]."""
 

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.control.settings import GTE_DEFAULTS
+from stiction_envs.control.impedance import GTE_DEFAULTS
 from stiction_envs.friction.parameters import FrictionParameters
 
 WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)

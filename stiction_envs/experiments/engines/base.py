@@ -18,12 +18,11 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, one_line
-from stiction_envs.friction.plain_mjcf import MotorInput
+from stiction_envs.friction.export import MotorInput
 
 Torque = Callable[[Array], Array]
 """Takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque [N·m]."""
-CHUNK = 500
-"""Steps between two calls of the torque."""
+CHUNK = 500  # Steps between two calls of the torque
 
 
 class Refused(StictionError):
@@ -99,11 +98,7 @@ class Engine(abc.ABC):
 
 
 def silent(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Set gain and bias of actuators in switched-off groups to zero, where an engine lacks groups.
-
-    Returns:
-        The same model.
-    """
+    """Zero gain and bias of actuators in groups that are off; return the same model."""
     off = (model.opt.disableactuator >> np.maximum(model.actuator_group, 0)) & 1 == 1
     model.actuator_gainprm[off] = 0.0
     model.actuator_biasprm[off] = 0.0

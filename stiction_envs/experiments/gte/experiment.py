@@ -20,9 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, new_movements
 from stiction_envs.control.trapezoid import plan
@@ -58,8 +58,7 @@ from stiction_envs.robots import Arm
 Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
 """Called with a rig whose arms have just begun to follow, and the case of each of them; what it
 returns is called before each block, and may `GTERig.retune` the dither."""
-MAX_SIMULATIONS = 128
-"""Simulations run at once (assumed)."""
+MAX_SIMULATIONS = 128  # Simulations run at once (assumed)
 _PART = 10  # samples of a block, after which it is checked whether all arms are done; assumed
 _LATE = 1.5  # longest time of a movement over that of an arm that follows exactly [-]; assumed
 
@@ -142,11 +141,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         )
 
     def path(self, name: str) -> Path:
-        """Return a path by name; ``random-17`` is number 17 of `random_paths`.
-
-        Raises:
-            StictionError: no such path.
-        """
+        """Return a path by name; ``random-17`` is number 17 of `random_paths`."""
         if name in self.paths:
             return self.paths[name]
         if (number := path_number(name)) is not None:
@@ -158,7 +153,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
     def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:
         """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals.
 
-        ``parameters`` is their true friction, of one arm or of each, where it is not the model's.
+        ``parameters`` is their true friction, of one arm or of each; None for the model's.
         """
         return GTERig(self, nsim, capacity, parameters)
 
@@ -172,9 +167,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
                 ``compensation.csv``, or a ``final.yaml``.
             factor: of the friction that is compensated [-].
             table: of gains; None for those of the friction at the start's load.
-
-        Raises:
-            StictionError: another kind, or a table that cannot be read.
         """
         if is_file(kind):
             return read_compensation(kind, None, self.n, factor)
@@ -286,8 +278,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             interval: time of a block [s], a multiple of a sample's; None for ten samples.
 
         Raises:
-            StictionError: a case of an unknown path, dither of a joint the arm lacks, compensation
-                or friction of another number of joints, or an interval that is no such multiple.
+            StictionError: a case, friction, compensation or interval that does not fit.
             ExperimentError: a simulation that the engine stopped.
         """
         repeats = self.protocol.iterations if iterations is None else iterations
@@ -354,11 +345,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         ]
 
     def dither_of(self, case: Case) -> dict[str, NDArray[np.generic]]:
-        """Return (n,) arguments of `GTERig.set_dither` for a case.
-
-        Raises:
-            StictionError: a joint the arm lacks.
-        """
+        """Return (n,) arguments of `GTERig.set_dither` for a case."""
         return dither_arrays(case.dither, self.n)
 
 

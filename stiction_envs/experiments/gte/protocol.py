@@ -18,8 +18,7 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
 from stiction_envs.robots import Arm
 
-Stiffness = tuple[float, float, float]
-"""Translational [N/m], rotational and nullspace [N·m/rad]."""
+Stiffness = tuple[float, float, float]  # Translational [N/m], rotational and nullspace [N·m/rad]
 _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
@@ -49,11 +48,7 @@ class GTEProtocol:
             raise StictionError(f"protocol tail: {self.tail} s ends before the window does")
 
     def replace(self, **changes: float) -> GTEProtocol:
-        """Return a copy with some numbers changed.
-
-        Raises:
-            StictionError: an unknown name, or a number out of range.
-        """
+        """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
 
 
@@ -120,10 +115,7 @@ class Case:
 
 
 def pose_error(actual: Array, reference: Array) -> Array:
-    """Return actual less reference, (..., 6) poses x, y, z [m], roll, pitch, yaw [rad].
-
-    Angles are in (−π, π].
-    """
+    """Return actual less reference, (..., 6) poses [m, rad]; angles are in (−π, π]."""
     error: Array = actual - reference
     error[..., 3:] = np.angle(np.exp(1j * error[..., 3:]))
     return error
@@ -153,11 +145,7 @@ class Run:
 
 
 def read_trajectory(text: str | File) -> Path | None:
-    """Return the path of a CSV file; None for a path by name.
-
-    Raises:
-        StictionError: neither a name nor a CSV that can be read.
-    """
+    """Return the path of a CSV file; None for a path by name; raise for anything else."""
     if str(text) in TRAJECTORIES:
         return None
     if not str(text).lower().endswith(".csv"):
@@ -183,14 +171,10 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
 
 
 def read_dither(table: str | File, arm: Arm) -> tuple[AmplitudeRow, ...]:
-    """Return the rows of an amplitude table that an arm can take.
-
-    Args:
-        table: the file.
-        arm: says how strong and fast a dither it takes.
+    """Return the rows of an amplitude table.
 
     Raises:
-        StictionError: a table that cannot be read, that dithers no joint, or too much.
+        StictionError: a table that cannot be read, dithers no joint, or more than the arm takes.
     """
     rows = read_amplitudes(
         table,
@@ -210,14 +194,7 @@ def with_and_without(
     *,
     compensation: Compensation | None = None,
 ) -> list[Case]:
-    """Return the case without anything, then those with dither, with compensation, with both.
-
-    Args:
-        trajectory: name of the path.
-        stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
-        dither: of each dithered joint; empty for none.
-        compensation: of the joints' friction; None for none.
-    """
+    """Return the case without anything, then those with dither, with compensation, with both."""
     cases = [Case(trajectory=trajectory, stiffness=stiffness)]
     if dither:
         cases.append(dataclasses.replace(cases[0], dither=tuple(dither)))

@@ -78,7 +78,7 @@ def path_number(name: str) -> int | None:
 def random_paths(
     sticking: StickingModel, start: Array, tool: Array, numbers: Iterable[int]
 ) -> dict[int, RandomPath]:
-    """Return the random paths of an arm by number; which others are asked for does not matter.
+    """Return the random paths of an arm by number (from 0), whichever others are asked for.
 
     Args:
         sticking: the arm; friction and payload make no difference.
@@ -168,7 +168,7 @@ def can_follow(
     """Return which paths (P,) of constant orientation an arm can follow from its start.
 
     From point to point of every line the joint angles take steps of damped least squares towards
-    the next pose, as an arm without nullspace stiffness does. Arguments as in `random_paths`.
+    the next pose, as an arm without nullspace stiffness does. See `random_paths`.
     """
     offsets = [_points(path, s.step) for path in paths]
     longest = max(len(o) for o in offsets)

@@ -61,11 +61,7 @@ class TrackingErrors(Result):
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report.
-
-        Args:
-            folder: an existing one.
-        """
+        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report."""
         from stiction_envs.experiments.gte import plots
 
         runs = [r for r, _ in self.runs]

@@ -17,16 +17,13 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
-from stiction_envs.control.impedance import CartesianImpedance
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
 from stiction_envs.control.sensing import CommandLine, Senses, Sensing
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
-from stiction_envs.experiments.base import Experiment
-from stiction_envs.experiments.gte.controller_model import ControllerModel
-from stiction_envs.experiments.gte.loop import Arms, Sampling, Shaking, follow
+from stiction_envs.experiments.gte.loop import Arms, ControllerModel, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
-from stiction_envs.experiments.rig import Rig, minimum_jerk
+from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -58,23 +55,15 @@ class GTERig(Rig):
         capacity: int,
         parameters: FrictionParameters | None = None,
     ) -> None:
-        """Make the rig; every arm has to `begin`.
+        """Make the rig of ``nsim`` arms, with ``capacity`` goals at most; every arm has to `begin`.
 
-        Args:
-            setup: the experiment.
-            nsim: number of arms.
-            capacity: most goals of a path.
-            parameters: friction of one arm or of each simulation, None for the model's.
+        ``parameters`` is the friction of one arm or of each; None for the model's.
         """
         super().__init__(
             setup, nsim, approach=setup.approach, parameters=parameters, closed_loop=True
         )
-        sticking, arm, settings, motion = (
-            setup.sticking,
-            setup.sticking.arm,
-            setup.settings,
-            setup.motion,
-        )
+        sticking, settings, motion = setup.sticking, setup.settings, setup.motion
+        arm = sticking.arm
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
         # compiled code takes the arrays of senses also where there are none
@@ -102,7 +91,7 @@ class GTERig(Rig):
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
         threads = setup.threads or os.cpu_count() or 1
         if threads > 1:
-            self._share = Threads(threads).run
+            self._share = TaskPool(threads).run
 
     def _nominal(self) -> tuple[Array, Array]:
         """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
@@ -257,15 +246,15 @@ def blank_sampling(
     )
 
 
-class Threads:
+class TaskPool:
     """Some threads that do tasks, begun with the first of them."""
 
     def __init__(self, count: int) -> None:
         self._count = count
         self._pool: ThreadPoolExecutor | None = None
 
-    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
-        return Threads, (self._count,)
+    def __reduce__(self) -> tuple[type[TaskPool], tuple[int]]:
+        return TaskPool, (self._count,)
 
     def run(self, tasks: Sequence[Callable[[], None]]) -> None:
         """Do tasks, in any order; the first error is raised when all are done."""

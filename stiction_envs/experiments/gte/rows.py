@@ -47,7 +47,6 @@ class ErrorRow(CaseRow):
     unit: str  # ``m`` or ``rad``, of all errors; window sums are in unit times samples
     window_sum: float  # Sum of the absolute error over the window, as in Table 4.11
     window_sum_std: float  # Standard deviation of the window sum over iterations; NaN for one
-    window_sum_of_mean: float  # The window sum in its other reading: sum of the absolute mean error
     mean: float  # Mean absolute error over the motion
     rms: float  # Root mean square over the motion: of each iteration, then their mean
     max: float  # Largest absolute error of any iteration
@@ -97,7 +96,6 @@ def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
     columns = {
         "window_sum": m.window_sum.mean(axis=0),
         "window_sum_std": spread,
-        "window_sum_of_mean": m.window_sum_of_mean,
         "mean": m.mean.mean(axis=0),
         "rms": m.rms.mean(axis=0),
         "max": m.maximum.max(axis=0),
@@ -173,9 +171,6 @@ def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
         for t, row in zip(run.time, values, strict=True):
             lines.append((case_name(run.case), float(t), *map(float, row)))
     write_lines(path, TRACE_COLUMNS, lines)
-
-
-# ---- the thesis ----------------------------------------------------------------------------------
 
 
 def thesis_stiffness() -> list[tuple[float, float, float]]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
-from stiction_envs.experiments.gte.accumulator import Accumulator
+from stiction_envs.experiments.gte.measures import Accumulator
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run, pose_error
 from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
@@ -48,14 +48,11 @@ class Sampler:
     ) -> None:
         """Prepare for blocks of ``steps`` control steps, a multiple of those of a sample.
 
-        All arms have just begun to follow; `start` says so of some. ``detailed`` is that of
-        `Sampling`.
+        All arms have just begun to follow. ``detailed`` is that of `Sampling`.
         """
         self._rig, nsim = rig, rig.nsim
-        self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))
-        """Control steps of a sample."""
-        self.size = steps // self.stride
-        """Samples S of a block."""
+        self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))  # Control steps of a sample
+        self.size = steps // self.stride  # Samples S of a block
         self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
         self._lever = protocol.vibration_lever
         self._state = np.zeros((len(self._band), nsim, 6, 2))
@@ -108,8 +105,7 @@ def _add_motion(
 
     Positions (K, N, 3) [m] and quaternions (K, N, 4) are those of K control steps. Turns (angle ·
     axis in the base frame) of single control steps are small, so their sum ``turned`` (N, 3) [rad],
-    changed, is smooth wherever the path turns to; ``before`` (N, 4) is the orientation of the last
-    step, changed.
+    changed, is smooth wherever the path turns; ``before`` (N, 4) is the last orientation, changed.
     """
     for s in range(position.shape[0]):
         for i in range(position.shape[1]):
@@ -170,8 +166,7 @@ class RunLog(Sampler):
     def end(self, horizon: Array) -> Array:
         """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
 
-        Args:
-            horizon: (N,) when each is given up [s].
+        ``horizon`` (N,) is when each is given up [s].
         """
         reached, finished = self._sequencer.reached_at, self._sequencer.finished
         last = np.nanmax(reached, axis=1, where=np.isfinite(reached), initial=0)
@@ -220,14 +215,9 @@ class Recorder(Accumulator):
     def __init__(
         self, rig: GTERig, protocol: GTEProtocol, *, steps: int, capacity: int, record: bool
     ) -> None:
-        """Prepare for environment steps of ``steps`` control steps.
+        """Prepare for environment steps of ``steps`` control steps, a multiple of a sample's.
 
-        Args:
-            rig: the arms.
-            protocol: says what is sampled and when a run is over.
-            steps: a multiple of the control steps of a sample.
-            capacity: most goals of a path.
-            record: whether traces are kept.
+        Paths have at most ``capacity`` goals; with ``record`` traces are kept.
         """
         super().__init__(
             rig.nsim,

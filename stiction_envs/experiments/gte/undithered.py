@@ -22,8 +22,7 @@ from stiction_envs.experiments.gte.protocol import (
 from stiction_envs.experiments.gte.random_paths import path_number
 from stiction_envs.precomputed import store
 
-Key = tuple[str, Stiffness]
-"""Trajectory and stiffness."""
+Key = tuple[str, Stiffness]  # Trajectory and stiffness
 KIND, RANDOM_KIND = "undithered", "undithered_random"
 
 
@@ -59,9 +58,9 @@ def undithered(
 ) -> dict[Key, Undithered]:
     """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
 
-    It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
-    over the first `EpisodeSettings.undithered_iterations`; without scatter they are all alike. What
-    is not in the store is computed in one batch; a result does not depend on it.
+    Results are means over the protocol's iterations (10), as `stiction gte` runs them; on random
+    paths over the first `EpisodeSettings.undithered_iterations`; without scatter iterations are
+    alike. What is not in the store is computed in one batch, on which no result depends.
 
     Raises:
         StictionError: an arm that never comes to the end of the path.

@@ -27,27 +27,19 @@ from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, POSES
 from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import (
-    FrictionParameters,
-    dump_friction,
-    friction_sources,
-)
+from stiction_envs.friction.parameters import FrictionParameters, dump_friction, friction_sources
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import aligned, joints, percent
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.tables import read_toml
 
-TOLERANCE = 0.002
-"""Rounds end when every base torque agrees this well, relative [-]; assumed."""
-CONVERGED = 5.0
-"""Largest error of the best round, over the tolerance [-]; assumed."""
-ROUNDS = 10
-"""Most rounds of simulate and correct [-]; assumed."""
+TOLERANCE = 0.002  # Rounds end when every base torque agrees this well, relative [-]; assumed
+CONVERGED = 5.0  # Largest error of the best round, over the tolerance [-]; assumed
+ROUNDS = 10  # Most rounds of simulate and correct [-]; assumed
 FAR = 0.5
 """Above this relative error the table is a better start than the arm's friction [-]; assumed."""
-LEAST_FRICTION = 0.05
-"""Least stiction over the table's friction [-]; assumed."""
+LEAST_FRICTION = 0.05  # Least stiction over the table's friction [-]; assumed
 SAME_LOAD = 1e-6
 """Loads of two poses that differ by less cannot explain different friction [N·m]; source: rounding
 of float64."""
@@ -91,12 +83,11 @@ class Calibration:
         table: Path,
         provenance: Mapping[str, object],
     ) -> None:
-        """Write the friction TOML, provenance inside.
+        """Write the friction TOML, provenance inside; its folder is made.
 
         Args:
-            path: of the TOML; its folder is made.
-            base: friction that the calibration began with (robot, TOML or parameters): quantities
-                that it does not find keep the sources they have there.
+            path: of the TOML.
+            base: friction that the calibration began with: robot, TOML or parameters.
             table: file of the measured base torques.
             provenance: of the run.
         """
@@ -129,13 +120,9 @@ class Calibration:
 def with_levels(
     parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
 ) -> FrictionParameters:
-    """Return parameters whose law passes through both poses of every joint.
+    """Return parameters of one arm whose law passes through both poses of every joint.
 
-    Args:
-        parameters: of one arm; all but dry friction and offset are kept.
-        poses: where the two poses are, and their loads.
-        friction: (n, 2) stiction in the load and the no-load pose [N·m].
-        offset: (n, 2) offset there [N·m].
+    ``friction`` and ``offset`` (n, 2) are those in the load and the no-load pose [N·m].
     """
     high, low = poses.load[:, 0], poses.load[:, 1]
 
@@ -174,8 +161,7 @@ def calibrate(
         tolerance: rounds end when every base torque agrees this well, relative [-].
 
     Raises:
-        StictionError: table of another number of joints, friction that is not positive, or joints
-            under position servos: base torques are torques of a ramp.
+        StictionError: another number of joints, friction ≤ 0, or joints under position servos.
         ExperimentError: no convergence (the message names the worst cell).
     """
     n = experiment.n
@@ -247,15 +233,10 @@ def calibrated_toml(
     table_text: bytes,
     run: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the friction TOML of a calibration: old sources and position servos kept,
-    new sources stated.
+    """Return the friction TOML of a calibration that began with friction ``base``.
 
-    Args:
-        result: the calibration.
-        base: friction that it began with: robot, TOML or parameters.
-        table_name: of the measured table.
-        table_text: its bytes.
-        run: what else its provenance says.
+    What was not found keeps its sources, and servos are kept. ``table_text`` are the bytes of the
+    measured table; ``run`` is what else the provenance says.
     """
     sources, meta = friction_sources(base)
     found = f"calibrated: `stiction calibrate` on {table_name}"

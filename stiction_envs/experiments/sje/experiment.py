@@ -44,8 +44,7 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 
-Dither = str | Path | Sequence[AmplitudeRow]
-"""An amplitude table, or its rows."""
+Dither = str | Path | Sequence[AmplitudeRow]  # An amplitude table, or its rows
 MAX_SIMULATIONS = 384
 """Simulations run at once (assumed): more cost memory and gain nothing on a few cores."""
 
@@ -248,14 +247,9 @@ class SingleJointExperiment(SJESetup):
     def base_torques(
         self, *, iterations: int | None = None, progress: Callable[[float], None] | None = None
     ) -> BreakawayTorques:
-        """Measure the torque at which every joint breaks away without dither.
+        """Measure the torque at which every joint breaks away without dither; see `measure`.
 
-        Args:
-            iterations: repeats, None for the protocol's.
-            progress: called with the simulated seconds of every block, summed over simulations.
-
-        Returns:
-            Rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
+        The result has rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
         """
         return self.measure(self.jobs(), iterations=iterations, progress=progress, file="base.csv")
 
@@ -355,7 +349,7 @@ class RampLog:
     """Results of the ramps of one job."""
 
     def __init__(self, job: Job) -> None:
-        self.job, self.deviation = job, 0.0
+        self.job = job
         self.ramps: list[tuple[float, float, float, float]] = []
         self.trace: list[float] = []
         self.traces: list[NDArray[np.float32]] = []
@@ -364,7 +358,6 @@ class RampLog:
         """End one iteration."""
         start = rig.start_angle[i] - rig.pose[i, rig.joint[i]]
         self.ramps.append((rig.tau[i], start, rig.start_torque[i], rig.shaken_speed[i]))
-        self.deviation = max(self.deviation, float(rig.deviation[i]))
         self.traces.append(np.array(self.trace, dtype=np.float32))
         self.trace = []
 
@@ -377,7 +370,6 @@ class RampLog:
             start=start,
             start_torque=start_torque,
             shaken_speed=shaken_speed,
-            deviation=self.deviation,
             traces=tuple(self.traces),
             trace_dt=BLOCK * CONTROL_DT,
         )

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.base import joint_number
+from stiction_envs.experiments.rig import joint_number
 from stiction_envs.experiments.servos import Approach
 from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
 
-POSES = {"load": "load pose", "no_load": "no-load pose"}
-"""As pages write loads."""
+POSES = {"load": "load pose", "no_load": "no-load pose"}  # As pages write loads
 SIGNS = {"+": "+", "-": "−"}
 _TOML = Path(__file__).with_name("sje.toml")
 
@@ -40,11 +39,7 @@ class Protocol(Approach):
     torque_noise: NotNegative  # Standard deviation of a torque reading [N·m]
 
     def replace(self, **changes: float) -> Protocol:
-        """Return a copy with some numbers changed.
-
-        Raises:
-            StictionError: an unknown name, or a number out of range.
-        """
+        """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
 
 
@@ -73,9 +68,7 @@ def sje_reward_settings() -> SJERewardSettings:
 def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
     """Return the protocol of a registered arm: `sje.toml`, and what its TOML says otherwise.
 
-    Args:
-        robot: name of the arm.
-        position: whether position servos drive its joints.
+    ``position`` is whether position servos drive its joints.
 
     Raises:
         StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
@@ -116,11 +109,7 @@ class Configuration:
 
 
 def configurations(n: int, joints: list[int] | None = None) -> list[Configuration]:
-    """Return the 4n configurations of an arm, or those of some joints (1..n).
-
-    Raises:
-        StictionError: a joint outside 1..n.
-    """
+    """Return the 4n configurations of an arm, or those of some joints (1..n)."""
     for joint in joints or []:
         joint_number(joint, n)
     chosen = sorted(set(joints)) if joints else list(range(1, n + 1))
@@ -149,7 +138,6 @@ class Measurement:
     start: Array  # (iterations,) angle of the joint from the pose at its ramp's start [rad]
     start_torque: Array  # (iterations,) torque at which the ramp started [N·m]
     shaken_speed: Array  # (iterations,) RMS speed of the joint before breakaway [rad/s]
-    deviation: float  # Largest distance of any other joint from the pose during the ramps [rad]
     traces: tuple[NDArray[np.float32], ...]  # Angle from the pose every `trace_dt` [rad]
     trace_dt: float  # Sampling time of the traces [s]
 

@@ -12,20 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError
-from stiction_envs.experiments.sje.protocol import (
-    POSES,
-    SIGNS,
-    Measurement,
-    Protocol,
-)
+from stiction_envs.experiments.sje.protocol import POSES, SIGNS, Measurement, Protocol
 from stiction_envs.measured import BaseTable, SJERow, write_sje
 from stiction_envs.reporting.markdown import aligned, number, percent, signed, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
-Row = Mapping[str, Any]
-"""A row of the table: `SJERow` as a dict."""
+Row = Mapping[str, Any]  # A row of the table: `SJERow` as a dict
 
 
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
@@ -38,15 +32,10 @@ def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
 
 
 def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
-    """Return one row per measurement, in order; those with a stuck iteration have none.
+    """Return one row per measurement without a stuck iteration, in order.
 
-    Args:
-        measurements: base and dithered ones.
-        robot: name for the robot column.
-
-    Returns:
-        Rows; `reduction` is 1 − |τ|/|τ_base| of the same configuration, 0 for a base row, NaN where
-        no base torque is known. `std_nm` is NaN after a single iteration: it is not known.
+    `reduction` is 1 − |τ|/|τ_base| of the same configuration, 0 for a base row, NaN where no base
+    torque is known. `std_nm` is NaN after a single iteration.
     """
     ordered = in_order(measurements)
     base = {m.job.configuration: m for m in ordered if m.is_base}

@@ -17,15 +17,13 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.dither import add_sines
 from stiction_envs.errors import ExperimentError
-from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.poses import Poses
-from stiction_envs.experiments.rig import Rig, minimum_jerk
+from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 IDLE, APPROACH, RAMP = 0, 1, 2
-BLOCK = SLOW_STEPS
-"""Control steps of one `advance`."""
+BLOCK = SLOW_STEPS  # Control steps of one `advance`
 STICKING = 0.2
 """A joint still sticks until it has moved by this part of the threshold [-]; assumed: past it the
 joint runs away, and its speed is no longer the dither's."""
@@ -46,12 +44,9 @@ class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
     def __init__(self, setup: SJESetup, nsim: int, *, dither_all: bool = False) -> None:
-        """Make the rig; all simulations are idle.
+        """Make the rig; all ``nsim`` simulations are idle.
 
-        Args:
-            setup: the experiment; its scatter has one stream per configuration and iteration.
-            nsim: number of simulations.
-            dither_all: whether every joint is dithered (the environments) or the tested one.
+        With ``dither_all`` every joint is dithered (the environments), else the tested one.
         """
         super().__init__(setup, nsim, approach=setup.protocol, columns=None if dither_all else 1)
         self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
@@ -70,7 +65,6 @@ class SJERig(Rig):
         self.start_angle = np.zeros(nsim)
         self.noise = np.zeros(nsim)
         self.tau = np.full(nsim, np.nan)
-        self.deviation = np.zeros(nsim)
         self.shaken_speed = np.zeros(nsim)
         """(N,) root mean square speed of the joint under test before it broke away, without what is
         slow against the dither [rad/s]."""
@@ -91,7 +85,6 @@ class SJERig(Rig):
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
         self.pose[ids] = self.poses.q[joint, load]
-        self.deviation[ids] = 0.0
         start = self.pose[ids].copy()
         start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
         self.plant.reset(ids, start)
@@ -137,7 +130,7 @@ class SJERig(Rig):
     def _held_gate_speed(self, ids: Index, step: Index) -> Array | None:
         """Return the speed that the controller of each arm read at the cycle it is in.
 
-        ``step`` (M,) are control steps of the ramps ``ids``; a slow controller holds its reading.
+        ``step`` (M,) are control steps of the ramps ``ids``.
         """
         speed = self._gate_speed()
         if speed is None:
@@ -235,7 +228,7 @@ class SJERig(Rig):
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
         """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
 
-        ``ahead`` is how many control steps of the block came before these.
+        ``ahead`` control steps of the block came before these.
         """
         length = step.shape[1]
         command = np.zeros((len(ids), length, self.columns))
@@ -259,10 +252,7 @@ class SJERig(Rig):
             torque[rows, :, self.joint[ids]] = out[:, :, 0]
 
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
-        """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held.
-
-        None where all are held.
-        """
+        """Return (M, K, n) setpoints [rad] of a minimum-jerk move back; None where all are held."""
         if ramping.all():
             return None
         x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))
@@ -322,9 +312,6 @@ class SJERig(Rig):
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
         """Record ramps that reached the threshold or were given up; return their simulations."""
-        others = np.abs(self.plant.position[ids] - self.pose[ids])
-        others[np.arange(len(ids)), self.joint[ids]] = 0.0
-        self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
         over = np.greater_equal(moved, self.protocol.threshold)
         reached: Bools = np.any(over, axis=1)
@@ -353,12 +340,9 @@ class SJERig(Rig):
 def _add_squares(angle: Array, start: Array, far: float, gain: Array, sums: Array) -> None:
     """Add the squares of high-passed speeds (first order) until a joint is ``far`` away [rad].
 
-    Args:
-        angle: (M, K + 1), the first is the last of before [rad].
-        start: (M,) where the joint was when its ramp started [rad].
-        far: distance at which the sums end [rad].
-        gain: (M,) of the filter per control step [-].
-        sums: (M, 4) sum of squares [rad²/s²], number, speed, filtered speed [rad/s]; updated.
+    Angles are (M, K + 1) [rad], the first of before, ``start`` (M,) where the ramp started [rad],
+    ``gain`` (M,) the filter's. ``sums`` (M, 4), updated, are sum of squares [rad²/s²], number,
+    speed and filtered speed [rad/s].
     """
     for i in range(angle.shape[0]):
         for k in range(1, angle.shape[1]):

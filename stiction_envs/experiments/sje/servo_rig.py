@@ -124,13 +124,10 @@ class ServoRig(SJERig):
 
 @compiled
 def _largest_lead(lead: Array, last: Index, gain: Array, state: Array) -> None:
-    """Keep the largest of torques behind two low-passes of first order.
+    """Keep the largest of torques ``lead`` (M, K) [N·m] behind two low-passes of first order.
 
-    Args:
-        lead: (M, K) torque in the direction of the ramp [N·m].
-        last: (M,) the last step that counts.
-        gain: (M,) of each low-pass per control step [-]; 1 is none.
-        state: (M, 3) behind the first, behind both, and the largest [N·m]; updated.
+    Steps count up to ``last`` (M,); ``gain`` (M,) is each filter's, 1 for none. ``state`` (M, 3),
+    updated, is the torque behind the first, behind both, and the largest [N·m].
     """
     for i in range(lead.shape[0]):
         for k in range(last[i] + 1):

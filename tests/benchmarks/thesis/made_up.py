@@ -20,7 +20,6 @@ def measurement(job: Job, tau: float, iterations: int = 3) -> Measurement:
         start=np.zeros(iterations),
         start_torque=np.zeros(iterations),
         shaken_speed=np.zeros(1),
-        deviation=0.0,
         traces=tuple(np.linspace(0, 0.15, 5, dtype=np.float32) for _ in range(iterations)),
         trace_dt=0.01,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction_envs.experiments.gte.accumulator import Accumulator, ErrorWindow
+from stiction_envs.experiments.gte.measures import Accumulator
 
 RATE, COUNT = 100.0, 700
 ACCEPTED = np.array([[0.0, 2.0, 4.1], [0.0, 3.0, np.nan], [0.0, 1.5, np.nan]])
@@ -72,11 +72,9 @@ def test_settling_and_windows():
     distance = np.linalg.norm(error[0, 409, :3])
     angle = np.linalg.norm(error[0, 409, 3:])
     np.testing.assert_allclose(sums.left[0, 1], [distance, angle])
-    np.testing.assert_array_equal(sums.window.error[0], error[0, 310:510])
-    np.testing.assert_array_equal(sums.window.error[1], error[1, 200:400])
-    np.testing.assert_allclose(sums.window.sum[:2], np.abs(sums.window.error[:2]).sum(axis=1))
-    assert np.isnan(sums.window.sum[2]).all()
-    assert np.isnan(sums.window.error[2]).all()
+    for i, window in ((0, slice(310, 510)), (1, slice(200, 400))):
+        np.testing.assert_allclose(sums.window_sum[i], np.abs(error[i, window]).sum(axis=0))
+    assert np.isnan(sums.window_sum[2]).all()
 
 
 def test_starting_anew_forgets():
@@ -89,22 +87,23 @@ def test_starting_anew_forgets():
     times = np.array([[np.nan] * 3, [0.0, np.nan, np.nan], [np.nan] * 3])
     for x in (sums, fresh):
         x.feed(error[:, :150], square[:, :, :150].copy(), times, times + 1.2)
-    for name in (*RESULTS, "step_error"):
+    for name in (*RESULTS, "step_error", "window_sum"):
         a, b = getattr(sums, name)[1], getattr(fresh, name)[1]
         np.testing.assert_array_equal(a, b, err_msg=name)
-    np.testing.assert_array_equal(sums.window.sum[1], fresh.window.sum[1])
     assert sums.count[0] == COUNT + 150
 
 
 def test_window_ends_with_the_record():
     """Its last error is held; what is complete stays as it is."""
-    error = samples()[0]
-    window = ErrorWindow(3, 50)
-    window.add(error, np.zeros(3, dtype=np.int64), np.array([300.0, 680.0, np.nan]))
-    before = window.sum.copy()
+    error, square, _ = samples()
+    sums = Accumulator(3, 2, rate=RATE, window=0.5, tail=1.0)
+    sums.start(np.arange(3), np.full(3, 2))
+    accepted = np.array([[0.0, 3.0], [0.0, 6.8], [0.0, np.nan]])
+    sums.feed(error, square, accepted, np.full((3, 2), np.nan))
+    before = sums.window_sum.copy()
     assert np.isnan(before[1:]).all()
-    window.close(error[:, -1], np.full(3, COUNT))
-    np.testing.assert_array_equal(window.sum[0], before[0])
+    sums.close()
+    np.testing.assert_array_equal(sums.window_sum[0], before[0])
     held = np.concatenate([error[1, 630:], np.repeat(error[1, -1:], 30, axis=0)])
-    np.testing.assert_array_equal(window.error[1], held)
-    assert np.isnan(window.sum[2]).all()
+    np.testing.assert_allclose(sums.window_sum[1], np.abs(held).sum(axis=0))
+    assert np.isnan(sums.window_sum[2]).all()

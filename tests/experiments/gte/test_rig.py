@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rig import blank_sampling
 from stiction_envs.measured import AmplitudeRow
