@@ -102,6 +102,12 @@ def test_missing_numbers_are_the_defaults(tmp_path):
             "momentum_observer",
             "rate of joint 1 is 0",
         ),
+        ("joint,gain_nm\n8,0.5\n", "push", "1 to 7"),
+        ("joint,gain_nm\n1,0.5\n1,0.5\n", "push", "twice"),
+        ("joint,gain_nm\n1,-0.5\n2,1\n", "push", "expected >= 0"),
+        ("joint,gain_nm\n1,nan\n", "push", "finite"),
+        ("joint,gain_nm\n1,0\n", "push", "compensates no joint"),
+        ("joint,gain\n1,1\n", "push", "gain_nm"),
     ],
 )
 def test_bad_files(tmp_path, text, kind, words):
