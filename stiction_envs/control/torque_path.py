@@ -79,7 +79,7 @@ def low_pass_gain(cutoff_hz: float, dt: float) -> float:
     return 1.0 if cutoff_hz == 0 else dt / (dt + 1.0 / (2 * np.pi * cutoff_hz))
 
 
-class Path(NamedTuple):
+class PathState(NamedTuple):
     """State of the path of N simulations of n joints."""
 
     step: Array  # (N, n) largest change per control step [N·m]
@@ -94,7 +94,7 @@ class TorquePath:
 
     def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
         self.interface = interface
-        self.arrays = Path(
+        self.arrays = PathState(
             step=np.full((nsim, n), np.inf),
             gain=interface.lowpass_gain,
             limit=np.full((nsim, n), np.inf),
@@ -122,14 +122,14 @@ class TorquePath:
 
 
 @inlined
-def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
+def pass_torque(i: int, command: Array, path: PathState, out: Array) -> None:
     """Write the torque of simulation ``i`` behind the path of its command, both (N, n) [N·m]."""
     for j in range(out.shape[1]):
         out[i, j] = _pass_one(i, j, command[i, j], path)
 
 
 @inlined
-def _pass_one(i: int, j: int, u: float, path: Path) -> float:
+def _pass_one(i: int, j: int, u: float, path: PathState) -> float:
     """Return the torque of one joint behind the path of a command u [N·m]."""
     step, limit = path.step[i, j], path.limit[i, j]
     # exactly the command wherever the rate allows it
@@ -143,7 +143,7 @@ def _pass_one(i: int, j: int, u: float, path: Path) -> float:
 
 
 @compiled
-def _pass_block(ids: Index, command: Array, path: Path, out: Array) -> None:
+def _pass_block(ids: Index, command: Array, path: PathState, out: Array) -> None:
     for row in range(len(ids)):
         for k in range(command.shape[1]):
             for j in range(command.shape[2]):

@@ -137,8 +137,7 @@ class GoalSequencer:
 
     def reference(self, t: Array) -> Reference:
         """Return the reference of all arms at times t (N,) [s]."""
-        out: Reference = sample(t - self.arrays.begun, self.movement)
-        return out
+        return sample(t - self.arrays.begun, self.movement)
 
     @property
     def index(self) -> Index:

@@ -57,7 +57,6 @@ def conformance(
     stiction: ArrayLike | None = None,
     *,
     engine: str = "mujoco",
-    qpos: ArrayLike | None = None,
     rates: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
     threads: int = 0,
@@ -75,7 +74,6 @@ def conformance(
         stiction: F_s of every hinge of the model in its order [N·m], 0 for one not to be tested.
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
         engine: where the joints are tested, one of `engines.ENGINES`.
-        qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
         rates: ramp rates [N·m/s]; None for those of the settings, in MuJoCo alone.
         chain: base and tip link of one arm in a bigger robot's file, whose other joints are locked.
         threads: threads, 0 for all processors.
@@ -110,7 +108,7 @@ def conformance(
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
     whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
-    bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
+    bench = _Bench(where, whole, joints, level, _start(bare), threads, s)
     say = progress or (lambda *_: None)
     # NaN stays where an engine refuses the model
     deflection, still, creep, go = np.full((4, len(joints)), np.nan)
@@ -148,7 +146,6 @@ def conformance(
             "robot": None if path is None else str(path),
             "model_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
             "stiction": stiction,
-            "qpos": qpos,
             "rates": list(rates),
             **({} if chain is None else {"chain": list(chain)}),
             **({} if stock else {"engine": {"name": where.name, **where.versions()}}),
@@ -338,21 +335,12 @@ def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
     return level, np.where(stiffness > 0, stiffness, np.nan)
 
 
-def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
-    """Return the position to test at, (nq,)."""
+def _start(model: mujoco.MjModel) -> Array:
+    """Return the position to test at, (nq,): the middle of limited joints' ranges."""
     scalar = np.isin(
         model.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
     )
     limited = np.flatnonzero(model.jnt_limited.astype(bool) & scalar)
-    adr = model.jnt_qposadr[limited]
-    if qpos is None:
-        middle = np.array(model.qpos0)
-        middle[adr] = model.jnt_range[limited].mean(axis=1)
-        return middle
-    q = checked_array(qpos, "qpos", (model.nq,))
-    for joint, at in zip(limited, adr, strict=True):
-        low, high = model.jnt_range[joint]
-        if not low <= q[at] <= high:
-            name = model.joint(int(joint)).name
-            raise StictionError(f"joint {name}: position {q[at]} is outside [{low}, {high}]")
-    return q
+    middle = np.array(model.qpos0)
+    middle[model.jnt_qposadr[limited]] = model.jnt_range[limited].mean(axis=1)
+    return middle

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -31,8 +31,8 @@ from stiction_envs.experiments.observation import (
 )
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.randomise import (
+    FIELDS,
     check_spreads,
-    draw,
     randomised,
     randomised_senses,
     true_friction,
@@ -48,13 +48,7 @@ Options = Mapping[str, object]  # Options of a reset by name
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
-class Ordered(Protocol):
-    """Values that can be sorted."""
-
-    def __lt__(self, other: Any, /) -> bool: ...
-
-
-Case = TypeVar("Case", bound=Ordered)  # The case of an episode, such as a configuration of the SJE
+Case = TypeVar("Case", bound=Any)  # The case of an episode, such as a configuration of the SJE
 Unit = TypeVar("Unit")  # Result of a case without dither: the unit of its reward
 Drawn = tuple[list[Case], list[ScatterKey], list[Unit], Array | None]
 """M drawn episodes: cases, seeds of the scatter, units of the reward, factors of friction."""
@@ -261,7 +255,9 @@ class Episodes(ABC, Generic[Case, Unit]):
             # further episodes will draw as well: one batch for all is the fastest
             wanted |= self._cases(self.fixed_options)
         base = self._undithered(sorted(wanted))
-        spread = np.stack([draw(rng, self.n) for rng in rngs]) if self._spreads else None
+        # the count of draws does not depend on the spreads
+        size = len(FIELDS), self.n
+        spread = np.stack([r.uniform(-1.0, 1.0, size) for r in rngs]) if self._spreads else None
         return cases, keys, [base[case] for case in cases], spread
 
     def begin(self, ids: Index, drawn: Drawn[Case, Unit]) -> None:

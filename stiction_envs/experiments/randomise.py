@@ -80,11 +80,6 @@ def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
     return scaled(sticking.parameters, dict.fromkeys(FIELDS["friction"], factor))
 
 
-def draw(rng: np.random.Generator, n: int) -> Array:
-    """Return numbers (spreads, n) in [−1, 1]; their count does not depend on the spreads."""
-    return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))
-
-
 def randomised(
     parameters: FrictionParameters, spreads: Mapping[str, float], drawn: Array
 ) -> FrictionParameters:

@@ -290,8 +290,7 @@ def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.
 def minimum_jerk(x: NDArray[np.floating]) -> Array:
     """Return the share of a smooth move from rest to rest that is done after a share x of it."""
     x = np.clip(x, 0.0, 1.0)
-    out: Array = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
-    return out
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def count_blocks(what: str, interval: float, block: float) -> int:

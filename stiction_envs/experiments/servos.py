@@ -59,14 +59,12 @@ class Servos:
         """
         p = self.sticking.parameters
         offset = p.offset + p.gravity_error * np.clip(signed, -p.load_high, p.load_high)
-        out: Array = p.stiction_at(load).max(axis=-1) + np.abs(offset)
-        return out
+        return p.stiction_at(load).max(axis=-1) + np.abs(offset)
 
     def stiffness(self, resistance: Array) -> Array:
         """Return the stiffness (M, n) [N·m/rad] against a resistance (M, n) [N·m]."""
         counted = np.maximum(self.torque_limit, TORQUE_MARGIN * resistance)
-        out: Array = self.approach.hold_stiffness * counted
-        return out
+        return self.approach.hold_stiffness * counted
 
     def inertia(self, q: Array) -> tuple[Array, Array]:
         """Return the inertia [kg·m²] that joints move at poses q (M, n) [rad], rotors included.
@@ -98,13 +96,11 @@ class Servos:
         others[:, spring] = h * h / 2 * p.joint_stiffness[s.spring >= 0]
         left = np.maximum(1.0 - _largest(mass, others) / 2, 0.0)
         needed = np.maximum(_largest(mass, servo), np.finfo(float).tiny)
-        out: Array = np.minimum(1.0, left / needed)[:, None] * critical
-        return out
+        return np.minimum(1.0, left / needed)[:, None] * critical
 
 
 def _largest(mass: Array, diagonal: Array) -> Array:
     """Return (M,) the largest eigenvalue of M⁻¹ D, of mass (M, k, k) and diagonals D ≥ 0 (M, k)."""
     root = np.sqrt(diagonal)
     inverse = root[:, :, None] * np.linalg.inv(mass) * root[:, None, :]
-    out: Array = np.linalg.eigvalsh(inverse)[:, -1]
-    return out
+    return np.linalg.eigvalsh(inverse)[:, -1]

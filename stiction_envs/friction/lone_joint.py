@@ -53,8 +53,7 @@ def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int
     NaN where a joint has not moved within ``longest`` [s]. Commands are held for ``hold`` steps.
     """
     columns = np.ascontiguousarray(np.stack([getattr(joints, f.name) for f in fields(joints)], 1))
-    out: Array = _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
-    return out
+    return _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
 
 
 @compiled

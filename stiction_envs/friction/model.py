@@ -70,8 +70,7 @@ class StickingModel:
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""
         rows = qpos.reshape(-1, qpos.shape[-1])
-        out: Array = _link_angles(rows, self.motor, self.spring).reshape(*qpos.shape[:-1], self.n)
-        return out
+        return _link_angles(rows, self.motor, self.spring).reshape(*qpos.shape[:-1], self.n)
 
     def one_link_position(self, qpos: Array, joint: Index) -> Array:
         """Return (M, K) angle [rad] of joint[m] (from 0) from (M, K, nq) MuJoCo positions."""

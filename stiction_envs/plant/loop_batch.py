@@ -161,8 +161,7 @@ class LoopBatch(CopiedBatch):
     def rollout(self, nstep: int, **options: object) -> dict[str, Array]:
         """As `Batch.rollout`."""
         self._begun = False
-        out: dict[str, Array] = super().rollout(nstep, **options)
-        return out
+        return super().rollout(nstep, **options)
 
     @property
     def loops(self) -> list[Loop]:

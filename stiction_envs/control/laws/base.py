@@ -85,11 +85,9 @@ class Law:
 
 def breakaway(friction: FrictionParameters, load: Array) -> Array:
     """Return (n,) breakaway torque under load, mean of both directions [N·m]."""
-    out: Array = friction.stiction_at(load).mean(axis=-1)
-    return out
+    return friction.stiction_at(load).mean(axis=-1)
 
 
 def coulomb(friction: FrictionParameters, load: Array) -> Array:
     """Return (n,) Coulomb friction under load, mean of both directions [N·m]."""
-    out: Array = (friction.stiction_at(load) * friction.coulomb_ratio).mean(axis=-1)
-    return out
+    return (friction.stiction_at(load) * friction.coulomb_ratio).mean(axis=-1)

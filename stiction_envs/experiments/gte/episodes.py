@@ -55,7 +55,8 @@ from stiction_envs.robots import Arm
 OPTIONS = ("trajectory", "path", "stiffness", "iteration")  # Names of the reset options
 CAPACITY = max(random_path_settings().most_goals, *(len(p().position) for p in PATHS.values()))
 """Most goals of a path."""
-_UNIT = episode_settings().unit
+# the largest stiffness [N/m, N·m/rad] is observed as 1
+_UNIT = np.max(episode_settings().stiffness, axis=0)[:2]
 GROUPS = (
     Group("displacement", -3.0, 3.0, "rad", "link angle minus the start's", per_joint=True),
     Group("velocity", -3.0, 3.0, "rad/s", "link speed", per_joint=True),

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path as File
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensation
@@ -181,8 +181,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return the torque (n,) that each joint transmits at the start, its magnitude [N·m]."""
         plant = Plant(self.sticking, 1, threads=1)
         plant.reset(np.array([0]), self.start[None])
-        load: Array = plant.load[1][0]
-        return load
+        return plant.load[1][0]
 
     def nominal_duration(self, path: Path) -> float:
         """Return the time a path takes an arm that follows exactly [s]."""
@@ -230,6 +229,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         runs = self.run(cases, iterations=iterations, progress=progress)
         arm = self.sticking.arm
         model = self.controller_model
+        model_hash = None if model is None else hashlib.sha256(model.xml.encode()).hexdigest()
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
@@ -247,7 +247,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
                     "start": self.start,
                     "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
-                    "controller_model_sha256": None if model is None else _sha256(model.xml),
+                    "controller_model_sha256": model_hash,
                     "scatter": self.scatter,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
@@ -287,18 +287,14 @@ class GeneratedTrajectoryExperiment(GTESetup):
         true = [None] * len(cases) if parameters is None else list(parameters)
         if len(true) != len(cases):
             raise StictionError(f"friction of {len(true)} cases: expected {len(cases)}")
-        block = self._block_steps(interval)
+        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        block = _PART * sample
+        if interval is not None:
+            block = count_blocks("interval", interval, sample * CONTROL_DT) * sample
         for k in range(0, len(cases), most):
             part = slice(k, k + most)
             out += self._run_together(cases[part], true[part], repeats, progress, steering, block)
         return out
-
-    def _block_steps(self, interval: float | None) -> int:
-        """Return the control steps of a block."""
-        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
-        if interval is None:
-            return _PART * sample
-        return count_blocks("interval", interval, sample * CONTROL_DT) * sample
 
     def _run_together(
         self,
@@ -327,7 +323,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             np.array([cases[i].stiffness for i in of]),
             [(int(i % repeats),) for i in ids],
         )
-        dither = [self.dither_of(c) for c in cases]
+        dither = [dither_arrays(c.dither, self.n) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
         rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
         steer = None if steering is None else steering(rig, [cases[i] for i in of])
@@ -343,11 +339,3 @@ class GeneratedTrajectoryExperiment(GTESetup):
             log.run(case, np.array(of) == i, len(paths[i].position), horizon)
             for i, case in enumerate(cases)
         ]
-
-    def dither_of(self, case: Case) -> dict[str, NDArray[np.generic]]:
-        """Return (n,) arguments of `GTERig.set_dither` for a case."""
-        return dither_arrays(case.dither, self.n)
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()

@@ -26,7 +26,7 @@ from stiction_envs.control.impedance import (
 )
 from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
 from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
-from stiction_envs.control.torque_path import Path, pass_torque
+from stiction_envs.control.torque_path import PathState, pass_torque
 from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sample, write_twist
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import CONTROL_DT
@@ -93,20 +93,17 @@ class ControllerModel:
                 Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
                 for model, d in zip(self._models, data, strict=True)
             ]
+            # where the entries of MuJoCo's sparse inertia are
+            model = self._models[0]
+            rows = np.repeat(np.arange(model.nv), np.asarray(model.M_rownnz))
+            columns = np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
             arrays = ModelArrays(
                 *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
-                *_entries(self._models[0]),
+                *(rows, columns),
                 *(self._rotor, self.mass, self.missing),
             )
             self._made.append((arrays, data))  # compiled code has addresses only
         return self._made[part][0]
-
-
-def _entries(model: mujoco.MjModel) -> tuple[Index, Index]:
-    """Return (row, column) of every entry of MuJoCo's sparse inertia `M`."""
-    count = np.asarray(model.M_rownnz)
-    rows = np.repeat(np.arange(model.nv), count)
-    return rows, np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
 
 
 @inlined
@@ -209,7 +206,7 @@ class Arms(NamedTuple):
     compensated: bool  # Whether any arm has a compensation
     compensation: Compensations
     added: Array  # (N, n) dither and compensation of the last cycle, written [N·m]
-    path: Path
+    path: PathState
     applied: Array  # (N, n) what the joints get of the command, written [N·m]
     shaking: Shaking
     sampling: Sampling

@@ -65,12 +65,6 @@ class EpisodeSettings:
     random_paths: Count  # How many are drawn from
     undithered_iterations: Count  # Iterations of a random path whose mean is the unit of the reward
 
-    @property
-    def unit(self) -> tuple[float, float]:
-        """Stiffness that is observed as 1, the largest: [N/m], [N·m/rad]."""
-        translational, rotational, _ = np.max(self.stiffness, axis=0)
-        return float(translational), float(rotational)
-
 
 def episode_settings() -> EpisodeSettings:
     """Return the defaults."""

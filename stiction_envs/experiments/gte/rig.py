@@ -84,7 +84,10 @@ class GTERig(Rig):
         )
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._inertia = self._servos.inertia(self.start[None])
-        self.start_position, self.start_quaternion = self._nominal()
+        self.plant.reset(np.arange(nsim), np.broadcast_to(self.start, (nsim, self.n)))
+        self.end_effector.read()
+        self.start_position = self.end_effector.position[0].copy()
+        self.start_quaternion = self.end_effector.quaternion[0].copy()
         self.applied, self._added = np.zeros((2, nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self.dither_torque = np.zeros((nsim, self.n))
@@ -92,12 +95,6 @@ class GTERig(Rig):
         threads = setup.threads or os.cpu_count() or 1
         if threads > 1:
             self._share = TaskPool(threads).run
-
-    def _nominal(self) -> tuple[Array, Array]:
-        """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
-        self.plant.reset(np.arange(self.nsim), np.broadcast_to(self.start, (self.nsim, self.n)))
-        self.end_effector.read()
-        return self.end_effector.position[0].copy(), self.end_effector.quaternion[0].copy()
 
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]

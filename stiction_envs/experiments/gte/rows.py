@@ -175,7 +175,9 @@ def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
 
 def thesis_stiffness() -> list[tuple[float, float, float]]:
     """Return the stiffnesses of Table 4.11, in its order."""
-    return list(dict.fromkeys(_stiffness(row) for row in thesis_table("4.11")))
+    names = [f"stiffness_{x}" for x in ("translation", "rotation", "nullspace")]
+    found = [[float(str(row[name])) for name in names] for row in thesis_table("4.11")]
+    return list(dict.fromkeys((kt, kr, kn) for kt, kr, kn in found))
 
 
 def thesis_final_dither() -> tuple[AmplitudeRow, ...]:
@@ -185,10 +187,3 @@ def thesis_final_dither() -> tuple[AmplitudeRow, ...]:
         AmplitudeRow(joint, float(row["frequency_Hz"]), float(row["tau_final_Nm"]))
         for joint, row in sorted(rows.items())
     )
-
-
-def _stiffness(row: dict[str, object]) -> tuple[float, float, float]:
-    kt, kr, kn = (
-        float(str(row[f"stiffness_{name}"])) for name in ("translation", "rotation", "nullspace")
-    )
-    return kt, kr, kn

@@ -84,7 +84,10 @@ def undithered(
             pairs = zip(missing, runs, strict=True)
             store.keep(kind, of, {names[key]: _summary(experiment, run) for key, run in pairs})
             known = store.recall(kind, of)
-        out |= {key: _of_store(known[name]) for key, name in names.items()}
+        for key, name in names.items():
+            kept: store.Values = known[name]
+            arrays = {k: np.array(x) for k, x in kept.items() if isinstance(x, list)}
+            out[key] = Undithered(**(kept | arrays))
     return out
 
 
@@ -95,11 +98,6 @@ def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
     if path_number(trajectory) is not None:
         of.append(store.digest(experiment.path(trajectory))[:8])
     return " ".join([*of, *(repr(float(k)) for k in stiffness)])
-
-
-def _of_store(values: store.Values) -> Undithered:
-    known: store.Values = {k: np.array(x) if isinstance(x, list) else x for k, x in values.items()}
-    return Undithered(**known)
 
 
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> store.Values:

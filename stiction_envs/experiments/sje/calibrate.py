@@ -81,7 +81,7 @@ class Calibration:
         *,
         base: str | Path | FrictionParameters | None,
         table: Path,
-        provenance: Mapping[str, object],
+        provenance: Mapping[str, Any],
     ) -> None:
         """Write the friction TOML, provenance inside; its folder is made.
 
@@ -91,7 +91,14 @@ class Calibration:
             table: file of the measured base torques.
             provenance: of the run.
         """
-        strings = _provenance_strings(provenance)
+        inputs = {k: v["sha256"] for k, v in provenance["inputs"].items()}
+        strings = {
+            "arguments_sha256": provenance["arguments_sha256"],
+            "git_commit": provenance["git_commit"] or "none: not run from a checkout",
+            "seed": str(provenance["seed"]),
+            **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
+            "versions": ", ".join(f"{k} {v}" for k, v in provenance["versions"].items()),
+        }
         text = calibrated_toml(self, base, table.name, table.read_bytes(), strings)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text_atomic(path, text)
@@ -172,10 +179,12 @@ def calibrate(
     if (table.friction <= 0).any():
         raise StictionError("base table: friction (half-difference of + and −) must be positive")
     poses = experiment.poses
-    friction, offset = _levels(experiment)
+    own = experiment.sticking.parameters
+    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
+    offset = own.offset[:, None] + own.gravity_error[:, None] * poses.signed
     best: Calibration | None = None
     for round_ in range(1, ROUNDS + 1):
-        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
+        parameters = with_levels(own, poses, friction, offset)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
         trial = experiment.replace(sticking=sticking, scatter=False)
         simulated = trial.base_torques().tau
@@ -219,13 +228,6 @@ def calibrate(
     return best
 
 
-def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
-    """Return friction and offset (n, 2) an arm has in its load and no-load pose [N·m]."""
-    own, poses = experiment.sticking.parameters, experiment.poses
-    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
-    return friction, own.offset[:, None] + own.gravity_error[:, None] * poses.signed
-
-
 def calibrated_toml(
     result: Calibration,
     base: str | Path | FrictionParameters | None,
@@ -267,15 +269,3 @@ def calibrated_toml(
         return text
     servo = read_toml(Path(base)).get("servo")
     return text if servo is None else text + "\n" + toml_text({"servo": servo})
-
-
-def _provenance_strings(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return a run's provenance as the strings that a friction TOML holds."""
-    inputs = {k: v["sha256"] for k, v in found["inputs"].items()}
-    return {
-        "arguments_sha256": found["arguments_sha256"],
-        "git_commit": found["git_commit"] or "none: not run from a checkout",
-        "seed": str(found["seed"]),
-        **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
-        "versions": ", ".join(f"{k} {v}" for k, v in found["versions"].items()),
-    }

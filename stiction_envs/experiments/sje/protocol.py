@@ -16,6 +16,7 @@ from stiction_envs.experiments.servos import Approach
 from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
+from stiction_envs.robots.tables import read_toml
 
 POSES = {"load": "load pose", "no_load": "no-load pose"}  # As pages write loads
 SIGNS = {"+": "+", "-": "−"}
@@ -44,13 +45,6 @@ class Protocol(Approach):
 
 
 @dataclass(frozen=True, kw_only=True)
-class UnderServos:
-    """Numbers that differ where position servos drive the joints."""
-
-    threshold: Positive  # See `Protocol` [rad]
-
-
-@dataclass(frozen=True, kw_only=True)
 class SJERewardSettings:
     """Weights of the environment's penalties, and the least frequency of shaking."""
 
@@ -75,7 +69,8 @@ def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
     """
     protocol, arm = load_settings(Protocol, _TOML, "default"), ARMS.get(str(robot))
     if position:
-        protocol = protocol.replace(threshold=load_settings(UnderServos, _TOML, "servos").threshold)
+        servos = read_toml(_TOML)["servos"]
+        protocol = protocol.replace(**{name: entry["value"] for name, entry in servos.items()})
     own = {} if arm is None else arm.table.get("experiments", {}).get("sje", {})
     try:
         return override(protocol, own)

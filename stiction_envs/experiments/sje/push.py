@@ -162,8 +162,7 @@ class Push(Rig):
         cycle = -(-step // self.interface.hold_steps) * self.interface.hold_steps
         away = self.target - self.torque
         grown = np.minimum(rate * CONTROL_DT * cycle, abs(away))
-        out: Array = self.torque + np.sign(away) * grown
-        return out
+        return self.torque + np.sign(away) * grown
 
     def _is_still(self) -> bool:
         """Whether the joint has stopped, however it is shaken."""

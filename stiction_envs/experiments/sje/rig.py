@@ -78,6 +78,8 @@ class SJERig(Rig):
         self._approach_steps = round((protocol.return_time + protocol.settle_time) / CONTROL_DT)
         self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
         self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
+        # control steps in which no command changes
+        self._cycle = 1 if BLOCK % self.interface.hold_steps else self.interface.hold_steps
 
     def place(self, ids: Index, configurations: Sequence[Configuration]) -> None:
         """Put arms into new configurations, displaced as after a ramp in the other direction."""
@@ -121,6 +123,10 @@ class SJERig(Rig):
         phase = self.dither_phase[ids]
         return phase if self.columns > 1 else phase[np.arange(len(ids)), self.joint[ids]][:, None]
 
+    def _column(self, ids: Index) -> Index:
+        """Return (M,) the column of the joint under test among torques and dithers."""
+        return self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
+
     def _gate_speed(self) -> Array | None:
         speed = super()._gate_speed()
         if speed is None or self.columns > 1:
@@ -149,8 +155,7 @@ class SJERig(Rig):
         """(N, n) torque with which servos hold joints, as if none were free [N·m]."""
         lag = self.target - self.plant.motor_position
         speed = self.plant.state[1][:, self.plant.sticking.motor]
-        out: Array = self._hold * lag - self._hold_damping * speed
-        return out
+        return self._hold * lag - self._hold_damping * speed
 
     def ramp_torque(self, ids: Index, step: Index) -> Array:
         """Return (M, K) commanded torque without dither [N·m] at control steps (M, K) of a ramp."""
@@ -173,7 +178,8 @@ class SJERig(Rig):
         every = self.watch is not None or self.senses is not None
         seen = np.empty((m, BLOCK, self.n)) if every else None
         measured = np.empty((len(rows), BLOCK, self.n)) if self.senses is not None else None
-        part = self._steps_at_once(ids[rows])
+        gated = np.isfinite(self.dither.gate_velocity[ids[rows]]).any()
+        part = self._cycle if gated else BLOCK
         for k in range(0, BLOCK, part):
             here = slice(k, k + part)
             torque = np.zeros((m, part, self.n))
@@ -207,19 +213,9 @@ class SJERig(Rig):
         """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
         return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
 
-    def _steps_at_once(self, ids: Index) -> int:
-        """Return control steps for which ramps ``ids`` need not look at their speed."""
-        if not np.isfinite(self.dither.gate_velocity[ids]).any():
-            return BLOCK
-        hold = self.interface.hold_steps
-        return hold if BLOCK % hold == 0 else 1
-
     def _add_speeds(self, ids: Index, angle: Array) -> None:
         """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
-        frequency = self.dither.frequency[ids]
-        if self.columns > 1:
-            frequency = np.take_along_axis(frequency, self.joint[ids][:, None], axis=1)
-        corner = HIGHPASS * frequency[:, 0]
+        corner = HIGHPASS * self.dither.frequency[ids, self._column(ids)]
         gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
         sums = self._speeds[ids]
         _add_squares(angle, self.start_angle[ids], far, gain, sums)
@@ -232,17 +228,15 @@ class SJERig(Rig):
         """
         length = step.shape[1]
         command = np.zeros((len(ids), length, self.columns))
-        mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
-        command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
+        command[np.arange(len(ids)), :, self._column(ids)] = self.ramp_torque(ids, step)
         if self.dither.sines is not None:
             time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
             add_sines(*self.dither.sines, time, ids, command)
         elif self.dither.amplitude.any() or self.dither.offset.any():
-            speed, hold = self._held_gate_speed(ids, step[:, 0]), self.interface.hold_steps
-            stride = hold if BLOCK % hold == 0 else 1
-            for k in range(0, length, stride):
+            speed = self._held_gate_speed(ids, step[:, 0])
+            for k in range(0, length, self._cycle):
                 shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
-                command[:, k : k + stride] += shaken[:, None]
+                command[:, k : k + self._cycle] += shaken[:, None]
         if self._line is not None:
             self._line.send_block(ids, step, command)
         out = self._path.run(command, ids)
@@ -291,7 +285,7 @@ class SJERig(Rig):
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
         self._release(ids, joint, offset)
         start = np.zeros((len(ids), self.columns))
-        start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
+        start[rows, self._column(ids)] = self.start_torque[ids]
         self._path.reset(ids, start)
         if self._line is not None:
             self._line.reset(ids, self._sense_seed[ids], start)
@@ -332,8 +326,7 @@ class SJERig(Rig):
 
         ``torque`` (M, K) is the command's without dither [N·m], ``angle`` (M, K) the joint's [rad].
         """
-        out: Array = torque[np.arange(len(ids)), last]
-        return out
+        return torque[np.arange(len(ids)), last]
 
 
 @compiled

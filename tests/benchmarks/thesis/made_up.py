@@ -25,7 +25,7 @@ def measurement(job: Job, tau: float, iterations: int = 3) -> Measurement:
     )
 
 
-def run_torques(self, jobs, *, iterations=None, progress=None, simulations=0):
+def run_torques(self, jobs, *, iterations=None, progress=None):
     """Pretend to simulate: base torques as printed, dither takes a tenth of its amplitude."""
     for job in jobs:
         c = job.configuration

@@ -10,6 +10,7 @@ from stiction_envs.control.trajectory import Path
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run, load_gte_protocol
 from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured import AmplitudeRow
 
@@ -75,7 +76,8 @@ def following(b: GeneratedTrajectoryExperiment, case: Case, arms: int = 1) -> GT
     rig, ids = b.rig(arms, 2), np.arange(arms)
     stiffness = np.tile(case.stiffness, (arms, 1))
     rig.begin(ids, [b.path(case.trajectory)] * arms, stiffness, [(i,) for i in ids])
-    rig.set_dither(ids, **{k: np.stack([v] * arms) for k, v in b.dither_of(case).items()})
+    dither = dither_arrays(case.dither, b.n)
+    rig.set_dither(ids, **{k: np.stack([v] * arms) for k, v in dither.items()})
     return rig
 
 
