@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
-from stiction_envs.control.rotation import error_matrix, slerp_one, write_one_error_matrix
+from stiction_envs.control.rotation import error_matrix
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Limits
 from stiction_envs.robots.tables import Table, read_toml
@@ -45,7 +45,6 @@ _BOUNDS: dict[str, tuple[tuple[int, ...] | None, float, float]] = {
         ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length", "torque_rate"),
         ((), 0.0, np.inf),
     ),
-    "pose_filter": ((), 0.0, 1.0),
 }
 """Shape of each number (None: any), what it is above, and the most that it may be."""
 
@@ -70,11 +69,6 @@ class ImpedanceSettings:
     """Cycles per second [Hz]."""
     torque_rate: float = _DEFAULT["torque_rate"]
     """Largest change of a joint's command per cycle [N·m]; inf is off."""
-    pose_filter: float = _DEFAULT["pose_filter"]
-    """p, fraction of a change of the reference pose that is reached after one second, in (0, 1];
-    1 is off."""
-    dither_after_saturation: bool = _DEFAULT["dither_after_saturation"]
-    """False: dither counts towards ``torque_rate``; True: it is added after that limit."""
     singular_below: float = _DEFAULT["singular_below"]
     """Smallest eigenvalue of the scaled J M⁻¹ Jᵀ that is still regular, s_0 [1/kg]."""
     singular_length: float = _DEFAULT["singular_length"]
@@ -99,15 +93,6 @@ class ImpedanceSettings:
             array.flags.writeable = False
             object.__setattr__(self, name, float(array) if shape == () else array)
 
-    @property
-    def filter_step(self) -> float:
-        """The s of x ← x + s (target − x) of the pose; 1 is off (sources.md 6.1).
-
-        s = 1/(κ f + 1) with κ = −1/ln(1 − p) reaches the fraction p in one second.
-        """
-        p = self.pose_filter
-        return 1.0 if p == 1.0 else 1.0 / (1.0 - self.rate_hz / np.log1p(-p))
-
 
 _TINY = np.finfo(np.float64).tiny
 
@@ -115,16 +100,12 @@ _TINY = np.finfo(np.float64).tiny
 class Impedance(NamedTuple):
     """Settings and state of N controllers of n joints."""
 
-    dither_after: bool  # Whether dither is added behind the saturation
     rate: float  # Largest change of the torque per cycle [N·m]
     limit: Array  # (n,) largest torque [N·m]
     low: Array  # (n,) angle below which a joint is near its limit [rad]
     high: Array  # (n,) angle above which a joint is near its limit [rad]
     singular_below: float  # s_0 of `operational.renew` [1/kg]
     singular_length: float  # ℓ of `operational.renew` [m]
-    filter_step: float  # Share of the way to its target that a reference moves per cycle [-]
-    position_target: Array  # (N, 3) [m]
-    quaternion_target: Array  # (N, 4)
     position: Array  # (N, 3) of the reference [m]
     quaternion: Array  # (N, 4) of the reference
     error_matrix: Array  # (N, 4, 4) `rotation.error_matrix` of the reference
@@ -140,8 +121,7 @@ class Impedance(NamedTuple):
     state: Array  # (N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle
     q: Array  # (N, n) angles in the last cycle [rad]
     wanted: Array  # (N, n) torque of the last cycle before the saturation [N·m]
-    sent: Array  # (N, n) torque of the last cycle behind the saturation [N·m]
-    command: Array  # (N, n) torque of the last cycle with all dither [N·m]
+    command: Array  # (N, n) torque of the last cycle behind the saturation [N·m]
 
 
 class CartesianImpedance:
@@ -164,16 +144,12 @@ class CartesianImpedance:
         s = settings
         still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self.arrays = a = Impedance(
-            dither_after=s.dither_after_saturation,
             rate=s.torque_rate,
             limit=np.array(limits.torque),
             low=limits.position[:, 0] + s.limit_margin,
             high=limits.position[:, 1] - s.limit_margin,
             singular_below=s.singular_below,
             singular_length=s.singular_length,
-            filter_step=s.filter_step,
-            position_target=np.zeros((nsim, 3)),
-            quaternion_target=still.copy(),
             position=np.zeros((nsim, 3)),
             quaternion=still,
             error_matrix=error_matrix(still),
@@ -189,7 +165,6 @@ class CartesianImpedance:
             state=np.zeros((nsim, 12)),
             q=np.zeros((nsim, n)),
             wanted=np.zeros((nsim, n)),
-            sent=np.zeros((nsim, n)),
             command=np.zeros((nsim, n)),
         )
         """What compiled functions read and write; always the same objects."""
@@ -207,11 +182,10 @@ class CartesianImpedance:
         joint angles q are (M, n) [rad].
         """
         a = self.arrays
-        a.position_target[ids] = a.position[ids] = position
-        a.quaternion_target[ids] = a.quaternion[ids] = quaternion
+        a.position[ids], a.quaternion[ids] = position, quaternion
         a.error_matrix[ids] = error_matrix(a.quaternion[ids])
         a.null_q[ids] = a.q[ids] = q
-        a.wanted[ids] = a.sent[ids] = a.command[ids] = 0.0
+        a.wanted[ids] = a.command[ids] = 0.0
 
     def set_stiffness(
         self, ids: Index, translational: ArrayLike, rotational: ArrayLike, nullspace: ArrayLike
@@ -239,21 +213,6 @@ def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
     low = a.singular_below, a.singular_length
     singular = a.singular[i : i + 1]
     return renew(jacobian, mass, a.null_active[i], *low, singular, a.inertia[i], a.projector[i])
-
-
-@inlined
-def advance_reference(i: int, a: Impedance) -> None:
-    """Move the reference of arm ``i`` one cycle towards its target."""
-    if a.filter_step < 1.0:
-        for k in range(3):
-            a.position[i, k] += a.filter_step * (a.position_target[i, k] - a.position[i, k])
-        slerp_one(a.quaternion[i], a.quaternion_target[i], a.filter_step, a.quaternion[i])
-    else:
-        for k in range(3):
-            a.position[i, k] = a.position_target[i, k]
-        for k in range(4):
-            a.quaternion[i, k] = a.quaternion_target[i, k]
-    write_one_error_matrix(a.quaternion[i], a.error_matrix[i])
 
 
 @inlined
@@ -299,13 +258,10 @@ def impedance_cycle(
                 total += a.projector[i, j, m] * a.null_torque[i, m]
             wanted[i, j] += total
     for j in range(n):
-        if not a.dither_after:
-            wanted[i, j] += added[i, j]
-        limit, last = a.limit[j], a.sent[i, j]
-        sent = between(wanted[i, j], max(last - a.rate, -limit), min(last + a.rate, limit))
-        a.sent[i, j] = a.command[i, j] = sent
-        if a.dither_after:
-            a.command[i, j] = between(sent + added[i, j], -limit, limit)
+        wanted[i, j] += added[i, j]
+        limit, last = a.limit[j], a.command[i, j]
+        low, high = max(last - a.rate, -limit), min(last + a.rate, limit)
+        a.command[i, j] = between(wanted[i, j], low, high)
 
 
 @compiled
@@ -318,7 +274,7 @@ def read_flags(i: int, a: Impedance, out: Bools) -> None:
     if a.singular[i]:
         out[0] = True
     for j in range(a.q.shape[1]):
-        if a.wanted[i, j] != a.sent[i, j] or abs(a.command[i, j]) >= a.limit[j]:
+        if a.wanted[i, j] != a.command[i, j] or abs(a.command[i, j]) >= a.limit[j]:
             out[1] = True
         if a.q[i, j] < a.low[j] or a.q[i, j] > a.high[j]:
             out[2] = True

@@ -44,8 +44,6 @@ class MotionLimits:
     rotational_acceleration: _Finite = _DEFAULT["rotational_acceleration"]  # [rad/s²]
     translational_deceleration: _Finite = _DEFAULT["translational_deceleration"]  # [m/s²]
     rotational_deceleration: _Finite = _DEFAULT["rotational_deceleration"]  # [rad/s²]
-    synchronised: bool = _DEFAULT["synchronised"]
-    """Whether the shorter of translation and rotation is stretched in time to the longer."""
     publish_rate_hz: _Finite = _DEFAULT["publish_rate_hz"]  # Rate of new references [Hz]
     position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
@@ -69,7 +67,6 @@ def new_movements(nsim: int, s: MotionLimits) -> Movement:
         acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
         deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
         speed=np.array([s.translational_speed, s.rotational_speed], float),
-        synchronised=bool(s.synchronised),
         start=np.zeros((nsim, 3)),
         start_q=still.copy(),
         goal=np.zeros((nsim, 3)),

@@ -23,14 +23,13 @@ class Movement(NamedTuple):
 
     Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
     distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
-    orientation turns about one axis along the shorter arc. A stretched movement runs the same
-    profile more slowly, so it keeps the limits too.
+    orientation turns about one axis along the shorter arc. The shorter of both in time is stretched
+    to the longer: the same profile, run more slowly, so that it keeps the limits too.
     """
 
     acceleration: Array  # (2,) [m/s², rad/s²]
     deceleration: Array  # (2,) [m/s², rad/s²]
     speed: Array  # (2,) largest speeds [m/s, rad/s]
-    synchronised: bool  # Whether the shorter of both is stretched in time to the longer
     start: Array  # (N, 3) [m]
     start_q: Array  # (N, 4)
     goal: Array  # (N, 3) [m]
@@ -96,7 +95,7 @@ def plan(
         duration[i] = max(duration[i], up + flat[i, k] + down)
     for k in range(2):
         time = rise[i, k] + flat[i, k] + fall[i, k]
-        pace[i, k] = time / duration[i] if a.synchronised and duration[i] > 0.0 else 1.0
+        pace[i, k] = time / duration[i] if duration[i] > 0.0 else 1.0
         pace[i, k] *= asked[i]
     duration[i] /= asked[i]
 

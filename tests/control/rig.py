@@ -14,7 +14,6 @@ from stiction_envs.control import rotation
 from stiction_envs.control.impedance import (
     CartesianImpedance,
     ImpedanceSettings,
-    advance_reference,
     impedance_cycle,
     read_flags,
     renew_space,
@@ -49,8 +48,6 @@ class Controllers(CartesianImpedance):
         """One cycle of all arms; return the command (N, n)."""
         added = np.broadcast_to(dither, self.command.shape).copy()
         for i in range(self.nsim):
-            if self.arrays.filter_step < 1.0:
-                advance_reference(i, self.arrays)
             impedance_cycle(i, position, quaternion, jacobian, q, dq, added, self.arrays)
         return self.command.copy()
 
@@ -60,10 +57,8 @@ class Controllers(CartesianImpedance):
             assert renew_space(i, jacobian[i], mass[i], self.arrays)
 
     def set_reference(self, position: np.ndarray, quaternion: np.ndarray) -> None:
-        self.arrays.position_target[:], self.arrays.quaternion_target[:] = position, quaternion
-        for i in range(self.nsim):
-            if self.arrays.filter_step == 1.0:
-                advance_reference(i, self.arrays)
+        self.arrays.position[:], self.arrays.quaternion[:] = position, quaternion
+        self.arrays.error_matrix[:] = rotation.error_matrix(quaternion)
 
     @property
     def flags(self) -> np.ndarray:

@@ -49,11 +49,9 @@ def rests(reference: tuple[np.ndarray, ...], position: np.ndarray, quaternion: n
     assert not reference[3].any()
 
 
-@pytest.mark.parametrize("synchronised", [True, False])
-def test_speed_and_acceleration_stay_within_the_limits(synchronised):
+def test_speed_and_acceleration_stay_within_the_limits():
     """Finite differences: v ≤ v_max, −b ≤ v̇ ≤ a for translation and rotation, of all 64 arms."""
-    limits = MotionLimits(synchronised=synchronised)
-    s, _ = segment(synchronised=synchronised)
+    limits, (s, _) = MotionLimits(), segment()
     h = 1e-3
     t = np.arange(-0.1, s.duration.max() + 0.1, h)
     p, q, v, w = (np.array(part) for part in zip(*(s.sample(x) for x in t), strict=True))
@@ -96,19 +94,17 @@ def test_trapezoid_of_long_distances():
     assert above - below < 1e-7
 
 
-def test_synchronised_movements_end_together():
-    """The shorter one is stretched in time: same shape, slower; off, it ends by itself."""
-    together, apart = one(0.2, 0.1), one(0.2, 0.1, synchronised=False)
-    assert together.duration[0] == apart.duration[0] == one(0.2).duration[0]
-    alone = one(0.0, 0.1).duration[0]
-    assert alone < 0.9 * together.duration[0]
+def test_movements_of_both_kinds_end_together():
+    """The shorter one is stretched in time: same shape, slower."""
+    together, alone = one(0.2, 0.1), one(0.0, 0.1)
+    assert together.duration[0] == one(0.2).duration[0]
+    assert alone.duration[0] < 0.9 * together.duration[0]
     start = np.array([HERE])
     for fraction in (0.2, 0.5, 0.8, 1.0):
         stretched = angle_between(together.sample(fraction * 2.0)[1], start)
-        own = angle_between(apart.sample(fraction * alone)[1], start)
+        own = angle_between(alone.sample(fraction * alone.duration)[1], start)
         np.testing.assert_allclose(stretched, own, atol=1e-12)
     assert together.sample(1.9)[3][0] > 0
-    assert apart.sample(1.9)[3][0] == 0
 
 
 def test_a_movement_without_distance_takes_no_time():
@@ -257,10 +253,9 @@ def test_bad_limits_say_what_and_what_was_expected(name, value):
         MotionLimits(**{name: value})
 
 
-@pytest.mark.parametrize("synchronised", [True, False])
-def test_twist_is_the_references_velocity(synchronised):
+def test_twist_is_the_references_velocity():
     """By central differences of position and orientation; 0 at rest."""
-    s, _ = segment(synchronised=synchronised)
+    s, _ = segment()
     h = 1e-6
     for share in (0.1, 0.45, 0.8):
         t = share * s.duration

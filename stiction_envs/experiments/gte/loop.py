@@ -19,12 +19,12 @@ from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
 from stiction_envs.control.impedance import (
     Impedance,
-    advance_reference,
     impedance_cycle,
     read_flags,
     renew_space,
 )
 from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
+from stiction_envs.control.rotation import write_one_error_matrix
 from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
 from stiction_envs.control.torque_path import PathState, pass_torque
 from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sample, write_twist
@@ -240,7 +240,7 @@ def follow(
     positions, quaternions, references = sampling[1], sampling[2], sampling[3]
     senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
-    filters, asymmetric, n = impedance.filter_step < 1.0, plant.asymmetric, q.shape[1]
+    asymmetric, n = plant.asymmetric, q.shape[1]
     feeds, reads_model = compensation.feeds, compensation.reads_model
     substeps, going = plant.substeps, loop.going
     for i in range(first, end):
@@ -270,15 +270,14 @@ def follow(
                     if reads_model[i]:
                         gravity, coriolis = compensation.gravity, compensation.coriolis
                         renew_torques(i, q, dq, model.believed, gravity, coriolis)
-                looks = step[i] % goal_period < hold
                 time = step[i] * CONTROL_DT
-                if looks:
-                    _look_at_goals(i, time, position, quaternion, movement, goals, impedance)
+                if step[i] % goal_period < hold:
+                    accept(i, position[i], quaternion[i], time, goals, movement)
+                    clock = time - goals.begun[i]
+                    write_sample(i, clock, movement, impedance.position[i], impedance.quaternion[i])
+                    write_one_error_matrix(impedance.quaternion[i], impedance.error_matrix[i])
                     if feeds[i]:
-                        clock = time - goals.begun[i]
                         _feed(i, clock, jacobian[i], movement, compensation)
-                if looks or filters:
-                    advance_reference(i, impedance)
                 _shake(i, k, time, dq, shaking)
                 shaken = torque
                 if compensated:
@@ -319,22 +318,6 @@ def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
     write_links(i, plant.qvel, plant, dq)
     write_joint_torque(i, plant, torque)
     return q, dq, torque
-
-
-@inlined
-def _look_at_goals(
-    i: int,
-    time: float,
-    position: Array,
-    quaternion: Array,
-    movement: Movement,
-    goals: Goals,
-    impedance: Impedance,
-) -> None:
-    """Renew the reference of arm ``i`` at position (N, 3) [m], quaternion (N, 4), time [s]."""
-    accept(i, position[i], quaternion[i], time, goals, movement)
-    target = impedance.position_target[i], impedance.quaternion_target[i]
-    write_sample(i, time - goals.begun[i], movement, target[0], target[1])
 
 
 @compiled

@@ -157,8 +157,7 @@ class GTERig(Rig):
     def undithered_torque(self) -> Array:
         """(N, n) torque that controller and compensation asked for in the last cycle, before the
         limits and without dither; 0 before the first [N·m]."""
-        wanted, after = self.controller.wanted, self.controller.settings.dither_after_saturation
-        return wanted.copy() if after else wanted - self.dither_torque
+        return self.controller.wanted - self.dither_torque
 
     def advance(self, steps: int, sampling: Sampling | None = None) -> None:
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
