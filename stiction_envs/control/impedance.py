@@ -134,8 +134,7 @@ class CartesianImpedance:
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
         """Make the controllers of ``nsim`` arms with limits (n,); each needs `reset` at first.
 
-        Raises:
-            StictionError: nsim < 1, or a nullspace stiffness that is not one number or (n,).
+        Raise a StictionError for nsim < 1 or a nullspace stiffness that is not one number or (n,).
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: expected 1 or more")

@@ -226,11 +226,8 @@ def read_path(path: str | os.PathLike[str]) -> Path:
     """Read goals relative to the start from a CSV file, one row per goal.
 
     Columns ``x,y,z`` [m], with ``roll,pitch,yaw`` [rad] (fixed axes, as in ROS) or
-    ``qw,qx,qy,qz`` as well where the orientation changes.
-
-    Raises:
-        StictionError: an unreadable file, other columns, or a bad number; the message names file,
-            line and column.
+    ``qw,qx,qy,qz`` as well where the orientation changes. Raise a StictionError with file, line and
+    column for an unreadable file, other columns, or a bad number.
     """
     turns: tuple[str, ...] = ()
     header = header_of(path)

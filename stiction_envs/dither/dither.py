@@ -115,11 +115,9 @@ class Dither:
         return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
 
     def torque(self, t: float | Array, qd: Array | None = None) -> Array:
-        """Dither torque, fresh (N, n) array in N·m.
+        """Dither torque, fresh (N, n) array in N·m, at time ``t`` [s], one number or (N,).
 
-        Args:
-            t: time, s: one number, or (N,) when the simulations' clocks differ.
-            qd: joint velocities, (N, n) rad/s; needed only when a gate velocity is set.
+        Joint velocities ``qd`` (N, n) [rad/s] are needed only when a gate velocity is set.
         """
         shape = self.amplitude.shape
         if self.sines is not None and isinstance(t, np.ndarray) and t.shape == shape[:1]:
@@ -292,10 +290,8 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
 
     None below half the rate; one line from there up to the rate itself (the thesis commanded 100
     and 200 Hz on the iiwa, whose driver runs at 200 Hz by default). Harmonics of the other
-    waveforms alias by the same rule.
-
-    Raises:
-        StictionError: a frequency or rate that is not above 0, or a frequency above the rate.
+    waveforms alias by the same rule. Raise a StictionError for a frequency or rate that is not
+    above 0, and for a frequency above the rate.
     """
     for what, value in (("frequency", frequency_hz), ("controller rate", rate_hz)):
         if not (np.isfinite(value) and value > 0):

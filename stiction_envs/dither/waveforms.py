@@ -70,9 +70,8 @@ WAVEFORMS: Mapping[str, Waveform] = MappingProxyType(_registry)
 def register_waveform(waveform: Waveform) -> None:
     """Register a waveform by its name, until the process ends.
 
-    Raises:
-        StictionError: a name that is taken or is not a word, or a shape that is not finite, exceeds
-            1 or has a mean.
+    Raise a StictionError for a name that is taken or is not a word, and for a shape that is not
+    finite, exceeds 1 or has a mean.
     """
     name = waveform.name
     if not re.fullmatch(r"\w+", name):

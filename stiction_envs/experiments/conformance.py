@@ -96,8 +96,9 @@ def conformance(
     compiled, mjcf = _read(model, where, chain)
     bare = _bare(compiled)
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-    read, stiffness = _friction(bare, hinges)
-    level = read
+    read, _, _, stiffness = dry_friction(bare, hinges)
+    bare.jnt_stiffness[hinges[read > 0]] = 0.0
+    stiffness, level = np.where(stiffness > 0, stiffness, np.nan), read
     if stiction is not None:
         expected = f"finite numbers from 0 N·m, one for each of {len(hinges)} hinges"
         level = checked_array(stiction, "stiction", hinges.shape, expected=expected)
@@ -325,14 +326,6 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     out.opt.disableactuator |= 1 << _SILENT
     out.actuator_gainprm[motor, 4:7] = 0.0  # kp, ki, kd (sources.md 3.5)
     return out
-
-
-def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
-    """Return stiction [N·m] and bristle stiffness [N·m/rad, NaN without] of each hinge."""
-    level, _, _, stiffness = dry_friction(model, hinges)
-    for joint in hinges[level > 0]:
-        model.jnt_stiffness[joint] = 0.0
-    return level, np.where(stiffness > 0, stiffness, np.nan)
 
 
 def _start(model: mujoco.MjModel) -> Array:

@@ -124,13 +124,9 @@ class Episodes(ABC, Generic[Case, Unit]):
     def __init__(
         self, num_envs: int, engine_threads: int = 1, record: bool = False, **arguments: Any
     ) -> None:
-        """Make N simulations.
+        """Make ``num_envs`` simulations with `Arguments`; ``record`` keeps traces, to be drawn.
 
-        Args:
-            num_envs: their number N.
-            engine_threads: threads of their engine; several where no other episodes run beside.
-            record: whether traces are kept, to be drawn.
-            arguments: `Arguments`.
+        The engine has ``engine_threads`` threads: several where no other episodes run beside.
         """
         self._engine_threads, self._traced = engine_threads, record
         a = self.arguments(**arguments)
@@ -305,8 +301,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def check_step(self, ids: Index, action: ArrayLike) -> Array:
         """Return the action of a step as float64 within the space; nothing changes.
 
-        Raises:
-            StictionError: an action outside the space, or an episode that is over.
+        Raise a StictionError for an action outside the space, or an episode that is over.
         """
         if not np.all(self.alive[ids]):
             raise StictionError("step: the episode is over or was never started: call reset")

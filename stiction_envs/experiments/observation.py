@@ -75,10 +75,8 @@ def action_bounds(
     """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
 
     A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
-    f_max = min(100 Hz, half the controller's rate).
-
-    Raises:
-        StictionError: a controller too slow for the lowest frequency.
+    f_max = min(100 Hz, half the controller's rate). Raise a StictionError for a controller too slow
+    for the lowest frequency.
     """
     stiction = largest_stiction(parameters, poses)
     top = np.minimum(interface.torque_limit, STICTION_FACTOR * stiction)

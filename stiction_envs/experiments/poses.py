@@ -90,8 +90,7 @@ def fingerprint(arm: Arm) -> str:
 def find_poses(arm: Arm) -> Poses:
     """Return the load and no-load poses of an arm; the search has a fixed seed.
 
-    Raises:
-        StictionError: no pose free of self-collision within the joint limits.
+    Raise a StictionError where no pose within the joint limits is free of self-collision.
     """
     key = fingerprint(arm)
     found = store.recall("poses", key)

@@ -34,8 +34,7 @@ def check_spreads(
 ) -> dict[str, float]:
     """Return the spread of each of `FIELDS`, or nothing where all are 0; see `randomised_senses`.
 
-    Raises:
-        StictionError: an unknown name, or a spread that is not in [0, 1) or makes bristles chatter.
+    Raise a StictionError for an unknown name, a spread outside [0, 1), or chattering bristles.
     """
     names = (*FIELDS, SENSES)
     if randomise is not None and not isinstance(randomise, Mapping):

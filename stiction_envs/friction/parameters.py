@@ -153,14 +153,10 @@ def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
 
 
 def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> FrictionParameters:
-    """Return friction with some quantities multiplied; both directions by the same factor.
+    """Return friction (n,) or (N, n) with quantities multiplied, both directions alike.
 
-    Args:
-        parameters: friction of one arm (n,), or of N arms (N, n).
-        factors: by name of `QUANTITIES`, each a number, (n,), or (N, n) [-].
-
-    Raises:
-        StictionError: an unknown name, another shape, or a product out of bounds.
+    ``factors`` [-] are by name of `QUANTITIES` a number, (n,), or (N, n). Raise a StictionError for
+    an unknown name, another shape, or a product out of bounds.
     """
     changes = {}
     for name, factor in factors.items():
@@ -270,10 +266,8 @@ def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dic
 def load_friction(robot: str | Path | None, n: int = 7) -> FrictionParameters:
     """Load the friction of a robot by name or TOML path; None is an unknown arm.
 
-    An arm without its own TOML gets the first n joints of `generic.toml` (all assumed).
-
-    Raises:
-        StictionError: unreadable file, missing table, wrong shape, value out of bounds.
+    An arm without its own TOML gets the first n joints of `generic.toml` (all assumed). Raise a
+    StictionError for an unreadable file, missing table, wrong shape, or value out of bounds.
     """
     path, table = friction_path(robot), friction_text(robot)
     if path == GENERIC:

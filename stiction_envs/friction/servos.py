@@ -49,8 +49,7 @@ class PositionServos:
 def read_servos(path: str | Path, n: int) -> PositionServos | None:
     """Return the servos of n joints in a friction TOML; None where it has no ``[servo]``.
 
-    Raises:
-        StictionError: a TOML that cannot be read, or a table of other than n servos.
+    Raise a StictionError for an unreadable TOML, or a table of other than n servos.
     """
     table = read_toml(Path(path)).get("servo")
     if table is None:

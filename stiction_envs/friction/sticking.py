@@ -30,8 +30,7 @@ Friction = str | Path | FrictionParameters  # Parameters of one arm, or the TOML
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
     """Return the friction TOML that is used: the one given, the robot's, or the generic one.
 
-    Raises:
-        StictionError: ``given`` is not a path to a TOML.
+    Raise a StictionError where ``given`` is not a path to a TOML.
     """
     if given is None:
         if isinstance(robot, Arm):
@@ -59,10 +58,9 @@ def friction_origin(robot: Robot, friction: Friction | None) -> Path | FrictionP
 
 
 def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
-    """Return the friction of an arm: its own where none is given.
+    """Return the friction of an arm, its own where none is given.
 
-    Raises:
-        StictionError: a file that cannot be read, or that has another number of joints.
+    Raise a StictionError for an unreadable file, or one of another number of joints.
     """
     if isinstance(given, FrictionParameters):
         return given

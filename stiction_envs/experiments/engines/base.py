@@ -89,11 +89,8 @@ class Engine(abc.ABC):
     @abc.abstractmethod
     def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """Yield per chunk ``time`` (K,) at the start of each step [s], and what ``drive`` records,
-        (N, K, …), after it.
-
-        Raises:
-            Refused: the engine does not take the model.
-            ExperimentError: a simulation that the engine stopped.
+        (N, K, …), after it. Raise `Refused` where the engine does not take the model, and an
+        ExperimentError for a simulation that it stopped.
         """
 
 

@@ -150,8 +150,7 @@ def read_trajectory(text: str | File) -> Path | None:
 def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
 
-    Raises:
-        StictionError: not n numbers, or one that is not within the limits.
+    Raise a StictionError for other than n numbers, or one that is not within the limits.
     """
     expected = f"{arm.n} angles in rad, one per joint of {arm.name}"
     q = checked_array(arm.rest if start is None else start, "start", (arm.n,), expected=expected)
@@ -167,8 +166,7 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
 def read_dither(table: str | File, arm: Arm) -> tuple[AmplitudeRow, ...]:
     """Return the rows of an amplitude table.
 
-    Raises:
-        StictionError: a table that cannot be read, dithers no joint, or more than the arm takes.
+    Raise a StictionError for an unreadable table, no dithered joint, or more than the arm takes.
     """
     rows = read_amplitudes(
         table,

@@ -99,13 +99,10 @@ class GTERig(Rig):
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]
     ) -> None:
-        """Bring arms to the start, against their friction, and give them their goals.
+        """Bring arms ``ids`` (M,), sorted, to the start, against their friction; give them goals.
 
-        Args:
-            ids: (M,) sorted simulations.
-            paths: of each, with no more goals than the capacity.
-            stiffness: (M, 3) translational, rotational, nullspace.
-            keys: seed the scatter of each.
+        Paths have at most the capacity's goals; ``stiffness`` (M, 3) is translational, rotational,
+        nullspace; ``keys`` seed the scatter of each arm.
         """
         p, m = self.approach_numbers, len(ids)
         target = np.tile(self.start, (m, 1))

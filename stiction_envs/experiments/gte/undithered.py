@@ -60,10 +60,8 @@ def undithered(
 
     Results are means over the protocol's iterations (10), as `stiction gte` runs them; on random
     paths over the first `EpisodeSettings.undithered_iterations`; without scatter iterations are
-    alike. What is not in the store is computed in one batch, on which no result depends.
-
-    Raises:
-        StictionError: an arm that never comes to the end of the path.
+    alike. What is not in the store is computed in one batch, on which no result depends. Raise a
+    StictionError for an arm that never comes to the end of the path.
     """
     of = fingerprint(experiment, compensation)
     out: dict[Key, Undithered] = {}

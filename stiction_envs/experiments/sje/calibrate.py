@@ -83,13 +83,9 @@ class Calibration:
         table: Path,
         provenance: Mapping[str, Any],
     ) -> None:
-        """Write the friction TOML, provenance inside; its folder is made.
+        """Write the friction TOML, provenance of the run inside; its folder is made.
 
-        Args:
-            path: of the TOML.
-            base: friction that the calibration began with: robot, TOML or parameters.
-            table: file of the measured base torques.
-            provenance: of the run.
+        ``base`` is the friction that the calibration began with, ``table`` the file of the torques.
         """
         inputs = {k: v["sha256"] for k, v in provenance["inputs"].items()}
         strings = {

@@ -316,13 +316,9 @@ class SJEEpisodes(Episodes[Configuration, float]):
         assert self.trace is not None
         torque, moved = self.torque(ids), self.rig.displacement()[ids]
         for row, i in enumerate(ids):
-            k = self.rig.joint[i]
-            sample = {
-                "time": float(self.rig.step[i] * CONTROL_DT),
-                "torque": float(torque[row]),
-                "amplitude": float(self.action[i, k]),
-                "frequency": float(self.action[i, self.n + k]),
-                "displacement": float(moved[row]),
-            }
-            for name, value in sample.items():
-                getattr(self.trace[i], name).append(value)
+            k, trace = self.rig.joint[i], self.trace[i]
+            trace.time.append(float(self.rig.step[i] * CONTROL_DT))
+            trace.torque.append(float(torque[row]))
+            trace.amplitude.append(float(self.action[i, k]))
+            trace.frequency.append(float(self.action[i, self.n + k]))
+            trace.displacement.append(float(moved[row]))

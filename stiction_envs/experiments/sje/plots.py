@@ -195,10 +195,7 @@ def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
 def plot_torques(rows: Sequence[SJERow], path: str | os.PathLike[str], *, robot: str) -> None:
     """Draw every breakaway torque, a configuration in a line: without dither a ring, with it a dot.
 
-    Args:
-        rows: of ``sje.csv``, at least one.
-        path: PNG to write.
-        robot: name for the title.
+    ``rows`` are those of ``sje.csv``, at least one; the title names the robot.
     """
     lines = list(dict.fromkeys((r.joint, r.load, r.direction) for r in rows))
     figure = Figure(figsize=(8.6, 1.3 + 0.26 * len(lines)), layout="constrained")

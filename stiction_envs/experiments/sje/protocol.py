@@ -62,10 +62,8 @@ def sje_reward_settings() -> SJERewardSettings:
 def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
     """Return the protocol of a registered arm: `sje.toml`, and what its TOML says otherwise.
 
-    ``position`` is whether position servos drive its joints.
-
-    Raises:
-        StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
+    ``position`` is whether position servos drive its joints. Raise a StictionError for an arm's
+    ``[experiments.sje.NAME]`` that is no number of the protocol.
     """
     protocol, arm = load_settings(Protocol, _TOML, "default"), ARMS.get(str(robot))
     if position:

@@ -45,10 +45,8 @@ class Push(Rig):
     ) -> None:
         """Put the arm at its rest pose, joint 1 free, nothing pushed, dither off.
 
-        Args:
-            sticking: the model.
-            dither: of each dithered joint, when it is the one that is pushed and dither is on.
-            seed: of a dither's waveform that is drawn.
+        ``dither`` has the dither of a joint, for when that joint is pushed and dither is on.
+        ``seed`` is that of a waveform that is drawn.
         """
         protocol = load_protocol(sticking.arm.registered_name)
         super().__init__(Experiment(sticking, threads=1), 1, approach=protocol)

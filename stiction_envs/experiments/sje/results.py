@@ -92,11 +92,7 @@ class BreakawayTorques(Result):
 
     @property
     def base(self) -> BaseTable:
-        """The base torques as `tune` and `calibrate` take them.
-
-        Raises:
-            StictionError: one of them is not known.
-        """
+        """Base torques as `tune` and `calibrate` take them; StictionError if one is not known."""
         return BaseTable(self.robot, self.tau)
 
     @property
@@ -134,12 +130,8 @@ class BreakawayTorques(Result):
     ) -> None:
         """Write the table, a plot per joint, pose and kind, ``report.md`` and ``report.html``.
 
-        Args:
-            folder: an existing one.
-            progress: called with "plots", plots drawn and their number.
-
-        Raises:
-            ExperimentError: everything was stuck; nothing is written.
+        ``progress`` is called with "plots", plots drawn and their number. Raise an ExperimentError
+        where everything was stuck; nothing is written then.
         """
         from stiction_envs.experiments.sje.plots import plot_sje
 
