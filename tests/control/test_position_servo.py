@@ -64,11 +64,7 @@ def test_what_the_servo_follows_is_limited_in_speed(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        (
-            "stiffness = [80.0, 30.0]",
-            "stiffness = [80.0]",
-            r"numbers of shape \(2,\)",
-        ),
+        ("stiffness = [80.0, 30.0]", "stiffness = [80.0]", r"numbers of shape \(2,\)"),
         ("stiffness = [80.0, 30.0]", "stiffness = [80.0, 0.0]", "above 0"),
         ("delay = [0.0, 0.0]", "delay = [0.0, nan]", "delay"),
         ("delay = [0.0, 0.0]", "delay = [0.0, 5.0]", "up to 1 s"),
