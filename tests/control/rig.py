@@ -99,12 +99,8 @@ class Rig:
         self.model.dof_armature[:] = rotor
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site(self.arm.end_effector).id
-        free = {"torque_rate": np.inf, "rate_hz": 1 / dt}
-        self.control = Controllers(
-            ImpedanceSettings(**(free | settings)),  # type: ignore[arg-type]
-            1,
-            self.arm.limits,
-        )
+        given = ImpedanceSettings(**({"torque_rate": np.inf, "rate_hz": 1 / dt} | settings))
+        self.control = Controllers(given, 1, self.arm.limits)
         self.put(self.arm.rest)
 
     def put(self, q: np.ndarray) -> None:
@@ -130,12 +126,11 @@ class Rig:
             mass,
         )
 
-    def step(self, push: np.ndarray | None = None, **terms: np.ndarray) -> Look:
-        """One control cycle and one step of physics; ``push`` (6,) acts on the flange."""
+    def step(self) -> Look:
+        """One control cycle and one step of physics."""
         pose = self.look()
         self.control.update_model(pose.jacobian, pose.mass)
-        tau = self.control.torque(*pose[:5], **terms)[0]
-        self.data.qfrc_applied[:] = tau + (0 if push is None else pose.jacobian[0].T @ push)
+        self.data.qfrc_applied[:] = self.control.torque(*pose[:5])[0]
         mujoco.mj_step(self.model, self.data)
         return pose
 
@@ -152,9 +147,9 @@ class Look(NamedTuple):
 
 
 @functools.cache
-def poses(n: int = 64, robot: str = "panda") -> Look:
+def poses(n: int = 64) -> Look:
     """Random poses and speeds of one arm as a batch (n, …)."""
-    rig, rng = Rig(robot), np.random.default_rng(0)
+    rig, rng = Rig(), np.random.default_rng(0)
     low, high = (rig.arm.limits.position + np.array([0.1, -0.1])).T
     looks = []
     for _ in range(n):
@@ -166,11 +161,8 @@ def poses(n: int = 64, robot: str = "panda") -> Look:
 def batch(n: int = 64, **settings: object) -> tuple[Controllers, Look]:
     """Controllers of n arms, their references away from their poses."""
     look = poses(n)
-    control = Controllers(
-        ImpedanceSettings(**({"torque_rate": np.inf} | settings)),  # type: ignore[arg-type]
-        n,
-        load_arm("panda").limits,
-    )
+    given = ImpedanceSettings(**({"torque_rate": np.inf} | settings))  # type: ignore[arg-type]
+    control = Controllers(given, n, load_arm("panda").limits)
     rng = np.random.default_rng(1)
     q_d = look.q + 0.3 * np.random.default_rng(2).normal(size=(n, 7))
     control.reset(np.arange(n), look.position, look.quaternion, q_d)

@@ -28,8 +28,9 @@ def interface(**changes: object) -> TorqueInterface:
     return TorqueInterface(**(fields | changes))  # type: ignore[arg-type]
 
 
-def sine(hz: float, amplitude: float = 1.0, time: float = 1.0, phase: float = 0.0) -> np.ndarray:
-    return amplitude * np.sin(2 * np.pi * hz * np.arange(round(time / DT)) * DT + phase)
+def sine(hz: float, amplitude: float) -> np.ndarray:
+    """One second of a sine."""
+    return amplitude * np.sin(2 * np.pi * hz * np.arange(1000) * DT)
 
 
 def through(command: np.ndarray, **changes: object) -> np.ndarray:

@@ -15,9 +15,9 @@ from tests.control.rig import angle_between, from_rotation_vector
 HERE = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
+def ends(n: int = 64) -> tuple[np.ndarray, ...]:
     """Starts and goals from a millimetre to two metres, from a hundredth of a turn to half one."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     start = rng.normal(size=(n, 3))
     direction, q, axis = (rng.normal(size=(n, k)) for k in (3, 4, 3))
     for vectors in (direction, q, axis):
@@ -27,10 +27,11 @@ def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
     return start, q, goal, rotation.multiply(turn, q)
 
 
-def segment(n: int = 64, **limits: object) -> tuple[Segment, tuple[np.ndarray, ...]]:
-    out, between = Segment(n, MotionLimits(**limits)), ends(n)  # type: ignore[arg-type]
-    out.start(*between)
-    return out, between
+def segment() -> Segment:
+    """Movements of 64 arms between `ends`."""
+    out = Segment(64, MotionLimits())
+    out.start(*ends())
+    return out
 
 
 def one(distance: float, angle: float = 0.0, **limits: object) -> Segment:
@@ -51,7 +52,7 @@ def rests(reference: tuple[np.ndarray, ...], position: np.ndarray, quaternion: n
 
 def test_speed_and_acceleration_stay_within_the_limits():
     """Finite differences: v ≤ v_max, −b ≤ v̇ ≤ a for translation and rotation, of all 64 arms."""
-    limits, (s, _) = MotionLimits(), segment()
+    limits, s = MotionLimits(), segment()
     h = 1e-3
     t = np.arange(-0.1, s.duration.max() + 0.1, h)
     p, q, v, w = (np.array(part) for part in zip(*(s.sample(x) for x in t), strict=True))
@@ -255,7 +256,7 @@ def test_bad_limits_say_what_and_what_was_expected(name, value):
 
 def test_twist_is_the_references_velocity():
     """By central differences of position and orientation; 0 at rest."""
-    s, _ = segment()
+    s = segment()
     h = 1e-6
     for share in (0.1, 0.45, 0.8):
         t = share * s.duration

@@ -28,11 +28,11 @@ def series(dither: Dither, t: np.ndarray) -> np.ndarray:
     return np.concatenate([many.torque(x)[:, 0] for x in padded])[: len(t)]
 
 
-def period(dither: Dither, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
+def period(dither: Dither) -> tuple[np.ndarray, np.ndarray]:
     """One common period (64 cycles) and its line amplitudes, index = frequency in f/64."""
     # Half a sample aside, so that no sample falls on an edge of the square.
-    w = series(dither, (np.arange(samples) + 0.5) * PERIOD / samples)
-    return w, 2 * np.abs(np.fft.rfft(w)) / samples
+    w = series(dither, (np.arange(SAMPLES) + 0.5) * PERIOD / SAMPLES)
+    return w, 2 * np.abs(np.fft.rfft(w)) / SAMPLES
 
 
 def mixed(N: int, n: int = 7, seed: int = 0, **kwargs: object) -> Dither:

@@ -24,10 +24,10 @@ def lugre(values: str = "2000 12 0.5 0.6 0.003", *, body: str = "", motor: str =
   </actuator></mujoco>"""
 
 
-def stock(frictionloss: float = 0.3, *, extra: str = "") -> str:
+def stock(frictionloss: float = 0.3) -> str:
     """One hinge with MuJoCo's own frictionloss, default solver settings."""
     return f"""
-<mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}" {extra}/>
+<mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}"/>
   <inertial pos="0 0 0" mass="1" diaginertia="0.2 0.2 0.2"/></body></worldbody>
 </mujoco>"""
 

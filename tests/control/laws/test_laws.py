@@ -127,8 +127,8 @@ def sliding_joint() -> tuple[Plant, Compensation, float]:
     return Plant(sticking, 1), c, float(inertia)
 
 
-def observed(c: Compensation, state: np.ndarray, speed: float, error: float = 0.0) -> float:
-    seen = seen_of(SPEED=speed, ERROR=error)
+def observed(c: Compensation, state: np.ndarray, speed: float) -> float:
+    seen = seen_of(SPEED=speed)
     return law_torque(KINDS.index(c.kind), c.packed()[JOINT], seen, state, H)
 
 

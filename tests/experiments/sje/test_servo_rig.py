@@ -31,8 +31,8 @@ def on_bench(arm, friction=None, *, drive=None):
     return e.replace(protocol=e.protocol.replace(ramp_rate=0.2))
 
 
-def measured(e, jobs, iterations=1):
-    return {m.job: m for m in e.run(jobs, iterations=iterations)}
+def measured(e, jobs):
+    return {m.job: m for m in e.run(jobs, iterations=1)}
 
 
 @pytest.fixture(scope="module")
