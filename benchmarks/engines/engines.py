@@ -21,7 +21,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance import conformance
 from stiction_envs.experiments.conformance_report import ConformanceSettings, Report
 from stiction_envs.experiments.engines import ENGINES
-from stiction_envs.friction.plain_mjcf import HARDEST, NOSLIP, Kind, plain_mjcf
+from stiction_envs.friction.export import HARDEST, NOSLIP, Kind, plain_mjcf
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.reporting.markdown import table_text
 

@@ -46,31 +46,20 @@ class Compensation:
     has their sources. A number that the law does not have must stay empty.
     """
 
-    kind: str
-    """One of :data:`KINDS`."""
-    gain: Numbers
-    """g (n,), ≥ 0 [N·m]; a joint with gain 0 is not compensated."""
+    kind: str  # One of :data:`KINDS`
+    gain: Numbers  # g (n,), ≥ 0 [N·m]; a joint with gain 0 is not compensated
     speed: Numbers = ()
     """v (n,), > 0 [rad/s]: speed at which a tanh is 76 % of its gain, or a push has faded to 1/e;
     v_s of the LuGre observer."""
-    error: Numbers = ()
-    """w (n,), > 0 [rad]: joint error at which a push is 76 % of its gain."""
-    load: Numbers = ()
-    """c (n,) of a push: what the gain grows by per N·m of gravity torque [-]."""
-    viscous: Numbers = ()
-    """b (n,) [N·m·s/rad]."""
-    coulomb: Numbers = ()
-    """F_c (n,), > 0, of the LuGre observer, whose gain is F_s [N·m]."""
-    stiffness: Numbers = ()
-    """σ0 (n,), > 0 [N·m/rad]."""
-    damping: Numbers = ()
-    """σ1 (n,) [N·m·s/rad]."""
-    injection: Numbers = ()
-    """k (n,): how much the joint error corrects the LuGre bristle [1/s]."""
-    rate: Numbers = ()
-    """K (n,), > 0, of the momentum observer [1/s]."""
-    share: Numbers = ()
-    """s (n,): how much of the disturbance the momentum observer feeds back, at most 1 [-]."""
+    error: Numbers = ()  # w (n,), > 0 [rad]: joint error at which a push is 76 % of its gain
+    load: Numbers = ()  # c (n,) of a push: what the gain grows by per N·m of gravity torque [-]
+    viscous: Numbers = ()  # b (n,) [N·m·s/rad]
+    coulomb: Numbers = ()  # F_c (n,), > 0, of the LuGre observer, whose gain is F_s [N·m]
+    stiffness: Numbers = ()  # σ0 (n,), > 0 [N·m/rad]
+    damping: Numbers = ()  # σ1 (n,) [N·m·s/rad]
+    injection: Numbers = ()  # k (n,): how much the joint error corrects the LuGre bristle [1/s]
+    rate: Numbers = ()  # K (n,), > 0, of the momentum observer [1/s]
+    share: Numbers = ()  # s (n,) ≤ 1 of the momentum observer: share of r that is fed back [-]
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -122,11 +111,7 @@ class Compensation:
         return out
 
     def times(self, factor: float) -> Compensation:
-        """Return the compensation of ``factor`` times as much friction.
-
-        Raises:
-            StictionError: a factor that is not ≥ 0.
-        """
+        """Return the compensation of ``factor`` times as much friction; raise for a factor < 0."""
         if not 0 <= factor < np.inf:
             raise StictionError(f"compensation factor {factor}: expected >= 0")
         if factor == 0:  # no friction at all has no bristle
@@ -141,16 +126,9 @@ class Compensation:
     def from_friction(
         cls, kind: str, friction: FrictionParameters, factor: float = 1.0, *, load: ArrayLike = 0.0
     ) -> Compensation:
-        """Return the compensation that takes ``friction`` for true.
+        """Return the compensation that takes the friction of one arm for true, directions averaged.
 
-        Args:
-            kind: one of :data:`KINDS`.
-            friction: of one arm; directions are averaged.
-            factor: multiplies the friction [-].
-            load: (n,) transmitted torque at which friction is taken [N·m].
-
-        Raises:
-            StictionError: another kind, or a factor that is not ≥ 0.
+        ``factor`` multiplies the friction [-]; ``load`` (n,) is the transmitted torque [N·m].
         """
         if kind not in KINDS:
             raise unknown("compensation", kind, KINDS)
@@ -165,30 +143,18 @@ NUMBERS = tuple(f.name for f in dataclasses.fields(Compensation) if f.name != "k
 class Compensations(NamedTuple):
     """Compensation of N arms of n joints."""
 
-    damping: float
-    """λ of J^# [m and rad]."""
-    period: float
-    """Period of the controller's cycles [s]."""
-    kind: Index
-    """(N,) number of the law, −1 for none."""
-    feeds: Bools
-    """(N,) whether the law reads `wanted_speed`."""
-    reads_model: Bools
-    """(N,) whether the law reads `gravity` and `coriolis`."""
-    numbers: Array
-    """(N, n, K) of `Compensation.packed`."""
-    state: Array
-    """(N, n, 1) of the laws, changed."""
-    last_speed: Array
-    """(N, n) speeds measured a cycle ago, changed [rad/s]."""
-    wanted_speed: Array
-    """(N, n) q̇_d, written by `look_ahead` [rad/s]."""
-    gravity: Array
-    """(N, n) of the controller's model, written by others [N·m]."""
-    coriolis: Array
-    """(N, n) Coriolis and centrifugal torque of that model, written by others [N·m]."""
-    torque: Array
-    """(N, n) of the last cycle, written by `compensate` [N·m]."""
+    damping: float  # λ of J^# [m and rad]
+    period: float  # Period of the controller's cycles [s]
+    kind: Index  # (N,) number of the law, −1 for none
+    feeds: Bools  # (N,) whether the law reads `wanted_speed`
+    reads_model: Bools  # (N,) whether the law reads `gravity` and `coriolis`
+    numbers: Array  # (N, n, K) of `Compensation.packed`
+    state: Array  # (N, n, 1) of the laws, changed
+    last_speed: Array  # (N, n) speeds measured a cycle ago, changed [rad/s]
+    wanted_speed: Array  # (N, n) q̇_d, written by `look_ahead` [rad/s]
+    gravity: Array  # (N, n) of the controller's model, written by others [N·m]
+    coriolis: Array  # (N, n) Coriolis and centrifugal torque of that model, written by others [N·m]
+    torque: Array  # (N, n) of the last cycle, written by `compensate` [N·m]
 
 
 class Compensator:
@@ -201,7 +167,7 @@ class Compensator:
             nsim: number of arms N.
             n: joints of each.
             damping: λ of J^# [m and rad].
-            period: of the controller's cycles [s].
+            period: time between the controller's cycles [s].
         """
         self.n = n
         self.arrays = Compensations(
@@ -221,11 +187,7 @@ class Compensator:
         """What compiled functions read and write; always the same objects."""
 
     def set_rows(self, ids: Index, compensations: Sequence[Compensation | None]) -> None:
-        """Set the compensation of arms ``ids``; None switches it off. Observers start anew.
-
-        Raises:
-            StictionError: a compensation of another number of joints.
-        """
+        """Set the compensation of arms ``ids``; None switches it off. Observers start anew."""
         a = self.arrays
         for i, c in zip(ids, compensations, strict=True):
             if c is not None and c.n != self.n:
@@ -262,17 +224,10 @@ def compensate(
     impedance: Impedance,
     a: Compensations,
 ) -> None:
-    """Write the compensation of arm ``i``.
+    """Write the compensation of arm ``i`` from what its controller has measured.
 
-    Args:
-        i: the arm.
-        position: (N, 3) measured [m].
-        quaternion: (N, 4) measured.
-        jacobian: (N, 6, n).
-        dq: (N, n) measured [rad/s].
-        mass: (N, n, n) of the controller's model, rotors included [kg·m²].
-        impedance: the controllers, which have the torque of the last cycle.
-        a: the compensation.
+    ``mass`` (N, n, n) is that of the controller's model, rotors included [kg·m²]; the impedance
+    controllers have the torque of the last cycle. Other arrays are those of `impedance_cycle`.
     """
     n, law, torque = dq.shape[1], a.kind[i], a.torque
     for j in range(n):

@@ -27,8 +27,7 @@ from stiction_envs.measured.csv_text import Line, read_lines, write_lines
 from stiction_envs.measured.ros_parameters import Group, is_parameters, read_parameters
 from stiction_envs.measured.tables import write_final
 
-COLUMNS = ("joint", "gain_nm")
-"""Columns of a table of gains, which may also have `OPTIONAL`."""
+COLUMNS = ("joint", "gain_nm")  # Columns of a table of gains, which may also have `OPTIONAL`
 KIND, GROUP = "kind", "compensation"
 OPTIONAL = (
     KIND,
@@ -54,8 +53,7 @@ def read_compensation(
         factor: multiplies the friction that the gains stand for [-].
 
     Raises:
-        StictionError: a table that cannot be read, of no kind or another, a joint twice, a column
-            that its law does not have, or bad numbers.
+        StictionError: a file that cannot be read, another kind, a joint twice, or bad numbers.
     """
     if is_parameters(path):
         lines = read_parameters(path, COLUMNS, OPTIONAL, group=GROUP, shared=(KIND,))
@@ -64,7 +62,6 @@ def read_compensation(
     kind = _kind(path, lines, kind)
     law = LAWS[kind]
     columns = {"gain_nm": "gain"} | {field.column: field.name for field in law.fields}
-    positive = {field.column for field in law.fields if field.positive}
     values = {name: np.full(n, np.nan if name != "gain" else 0.0) for name in columns.values()}
     seen: set[int] = set()
     for line in lines:
@@ -79,11 +76,7 @@ def read_compensation(
                 raise line.error(f"{column}: {kind} has none: expected {', '.join(columns)}")
             if not text and column != "gain_nm":
                 continue
-            value = line.number(column)
-            if value < 0 or (value == 0 and column in positive):
-                expected = "> 0" if column in positive else ">= 0"
-                raise line.error(f"{column} is {value:g}: expected {expected}")
-            values[columns[column]][joint - 1] = value
+            values[columns[column]][joint - 1] = line.number(column)
     if not values["gain"].any():
         raise StictionError(f"{path}: compensates no joint: expected a gain_nm above 0")
     return _filled(path, kind, values).times(factor)
@@ -146,10 +139,7 @@ def write_treatment(
     compensation: Compensation | None,
     joint_names: Sequence[str],
 ) -> None:
-    """Write ``final.csv``, dither or else gains, and both as ``final.yaml``.
-
-    Gains are in ``compensation.csv`` too, which is there beside a dither as well.
-    """
+    """Write ``final.csv``, dither or else gains, ``final.yaml``, both, and ``compensation.csv``."""
     groups, dither = [], list(dither)
     if compensation is not None:
         write_compensation(folder / "compensation.csv", compensation)

@@ -13,6 +13,8 @@ what Cartesian motion stored in it, a known property of the projection approach 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,10 +23,76 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.operational import renew
-from stiction_envs.control.rotation import error_matrix, slerp_one, write_one_error_matrix
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.rotation import error_matrix
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Limits
+from stiction_envs.robots.tables import Table, read_toml
+
+GTE_DEFAULTS: dict[str, Table] = {
+    table: {name: entry["value"] for name, entry in entries.items()}
+    for table, entries in read_toml(Path(__file__).with_name("gte.toml")).items()
+}
+"""Values of ``gte.toml``, which has their sources, by table and name."""
+_DEFAULT = GTE_DEFAULTS["impedance"]
+_BOUNDS: dict[str, tuple[tuple[int, ...] | None, float, float]] = {
+    "translational_stiffness": ((3,), -np.inf, np.inf),
+    "rotational_stiffness": ((3,), -np.inf, np.inf),
+    "nullspace_stiffness": (None, -np.inf, np.inf),
+    "damping_ratio": ((6,), -np.inf, 1.0),
+    "nullspace_damping_ratio": ((), -np.inf, 1.0),
+    "limit_margin": ((), -np.inf, np.inf),
+    **dict.fromkeys(
+        ("pseudoinverse_damping", "rate_hz", "singular_below", "singular_length", "torque_rate"),
+        ((), 0.0, np.inf),
+    ),
+}
+"""Shape of each number (None: any), what it is above, and the most that it may be."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ImpedanceSettings:
+    """Constant settings of the controller; defaults and their sources are in ``gte.toml``."""
+
+    translational_stiffness: ArrayLike = _DEFAULT["translational_stiffness"]
+    """K_t, one number or (3,) in the base frame [N/m]."""
+    rotational_stiffness: ArrayLike = _DEFAULT["rotational_stiffness"]
+    """K_r, one number or (3,) about the base frame's axes [N·m/rad]."""
+    nullspace_stiffness: ArrayLike = _DEFAULT["nullspace_stiffness"]
+    """k_n, one number or (n,) [N·m/rad]; 0 means no nullspace torque."""
+    damping_ratio: ArrayLike = _DEFAULT["damping_ratio"]
+    """ξ, one number or (6,), in [0, 1] [-]."""
+    nullspace_damping_ratio: float = _DEFAULT["nullspace_damping_ratio"]
+    """ξ_n of d_n = 2 ξ_n √k_n, in [0, 1] [-]. It contains no mass: critical in number only."""
+    pseudoinverse_damping: float = _DEFAULT["pseudoinverse_damping"]
+    """λ of the J^# of a feedforward compensation, singular values σ/(σ² + λ²) [m and rad]."""
+    rate_hz: float = _DEFAULT["rate_hz"]
+    """Cycles per second [Hz]."""
+    torque_rate: float = _DEFAULT["torque_rate"]
+    """Largest change of a joint's command per cycle [N·m]; inf is off."""
+    singular_below: float = _DEFAULT["singular_below"]
+    """Smallest eigenvalue of the scaled J M⁻¹ Jᵀ that is still regular, s_0 [1/kg]."""
+    singular_length: float = _DEFAULT["singular_length"]
+    """ℓ: a rotation of 1 rad counts as this translation there [m]."""
+    limit_margin: float = _DEFAULT["limit_margin"]
+    """Distance from a joint limit that counts as near [rad]."""
+
+    def __post_init__(self) -> None:
+        for name, (shape, above, most) in _BOUNDS.items():
+            what, value = f"impedance {name.replace('_', ' ')}", getattr(self, name)
+            array = checked_array(value, what, finite=False)
+            bad = ~((array >= 0.0) & (array > above) & (array <= most))
+            if name != "torque_rate":
+                bad |= ~np.isfinite(array)
+            if bad.any():
+                low = ">= 0" if above < 0 else f"> {above:g}"
+                high = "" if most == np.inf else f" and <= {most:g}"
+                found = np.ravel(array[bad])[0]
+                raise StictionError(f"{what} is {found}: expected finite numbers {low}{high}")
+            if shape is not None:
+                array = checked_array(array, what, shape, fill=bool(shape), finite=False)
+            array.flags.writeable = False
+            object.__setattr__(self, name, float(array) if shape == () else array)
+
 
 _TINY = np.finfo(np.float64).tiny
 
@@ -32,58 +100,28 @@ _TINY = np.finfo(np.float64).tiny
 class Impedance(NamedTuple):
     """Settings and state of N controllers of n joints."""
 
-    dither_after: bool
-    """Whether dither is added behind the saturation."""
-    rate: float
-    """Largest change of the torque per cycle [N·m]."""
-    limit: Array
-    """(n,) largest torque [N·m]."""
-    low: Array
-    high: Array
-    """(n,) angles beyond which a joint is near its limit [rad]."""
-    singular_below: float
-    singular_length: float
-    """As of `operational.renew`."""
-    filter_step: float
-    """Share of the way to its target by which a reference moves per cycle [-]; 1 is all of it."""
-    position_target: Array
-    """(N, 3) [m]."""
-    quaternion_target: Array
-    """(N, 4)."""
-    position: Array
-    """(N, 3) of the reference [m]."""
-    quaternion: Array
-    """(N, 4) of the reference."""
-    error_matrix: Array
-    """(N, 4, 4) `rotation.error_matrix` of the reference."""
-    gain: Array
-    """(N, 6, 12) wrench per state: [−K, −D]."""
-    null_active: Bools
-    """(N,) whether there is a nullspace torque, of the next four."""
-    null_q: Array
-    """(N, n) q_d [rad]."""
-    null_stiffness: Array
-    """(N, n) k_n [N·m/rad]."""
-    null_damping: Array
-    """(N, n) d_n [N·m·s/rad]."""
-    null_torque: Array
-    """(N, n) τ_0 of the last cycle, written [N·m]."""
-    projector: Array
-    """(N, n, n) P [-]."""
-    inertia: Array
-    """(N, 6, 6) Λ [kg, kg·m, kg·m²]."""
-    singular: Bools
-    """(N,) whether the pose was (nearly) singular at the last `renew_space`."""
-    state: Array
-    """(N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle."""
-    q: Array
-    """(N, n) angles in the last cycle [rad]."""
-    wanted: Array
-    """(N, n) torque of the last cycle before the saturation [N·m]."""
-    sent: Array
-    """(N, n) torque of the last cycle behind the saturation [N·m]."""
-    command: Array
-    """(N, n) torque of the last cycle with all dither [N·m]."""
+    rate: float  # Largest change of the torque per cycle [N·m]
+    limit: Array  # (n,) largest torque [N·m]
+    low: Array  # (n,) angle below which a joint is near its limit [rad]
+    high: Array  # (n,) angle above which a joint is near its limit [rad]
+    singular_below: float  # s_0 of `operational.renew` [1/kg]
+    singular_length: float  # ℓ of `operational.renew` [m]
+    position: Array  # (N, 3) of the reference [m]
+    quaternion: Array  # (N, 4) of the reference
+    error_matrix: Array  # (N, 4, 4) `rotation.error_matrix` of the reference
+    gain: Array  # (N, 6, 12) wrench per state: [−K, −D]
+    null_active: Bools  # (N,) whether there is a nullspace torque, of the next four
+    null_q: Array  # (N, n) q_d [rad]
+    null_stiffness: Array  # (N, n) k_n [N·m/rad]
+    null_damping: Array  # (N, n) d_n [N·m·s/rad]
+    null_torque: Array  # (N, n) τ_0 of the last cycle, written [N·m]
+    projector: Array  # (N, n, n) P [-]
+    inertia: Array  # (N, 6, 6) Λ [kg, kg·m, kg·m²]
+    singular: Bools  # (N,) whether the pose was (nearly) singular at the last `renew_space`
+    state: Array  # (N, 12) error [m, rad], then J q̇ [m/s, rad/s], of the last cycle
+    q: Array  # (N, n) angles in the last cycle [rad]
+    wanted: Array  # (N, n) torque of the last cycle before the saturation [N·m]
+    command: Array  # (N, n) torque of the last cycle behind the saturation [N·m]
 
 
 class CartesianImpedance:
@@ -94,15 +132,9 @@ class CartesianImpedance:
     """
 
     def __init__(self, settings: ImpedanceSettings, nsim: int, limits: Limits) -> None:
-        """Make the controllers; each needs `reset` before its first cycle.
+        """Make the controllers of ``nsim`` arms with limits (n,); each needs `reset` at first.
 
-        Args:
-            settings: of all arms; `set_stiffness` changes their stiffness.
-            nsim: number of arms N ≥ 1.
-            limits: of one arm of n joints; its position and torque limits are used.
-
-        Raises:
-            StictionError: nsim, or a nullspace stiffness that is not one number or (n,).
+        Raise a StictionError for nsim < 1 or a nullspace stiffness that is not one number or (n,).
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: expected 1 or more")
@@ -111,16 +143,12 @@ class CartesianImpedance:
         s = settings
         still = np.tile([1.0, 0.0, 0.0, 0.0], (nsim, 1))
         self.arrays = a = Impedance(
-            dither_after=s.dither_after_saturation,
             rate=s.torque_rate,
             limit=np.array(limits.torque),
             low=limits.position[:, 0] + s.limit_margin,
             high=limits.position[:, 1] - s.limit_margin,
             singular_below=s.singular_below,
             singular_length=s.singular_length,
-            filter_step=s.filter_step,
-            position_target=np.zeros((nsim, 3)),
-            quaternion_target=still.copy(),
             position=np.zeros((nsim, 3)),
             quaternion=still,
             error_matrix=error_matrix(still),
@@ -136,7 +164,6 @@ class CartesianImpedance:
             state=np.zeros((nsim, 12)),
             q=np.zeros((nsim, n)),
             wanted=np.zeros((nsim, n)),
-            sent=np.zeros((nsim, n)),
             command=np.zeros((nsim, n)),
         )
         """What compiled functions read and write; always the same objects."""
@@ -148,31 +175,23 @@ class CartesianImpedance:
         self.set_stiffness(everyone, s.translational_stiffness, s.rotational_stiffness, nullspace)
 
     def reset(self, ids: Index, position: ArrayLike, quaternion: ArrayLike, q: ArrayLike) -> None:
-        """Start arms anew: reference and nullspace at their poses, no torque, the same stiffness.
+        """Start arms ``ids`` (M,) anew: reference and nullspace at their poses, no torque.
 
-        Args:
-            ids: (M,) simulations.
-            position: (M, 3) of the end effector in the base frame [m].
-            quaternion: (M, 4) of the end effector, w, x, y, z.
-            q: (M, n) joint angles [rad].
+        The end effector's position (M, 3) [m] and quaternion (M, 4) are in the base frame; the
+        joint angles q are (M, n) [rad].
         """
         a = self.arrays
-        a.position_target[ids] = a.position[ids] = position
-        a.quaternion_target[ids] = a.quaternion[ids] = quaternion
+        a.position[ids], a.quaternion[ids] = position, quaternion
         a.error_matrix[ids] = error_matrix(a.quaternion[ids])
         a.null_q[ids] = a.q[ids] = q
-        a.wanted[ids] = a.sent[ids] = a.command[ids] = 0.0
+        a.wanted[ids] = a.command[ids] = 0.0
 
     def set_stiffness(
         self, ids: Index, translational: ArrayLike, rotational: ArrayLike, nullspace: ArrayLike
     ) -> None:
-        """Change the stiffness of arms ``ids`` (M,), and the damping with it.
+        """Change the stiffness of arms ``ids`` (M,), and the damping with it; stiffnesses are ≥ 0.
 
-        Args:
-            ids: (M,) simulations.
-            translational: ≥ 0, broadcasts to (M, 3) [N/m].
-            rotational: ≥ 0, broadcasts to (M, 3) [N·m/rad].
-            nullspace: ≥ 0, broadcasts to (M, n) [N·m/rad].
+        They broadcast to (M, 3) [N/m], (M, 3) [N·m/rad] and (M, n) [N·m/rad].
         """
         a, diagonal = self.arrays, np.empty((len(ids), 6))
         diagonal[:, :3], diagonal[:, 3:] = translational, rotational
@@ -188,26 +207,11 @@ class CartesianImpedance:
 def renew_space(i: int, jacobian: Array, mass: Array, a: Impedance) -> bool:
     """Renew Λ and P of arm ``i`` where a nullspace torque needs them, and whether it is singular.
 
-    Arguments and result are those of `operational.renew`.
+    See `operational.renew`.
     """
     low = a.singular_below, a.singular_length
     singular = a.singular[i : i + 1]
     return renew(jacobian, mass, a.null_active[i], *low, singular, a.inertia[i], a.projector[i])
-
-
-@inlined
-def advance_reference(i: int, a: Impedance) -> None:
-    """Move the reference of arm ``i`` one cycle towards its target."""
-    if a.filter_step < 1.0:
-        for k in range(3):
-            a.position[i, k] += a.filter_step * (a.position_target[i, k] - a.position[i, k])
-        slerp_one(a.quaternion[i], a.quaternion_target[i], a.filter_step, a.quaternion[i])
-    else:
-        for k in range(3):
-            a.position[i, k] = a.position_target[i, k]
-        for k in range(4):
-            a.quaternion[i, k] = a.quaternion_target[i, k]
-    write_one_error_matrix(a.quaternion[i], a.error_matrix[i])
 
 
 @inlined
@@ -223,15 +227,8 @@ def impedance_cycle(
 ) -> None:
     """Write the command of arm ``i``.
 
-    Args:
-        i: the arm.
-        position: (N, 3) measured [m].
-        quaternion: (N, 4) measured.
-        jacobian: (N, 6, n).
-        q: (N, n) [rad].
-        dq: (N, n) [rad/s].
-        added: (N, n) dither and compensation, added to the torque [N·m].
-        a: the controllers.
+    Measured are position (N, 3) [m], quaternion (N, 4), Jacobian (N, 6, n), q and dq (N, n) [rad,
+    rad/s]; ``added`` (N, n) is dither and compensation, added to the torque [N·m].
     """
     n = dq.shape[1]
     state, wanted = a.state, a.wanted
@@ -260,27 +257,23 @@ def impedance_cycle(
                 total += a.projector[i, j, m] * a.null_torque[i, m]
             wanted[i, j] += total
     for j in range(n):
-        if not a.dither_after:
-            wanted[i, j] += added[i, j]
-        limit, last = a.limit[j], a.sent[i, j]
-        sent = between(wanted[i, j], max(last - a.rate, -limit), min(last + a.rate, limit))
-        a.sent[i, j] = a.command[i, j] = sent
-        if a.dither_after:
-            a.command[i, j] = between(sent + added[i, j], -limit, limit)
+        wanted[i, j] += added[i, j]
+        limit, last = a.limit[j], a.command[i, j]
+        low, high = max(last - a.rate, -limit), min(last + a.rate, limit)
+        a.command[i, j] = between(wanted[i, j], low, high)
 
 
 @compiled
 def read_flags(i: int, a: Impedance, out: Bools) -> None:
     """Raise flags (3,) of arm ``i``; none is lowered.
 
-    They are: at the last `renew_space` the arm was (nearly) singular, so that Λ is damped; in the
-    last cycle the torque rate or a torque limit cut the command of some joint; some joint was
-    beyond, or within the margin of, its position limit.
+    Singular: at the last `renew_space` Λ was damped. Saturated: in the last cycle the torque rate
+    or a torque limit cut a joint's command. Near a limit: a joint was within the margin or beyond.
     """
     if a.singular[i]:
         out[0] = True
     for j in range(a.q.shape[1]):
-        if a.wanted[i, j] != a.sent[i, j] or abs(a.command[i, j]) >= a.limit[j]:
+        if a.wanted[i, j] != a.command[i, j] or abs(a.command[i, j]) >= a.limit[j]:
             out[1] = True
         if a.q[i, j] < a.low[j] or a.q[i, j] > a.high[j]:
             out[2] = True

@@ -23,48 +23,29 @@ from stiction_envs.friction.model import StickingModel
 class Hand(NamedTuple):
     """A point and a frame fixed to a site, for N simulations."""
 
-    anchor: Array
-    """(N, joints of the model, 3) a point of each joint's axis in the world [m]."""
-    axis: Array
-    """(N, joints of the model, 3) the direction of each joint's axis."""
-    site_position: Array
-    """(N, sites, 3) [m]."""
-    body_quaternion: Array
-    """(N, bodies, 4) w, x, y, z."""
-    site: int
-    """Number of the site."""
-    body: int
-    """Number of the site's body."""
-    joints: Index
-    """(n,) the joints that move the site."""
-    turn: Array
-    """(4, 4) the frame in the site's body: q ⊗ q_frame as a matrix on q."""
-    tool: Array
-    """(3,) the point, from the site in the frame [m]."""
-    position: Array
-    """(N, 3) of the point, written by `read_hand` [m]."""
-    quaternion: Array
-    """(N, 4) of the frame, written by `read_hand`."""
-    jacobian: Array
-    """(N, 6, n) translation above rotation, written by `read_hand` [m/rad, 1]."""
+    anchor: Array  # (N, joints of the model, 3) a point of each joint's axis in the world [m]
+    axis: Array  # (N, joints of the model, 3) the direction of each joint's axis
+    site_position: Array  # (N, sites, 3) [m]
+    body_quaternion: Array  # (N, bodies, 4) w, x, y, z
+    site: int  # Number of the site
+    body: int  # Number of the site's body
+    joints: Index  # (n,) the joints that move the site
+    turn: Array  # (4, 4) the frame in the site's body: q ⊗ q_frame as a matrix on q
+    tool: Array  # (3,) the point, from the site in the frame [m]
+    position: Array  # (N, 3) of the point, written by `read_hand` [m]
+    quaternion: Array  # (N, 4) of the frame, written by `read_hand`
+    jacobian: Array  # (N, 6, n) translation above rotation, written by `read_hand` [m/rad, 1]
 
 
 class Chain(NamedTuple):
     """A serial arm's rigid links, for `follow_chain`."""
 
-    q: Array
-    """(N, n) joint angles [rad]."""
-    shift: Array
-    """(n + 1, 3) from the body of the joint before to the body of each joint, then to the site
-    [m]."""
-    turn: Array
-    """(n + 1, 4) the turns between the same bodies, w, x, y, z."""
-    joint_shift: Array
-    """(n, 3) each joint's place in its body [m]."""
-    joint_axis: Array
-    """(n, 3) each joint's axis in its body."""
-    zero: Array
-    """(n,) angles at which bodies are turned by `turn` alone [rad]."""
+    q: Array  # (N, n) joint angles [rad]
+    shift: Array  # (n + 1, 3) from joint body to joint body, then to the site [m]
+    turn: Array  # (n + 1, 4) the turns between the same bodies, w, x, y, z
+    joint_shift: Array  # (n, 3) each joint's place in its body [m]
+    joint_axis: Array  # (n, 3) each joint's axis in its body
+    zero: Array  # (n,) angles at which bodies are turned by `turn` alone [rad]
 
 
 @inlined
@@ -181,12 +162,9 @@ class EndEffector:
     """
 
     def __init__(self, sticking: StickingModel, batch: Batch, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it for the N simulations of a batch.
+        """Make it for the N simulations of a batch of the engine.
 
-        Args:
-            sticking: their model.
-            batch: the engine's.
-            tool: (3,) the tool point from the flange, in the hand's frame [m].
+        ``tool`` (3,) is the tool point from the flange, in the hand's frame [m].
         """
         model = sticking.model
         site = model.site(sticking.arm.end_effector).id
@@ -194,12 +172,11 @@ class EndEffector:
         # numbered along the chain; an elastic joint's spring turns about the same axis
         joints = model.dof_jntid[sticking.motor].astype(np.int64)
         body = int(model.site_bodyid[site])
-        self._set(sticking, batch.nsim, kinematics, site, body, joints, tool)
+        self._set(sticking, kinematics, site, body, joints, tool)
 
     def _set(
         self,
         sticking: StickingModel,
-        nsim: int,
         kinematics: list[Array],
         site: int,
         body: int,
@@ -210,6 +187,7 @@ class EndEffector:
         half, model = 0.5 * sticking.arm.hand_yaw, sticking.model
         turn = right_matrix(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
         turn = turn @ right_matrix(model.site_quat[model.site(sticking.arm.end_effector).id])
+        nsim = len(kinematics[0])
         self.position = np.zeros((nsim, 3))
         """(N, 3) position of the tool point in the world [m]."""
         self.quaternion = np.zeros((nsim, 4))
@@ -241,10 +219,10 @@ class MeasuredEndEffector(EndEffector):
     """The end effector where angles say that it is, which a controller has measured."""
 
     def __init__(self, sticking: StickingModel, angles: Array, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it; arguments are those of `EndEffector`, but for the live ``angles`` (N, n)."""
+        """Make it for the live ``angles`` (N, n); see `EndEffector`."""
         nsim, n = angles.shape
         kinematics = [*np.zeros((2, nsim, n, 3)), np.zeros((nsim, 1, 3)), np.zeros((nsim, 1, 4))]
-        self._set(sticking, nsim, kinematics, 0, 0, np.arange(n), tool)
+        self._set(sticking, kinematics, 0, 0, np.arange(n), tool)
         self.chain = Chain(angles, *_chain_of(sticking.arm.bare_model(), sticking.arm.end_effector))
 
     def read(self) -> None:
@@ -253,10 +231,7 @@ class MeasuredEndEffector(EndEffector):
 
 
 def _chain_of(model: mujoco.MjModel, site_name: str) -> tuple[Array, Array, Array, Array, Array]:
-    """Return what `follow_chain` needs of a serial arm's rigid model.
-
-    Bodies without joints are put together with the one that they are fixed to.
-    """
+    """Return what `follow_chain` needs of a serial arm; bodies without joints are merged."""
     site = model.site(site_name).id
     chain, body = [], int(model.site_bodyid[site])
     while body:
@@ -282,10 +257,6 @@ def _then(shift: Array, turn: Array, more: Array, quaternion: Array) -> None:
 
 
 def tool_point(tool: ArrayLike | None) -> Array:
-    """Return a tool point (3,) [m], the flange for None.
-
-    Raises:
-        StictionError: not three finite numbers.
-    """
+    """Return a tool point (3,) [m], the flange for None; raise unless it is 3 finite numbers."""
     point = (0.0, 0.0, 0.0) if tool is None else tool
     return checked_array(point, "tool", (3,), expected="three finite numbers, x y z in m")

@@ -26,11 +26,11 @@ def renew(
     inertia: Array,
     projector: Array,
 ) -> bool:
-    """Write the operational space of a pose.
+    """Write the operational space of a pose; return False, and write nothing, for a bad mass.
 
     Args:
         jacobian: (6, n), translation, then rotation.
-        mass: (n, n) joint-space inertia [kg·m²].
+        mass: (n, n) joint-space inertia [kg·m²]; bad is one not positive definite or not finite.
         projects: whether Λ and P are written; otherwise only whether the pose is singular.
         singular_below: s_0 [1/kg].
         singular_length: ℓ [m].
@@ -38,10 +38,6 @@ def renew(
         inertia: (6, 6) written: Λ [kg, kg·m, kg·m²].
         projector: (n, n) written: P = I − Jᵀ Λ J M⁻¹, thesis eq. 2.17. Where the pose is not
             singular P² = P and J M⁻¹ P = 0: its torques do not accelerate the end effector.
-
-    Returns:
-        False where the mass is not positive definite or something not finite; nothing is written
-        then.
     """
     scale = np.ones(6)
     scale[3:] = singular_length
@@ -91,10 +87,7 @@ def _invert(scaled: Array, scale: Array, least: float, out: Array) -> None:
 
 @compiled
 def _mobility(jacobian: Array, mass: Array, scale: Array) -> tuple[Array, Array]:
-    """Return M⁻¹ Jᵀ (n, 6) and A = S J M⁻¹ Jᵀ S (6, 6).
-
-    NaN where the mass is not positive definite.
-    """
+    """Return M⁻¹ Jᵀ (n, 6), A = S J M⁻¹ Jᵀ S (6, 6); NaN for a mass not positive definite."""
     n = len(mass)
     x, scaled = np.empty((n, 6)), np.empty((6, 6))
     factor = np.empty((n, n))

@@ -50,15 +50,13 @@ class ServoDrive:
     @property
     def command(self) -> Array:
         """(N, n) last command of each simulation [rad]."""
-        out: Array = self._commands[:, -1].copy()
-        return out
+        return self._commands[:, -1].copy()
 
     def weight(self, ids: Index) -> Array:
         """Return (M, n) the torque that balances simulations ``ids`` where they are [N·m]."""
         signed, _ = self.plant.load
         signed = np.where(self.plant.sticking.bearing, 0.0, signed)
-        out: Array = (signed + self.plant.offset)[ids]
-        return out
+        return (signed + self.plant.offset)[ids]
 
     def run(self, command: Array, ids: Index, *, joint: Index | None = None) -> Array:
         """Advance simulations under commands (M, K, n) [rad]; as `Plant.run` otherwise."""

@@ -33,16 +33,13 @@ def multiply(a: Array, b: Array) -> Array:
 
 
 def error_matrix(reference: Array) -> Array:
-    """Matrices E (..., 4, 4) with E q = q ⊗ q_d⁻¹, for references q_d (..., 4).
-
-    For a loop in which the reference changes less often than q; see :func:`rotation_error`.
-    """
+    """Matrices E (..., 4, 4) with E q = q ⊗ q_d⁻¹, for references q_d (..., 4)."""
     return np.take(reference, _RIGHT, axis=-1) * _ERROR_SIGN
 
 
 @compiled
 def write_one_error_matrix(reference: Array, out: Array) -> None:
-    """Write `error_matrix` (4, 4) of one reference (4,); for other compiled functions."""
+    """Write `error_matrix` (4, 4) of one reference (4,)."""
     w, x, y, z = reference[0], reference[1], reference[2], reference[3]
     out[0, 0], out[0, 1], out[0, 2], out[0, 3] = w, x, y, z
     out[1, 0], out[1, 1], out[1, 2], out[1, 3] = -x, w, -z, y
@@ -51,9 +48,9 @@ def write_one_error_matrix(reference: Array, out: Array) -> None:
 
 
 def rotation_vector(q: Array) -> Array:
-    """Angle · axis [rad], (..., 3), of quaternions q (..., 4); angle in [0, π].
+    """Angle · axis [rad], (..., 3), of quaternions q (..., 4) of any length; angle in [0, π].
 
-    The same for q and −q: the sign is flipped where w < 0. Lengths other than 1 do not matter.
+    The vector is the same for q and −q.
     """
     vector = q[..., 1:]
     length = np.sqrt(np.einsum("...i,...i->...", vector, vector))
@@ -67,19 +64,15 @@ def rotation_vector(q: Array) -> Array:
 def rotation_error(q: Array, reference: Array) -> Array:
     """Angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); sources.md 6.1.
 
-    Args:
-        q: (..., 4) measured orientation.
-        reference: (..., 4) desired orientation q_d.
-
-    With angular velocity ω and q_d at rest, d/dt ½|e|² = e·ω: the torque −k e is the gradient of
-    the potential ½ k angle². With different stiffness about different axes it has no potential.
+    With angular velocity ω and q_d (..., 4) at rest, d/dt ½|e|² = e·ω: the torque −k e is the
+    gradient of the potential ½ k angle². With different stiffness about different axes it has none.
     """
     return rotation_vector(np.einsum("...ij,...j->...i", error_matrix(reference), q))
 
 
 @compiled
 def angle_one(a: Array, b: Array) -> float:
-    """Angle of the rotation from b to a (4,) [rad], in [0, π]; for other compiled functions."""
+    """Angle of the rotation from b to a (4,) [rad], in [0, π]."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2]
     y = a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3]
@@ -102,7 +95,7 @@ def to_matrix(q: Array) -> Array:
 def slerp_one(p: Array, q: Array, s: float, out: Array) -> None:
     """Write the quaternion (4,) at a share ``s`` of the shorter arc from p to q (4,).
 
-    Exactly p at 0 and exactly q, or −q where that is nearer to p, at 1. For compiled functions.
+    Exactly p at 0, and exactly q, or −q where that is nearer to p, at 1.
     """
     side = -1.0 if p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3] < 0.0 else 1.0
     difference, total = 0.0, 0.0

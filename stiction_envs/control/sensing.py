@@ -10,11 +10,10 @@ read, over a cycle, behind a low-pass. *Ideal* is none of this, and computes not
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,17 +27,16 @@ from stiction_envs.control.sensing_kernels import (
     sense_block,
     uniform,
 )
+from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import read_toml
 
-Numbers = float | tuple[float, ...]
-"""One number for all joints, or one per joint."""
+Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
 SPEEDS = ("logged", "difference")
-LONGEST = 0.1
-"""Longest delay, jitter or lag that is simulated [s]; assumed."""
+LONGEST = 0.1  # Longest delay, jitter or lag that is simulated [s]; assumed
 PER_JOINT = (
     *("angle_resolution", "angle_noise", "speed_lag", "speed_noise"),
     *("torque_resolution", "torque_noise", "torque_offset"),
@@ -55,12 +53,9 @@ FINEST = 1e-12
 class Sensing:
     """Senses of one arm. SI units; what ends in "per joint" is one number, or one per joint."""
 
-    speed: str = "logged"
-    """Where the speed comes from: ``logged``, the robot's own, or ``difference`` of angles read."""
-    angle_resolution: Numbers = 0.0
-    """Step of the angles read, per joint [rad]."""
-    angle_noise: Numbers = 0.0
-    """Standard deviation of white noise on them, per joint [rad]."""
+    speed: str = "logged"  # ``logged``, the robot's own, or ``difference`` of the angles read
+    angle_resolution: Numbers = 0.0  # Step of the angles read, per joint [rad]
+    angle_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [rad]
     speed_lag: Numbers = 0.0
     """Time constant of the filter of first order behind which the robot logs its speed, per joint
     [s]."""
@@ -68,22 +63,15 @@ class Sensing:
     """Standard deviation of white noise on a logged speed, per joint [rad/s]."""
     speed_cutoff: float = 0.0
     """Corner of the low-pass of first order behind the difference of angles [Hz]; 0 is none."""
-    torque_resolution: Numbers = 0.0
-    """Step of the joint torques read, per joint [N·m]."""
-    torque_noise: Numbers = 0.0
-    """Standard deviation of white noise on them, per joint [N·m]."""
+    torque_resolution: Numbers = 0.0  # Step of the joint torques read, per joint [N·m]
+    torque_noise: Numbers = 0.0  # Standard deviation of white noise on them, per joint [N·m]
     torque_offset: Numbers = 0.0
     """Standard deviation of their offset, drawn once per simulation and joint [N·m]."""
-    measurement_delay: float = 0.0
-    """Age of what is read [s]."""
-    measurement_jitter: float = 0.0
-    """What is read is older by up to this, uniform, drawn in every cycle [s]."""
-    command_delay: float = 0.0
-    """Time until a command acts [s]."""
-    missed_cycles: float = 0.0
-    """Share of cycles whose command is lost: the one before is held [-]."""
-    spread: float = 0.0
-    """Noise and delays of a simulation are multiplied by a factor, uniform within 1 ± this [-]."""
+    measurement_delay: float = 0.0  # Age of what is read [s]
+    measurement_jitter: float = 0.0  # Readings are older by up to this, uniform per cycle [s]
+    command_delay: float = 0.0  # Time until a command acts [s]
+    missed_cycles: float = 0.0  # Share of cycles whose command is lost: the one before is held [-]
+    spread: float = 0.0  # Noise and delays are times a factor per simulation within 1 ± this [-]
 
     def __post_init__(self) -> None:
         if self.speed not in SPEEDS:
@@ -115,22 +103,13 @@ class Sensing:
             raise StictionError(f"sensing {name} is {value!r}: expected {expected}")
         return array
 
-    @classmethod
-    def ideal(cls) -> Self:
-        """Return senses without any error."""
-        return cls()
-
     @property
     def is_ideal(self) -> bool:
         """Whether there is no error: nothing is computed then."""
-        return self == dataclasses.replace(self.ideal(), spread=self.spread)
+        return self == Sensing(spread=self.spread)
 
     def of_joint(self, name: str, n: int) -> Array:
-        """Return the numbers (n,) of a field.
-
-        Raises:
-            StictionError: numbers of another count of joints.
-        """
+        """Return the numbers (n,) of a field; raise a StictionError for another count of joints."""
         value = np.asarray(getattr(self, name))
         if value.ndim and len(value) != n:
             raise StictionError(f"sensing {name} of {len(value)} joints: expected {n}, or one")
@@ -152,13 +131,11 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
 
     Args:
         arm: the arm.
-        what: ``ideal``; ``robot``, those of the registered arm's own TOML; the path of a TOML with
-            a table ``[sensing]``, whose entries are fields of `Sensing`, plain or ``{value = …}``;
-            or senses.
+        what: ``ideal``; ``robot``, those of the registered arm's own TOML; a TOML with a table
+            ``[sensing]``, whose entries are fields of `Sensing`, plain or ``{value = …}``; senses.
 
     Raises:
-        StictionError: an arm of which no senses are known, a file that cannot be read, or a field
-            that does not exist or has a bad value.
+        StictionError: an arm without known senses, an unreadable file, or a bad field.
     """
     if isinstance(what, Sensing):
         what.check(arm.n)
@@ -166,43 +143,35 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
     if not isinstance(what, str | Path):
         raise StictionError(f"sensing {what!r}: expected ideal, robot, a TOML or Sensing")
     if str(what) == "ideal":
-        return Sensing.ideal()
+        return Sensing()
+    where = Path(what)
     if str(what) == "robot":
-        name = arm.registered_name
-        table = {} if name is None else ARMS[name].table
-        if "sensing" not in table:
-            known = [a for a, files in ARMS.items() if "sensing" in files.table]
+        own = {name: files.table for name, files in ARMS.items() if "sensing" in files.table}
+        if arm.registered_name not in own:
             raise StictionError(
-                f"sensing robot: no senses of {arm.name} are known, but of {', '.join(known)}: "
+                f"sensing robot: no senses of {arm.name} are known, but of {', '.join(own)}: "
                 "expected ideal, or a TOML with a table [sensing]"
             )
-        return _of_table(table["sensing"], str(ARMS[name].toml) if name else "", arm.n)
-    path = Path(what)
-    if not path.is_file():
+        where, table = ARMS[arm.registered_name].toml, own[arm.registered_name]
+    elif not where.is_file():
         raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or a TOML that is there")
-    table = read_toml(path)
+    else:
+        table = read_toml(where)
     if not isinstance(table.get("sensing"), Mapping):
-        raise StictionError(f"{path}: expected a table [sensing]")
-    return _of_table(table["sensing"], str(path), arm.n)
-
-
-def _of_table(table: Mapping[str, object], where: str, n: int) -> Sensing:
+        raise StictionError(f"{where}: expected a table [sensing]")
     names = [f.name for f in fields(Sensing)]
     values: dict[str, Any] = {}
-    for name, entry in table.items():
+    for name, entry in table["sensing"].items():
         if name not in names:
             raise StictionError(f"{where}: {unknown('field of [sensing]', name, names)}")
         value = entry.get("value") if isinstance(entry, Mapping) else entry
         values[name] = tuple(value) if isinstance(value, list) else value
     try:
         out = Sensing(**values)
-        out.check(n)
+        out.check(arm.n)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
     return out
-
-
-# ---- N arms --------------------------------------------------------------------------------------
 
 
 def _steps(seconds: float) -> float:
@@ -229,24 +198,16 @@ class _Seeded:
         return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
 
 
-FACTOR = 63
-"""Channel of an arm's factor, which is drawn with control step 0."""
+FACTOR = 63  # Channel of an arm's factor, which is drawn with control step 0
 
 
 class Senses(_Seeded):
     """Sensors of N arms of n joints, read once per controller cycle."""
 
     def __init__(self, sensing: Sensing, nsim: int, n: int, *, hold_steps: int = 1) -> None:
-        """Make the sensors; each arm needs `reset`.
+        """Make the sensors of N arms of n joints; each arm needs `reset`.
 
-        Args:
-            sensing: of every arm.
-            nsim: number of arms N.
-            n: joints of each.
-            hold_steps: control steps of a controller cycle.
-
-        Raises:
-            StictionError: senses of another number of joints.
+        ``hold_steps`` are the control steps of a controller cycle.
         """
         super().__init__(sensing, nsim)
         sensing.check(n)
@@ -280,30 +241,19 @@ class Senses(_Seeded):
         )
         """What compiled functions read and write; always the same objects."""
 
-    def reset(self, ids: Index, q: Array, seeds: ArrayLike, torque: Array | None = None) -> None:
-        """Let arms ``ids`` have rested for long; averaged, so that only resolution is left.
+    def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
+        """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
 
-        Args:
-            ids: (M,) arms.
-            q: (M, n) angles [rad].
-            seeds: (M,) whole numbers below 2⁶⁴: what is drawn for each.
-            torque: (M, n) true joint torques [N·m]; None for 0.
+        ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and delays are drawn.
         """
         self._seeded(ids, seeds)
-        felt = np.zeros_like(q) if torque is None else torque
         for row, i in enumerate(ids):
-            begin_arm(i, q[row], felt[row], self._offset, self.arrays)
+            begin_arm(i, q[row], self._offset, self.arrays)
 
     def read_block(self, ids: Index, step: Index, q: Array) -> Array:
-        """Read the sensors of arms in control steps of which only the angles are known.
+        """Return the angles (M, K, n) [rad] that controllers have after sensors read true angles q.
 
-        Args:
-            ids: (M,) arms.
-            step: (M, K) numbers of the control steps, one after the other; 0 is an arm's first.
-            q: (M, K, n) true angles [rad].
-
-        Returns:
-            (M, K, n) angles that the controller has at these steps [rad].
+        ``step`` (M, K) are numbers of successive control steps of arms ``ids`` (M,).
         """
         seen = np.empty_like(q)
         sense_block(ids, step, self._hold, CONTROL_DT, q, self.arrays, seen)
@@ -340,11 +290,6 @@ class CommandLine(_Seeded):
     def send_block(self, ids: Index, step: Index, command: Array) -> None:
         """Replace commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
         send_block(ids, step, self._hold, command, self.arrays)
-
-
-def low_pass_gain(cutoff: float, dt: float) -> float:
-    """Return the g of y ← y + g (u − y) at a corner [Hz], as `TorqueInterface`; 0 Hz is none."""
-    return 1.0 if cutoff == 0 else dt / (dt + 1.0 / (2 * np.pi * cutoff))
 
 
 def seeds_of(seed: int, keys: Sequence[tuple[int, ...]]) -> NDArray[np.uint64]:

@@ -22,64 +22,43 @@ _ONE, _HIGH = np.uint64(1), np.uint64(11)
 _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _STRIDE, _OWN = 64, 48
 """Channels of a control step: four of each joint, and those of the whole arm from `_OWN` on."""
-JITTER, MISSED = _OWN, _OWN + 1
-"""Channels of an arm."""
-START = -1
-"""Control step of what is drawn once, when a simulation starts."""
+JITTER, MISSED = _OWN, _OWN + 1  # Channels of an arm
+START = -1  # Control step of what is drawn once, when a simulation starts
 
 
 class Measured(NamedTuple):
     """Senses of N arms of n joints; numbers of a joint are (n,)."""
 
     speed_by_difference: bool
-    cycle: float
-    """Time between two readings [s]."""
-    speed_gain: float
-    """Gain of the low-pass behind the difference of angles [-]; 1 is none."""
-    delay: float
-    """[control steps]."""
-    jitter: float
-    """[control steps]."""
-    lag_gain: Array
-    """Gain per control step of the filter of the logged speed [-]; 1 is none."""
+    cycle: float  # Time between two readings [s]
+    speed_gain: float  # Gain of the low-pass behind the difference of angles [-]; 1 is none
+    delay: float  # [control steps]
+    jitter: float  # [control steps]
+    lag_gain: Array  # Gain per control step of the filter of the logged speed [-]; 1 is none
     angle_noise: Array
     angle_resolution: Array
     speed_noise: Array
     torque_noise: Array
     torque_resolution: Array
-    torque_offset: Array
-    """(N, n) [N·m]."""
-    scale: Array
-    """(N,) of noise and delays [-]."""
-    seed: NDArray[np.uint64]
-    """(N,)."""
-    past: Array
-    """(N, R, 3, n) angles [rad], speeds [rad/s], torques [N·m] of the last R control steps."""
-    q: Array
-    """(N, n) what was read last [rad]."""
-    dq: Array
-    """(N, n) [rad/s]."""
-    torque: Array
-    """(N, n) [N·m]."""
+    torque_offset: Array  # (N, n) [N·m]
+    scale: Array  # (N,) of noise and delays [-]
+    seed: NDArray[np.uint64]  # (N,)
+    past: Array  # (N, R, 3, n) q, dq, torque of the last R control steps [rad, rad/s, N·m]
+    q: Array  # (N, n) what was read last [rad]
+    dq: Array  # (N, n) [rad/s]
+    torque: Array  # (N, n) [N·m]
 
 
 class Sent(NamedTuple):
     """Commands of N arms on their way to C joints."""
 
-    missed: float
-    """Probability that a command does not arrive [-]."""
-    delay: float
-    """[control steps]."""
-    scale: Array
-    """(N,) of the delay [-]."""
-    seed: NDArray[np.uint64]
-    """(N,)."""
-    held: Array
-    """(N, C) the last command that arrived [N·m]."""
-    past: Array
-    """(N, R, C) commands of the last R control steps [N·m]."""
-    arrived: Array
-    """(N, C) what acts now, written [N·m]."""
+    missed: float  # Probability that a command does not arrive [-]
+    delay: float  # [control steps]
+    scale: Array  # (N,) of the delay [-]
+    seed: NDArray[np.uint64]  # (N,)
+    held: Array  # (N, C) the last command that arrived [N·m]
+    past: Array  # (N, R, C) commands of the last R control steps [N·m]
+    arrived: Array  # (N, C) what acts now, written [N·m]
 
 
 @compiled
@@ -119,20 +98,20 @@ def _rounded(value: float, resolution: float) -> float:
 
 
 @compiled
-def begin_arm(i: int, q: Array, torque: Array, offset: Array, m: Measured) -> None:
-    """Let arm ``i`` have rested at q (n,) [rad] under torques (n,) [N·m] for long.
+def begin_arm(i: int, q: Array, offset: Array, m: Measured) -> None:
+    """Let arm ``i`` have rested at q (n,) [rad] without torque for long.
 
     ``offset`` (n,) is the standard deviation of the torque sensors' offset [N·m].
     """
     for j in range(len(q)):
         for k in range(m.past.shape[1]):
-            m.past[i, k, 0, j], m.past[i, k, 1, j], m.past[i, k, 2, j] = q[j], 0.0, torque[j]
+            m.past[i, k, 0, j], m.past[i, k, 1, j], m.past[i, k, 2, j] = q[j], 0.0, 0.0
         m.torque_offset[i, j] = 0.0
         if offset[j] > 0.0:
             drawn, _ = normals(m.seed[i], START, 4 * j)
             m.torque_offset[i, j] = m.scale[i] * offset[j] * drawn
         m.q[i, j], m.dq[i, j] = _rounded(q[j], m.angle_resolution[j]), 0.0
-        m.torque[i, j] = torque[j] + m.torque_offset[i, j]
+        m.torque[i, j] = m.torque_offset[i, j]
 
 
 @compiled
@@ -141,14 +120,7 @@ def sense_arm(
 ) -> None:
     """Note the state of arm ``i`` at a control step; where ``due``, read the sensors.
 
-    Args:
-        due: whether the controller reads in this step.
-        i: the arm.
-        step: control steps since it began.
-        q: (n,) true angles [rad].
-        dq: (n,) true speeds [rad/s].
-        torque: (n,) true torques [N·m].
-        m: the senses; `Measured.q`, `dq` and `torque` are written where due.
+    True angles [rad], speeds [rad/s] and torques [N·m] are (n,); steps count from the arm's start.
     """
     size = m.past.shape[1]
     now, before = step % size, (step - 1) % size
@@ -189,16 +161,8 @@ def sense_block(
 ) -> None:
     """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
 
-    The speed of a control step is the mean within it.
-
-    Args:
-        ids: (M,) arms.
-        step: (M, K) numbers of the control steps.
-        hold: control steps between two readings.
-        dt: a control step [s].
-        q: (M, K, n) angles at these steps [rad].
-        m: the senses.
-        seen: (M, K, n), written: the angles that the controller has at these steps [rad].
+    The speed of a control step is the mean within it. Steps are (M, K), of ``dt`` [s], with
+    ``hold`` between two readings; angles q and those ``seen``, written, are (M, K, n) [rad].
     """
     size, n = m.past.shape[1], q.shape[2]
     speed, torque = np.empty(n), np.zeros(n)

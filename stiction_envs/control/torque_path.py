@@ -26,14 +26,10 @@ CONTROL_RATE_HZ = 1000  # control steps of a simulation per second [Hz] (sources
 class TorqueInterface:
     """Rate, filter and limits with which a robot processes torque commands."""
 
-    controller_rate_hz: int
-    """Rate at which the controller computes; its output is held in between [Hz]."""
-    lowpass_hz: float
-    """Cut-off of the first-order low-pass [Hz]; 0 is off."""
-    torque_rate: Array
-    """(n,) largest change of torque [N·m/s]; inf is off."""
-    torque_limit: Array
-    """(n,) largest torque [N·m]."""
+    controller_rate_hz: int  # Rate of the controller's cycles; between them its output is held [Hz]
+    lowpass_hz: float  # Cut-off of the first-order low-pass [Hz]; 0 is off
+    torque_rate: Array  # (n,) largest change of torque [N·m/s]; inf is off
+    torque_limit: Array  # (n,) largest torque [N·m]
 
     def __post_init__(self) -> None:
         rate = self.controller_rate_hz
@@ -69,11 +65,8 @@ class TorqueInterface:
 
     @property
     def lowpass_gain(self) -> float:
-        """The g of y ← y + g(u − y): Δt/(Δt + 1/(2πf_c)), sources.md 1.8; 1 is off [-]."""
-        if self.lowpass_hz == 0:
-            return 1.0
-        dt = 1.0 / CONTROL_RATE_HZ
-        return dt / (dt + 1.0 / (2 * np.pi * self.lowpass_hz))
+        """Gain of the low-pass per control step; 1 is off [-]."""
+        return low_pass_gain(self.lowpass_hz, 1.0 / CONTROL_RATE_HZ)
 
     def tick(self, step: Index) -> Index:
         """Return the control step at which the command held at ``step`` was computed."""
@@ -81,19 +74,19 @@ class TorqueInterface:
         return (step // hold) * hold
 
 
-class Path(NamedTuple):
+def low_pass_gain(cutoff_hz: float, dt: float) -> float:
+    """Return the g of y ← y + g(u − y): Δt/(Δt + 1/(2πf_c)), sources.md 1.8; 1 for 0 Hz [-]."""
+    return 1.0 if cutoff_hz == 0 else dt / (dt + 1.0 / (2 * np.pi * cutoff_hz))
+
+
+class PathState(NamedTuple):
     """State of the path of N simulations of n joints."""
 
-    step: Array
-    """(N, n) largest change per control step [N·m]."""
-    gain: float
-    """Gain of the low-pass; 1 is off [-]."""
-    limit: Array
-    """(N, n) [N·m]."""
-    limited: Array
-    """(N, n) torque behind the rate limit, changed [N·m]."""
-    filtered: Array
-    """(N, n) torque behind the low-pass, changed [N·m]."""
+    step: Array  # (N, n) largest change per control step [N·m]
+    gain: float  # Gain of the low-pass; 1 is off [-]
+    limit: Array  # (N, n) [N·m]
+    limited: Array  # (N, n) torque behind the rate limit, changed [N·m]
+    filtered: Array  # (N, n) torque behind the low-pass, changed [N·m]
 
 
 class TorquePath:
@@ -101,7 +94,7 @@ class TorquePath:
 
     def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
         self.interface = interface
-        self.arrays = Path(
+        self.arrays = PathState(
             step=np.full((nsim, n), np.inf),
             gain=interface.lowpass_gain,
             limit=np.full((nsim, n), np.inf),
@@ -113,10 +106,7 @@ class TorquePath:
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 
     def set_limits(self, ids: Index, torque_rate: Array, torque_limit: Array) -> None:
-        """Set the limits of simulations ``ids``: (n,) or (M, n), N·m/s and N·m.
-
-        For arms whose columns are not always the same joints.
-        """
+        """Set limits (n,) or (M, n) [N·m/s, N·m] of simulations whose columns are other joints."""
         self.arrays.step[ids] = torque_rate / CONTROL_RATE_HZ
         self.arrays.limit[ids] = torque_limit
 
@@ -125,29 +115,21 @@ class TorquePath:
         self.arrays.limited[ids] = self.arrays.filtered[ids] = torque
 
     def run(self, command: Array, ids: Index) -> Array:
-        """Pass a block of commands.
-
-        Args:
-            command: (M, K, n) [N·m], one per control step of 1 ms, already held.
-            ids: (M,) the simulations.
-
-        Returns:
-            (M, K, n) torque that reaches the joints [N·m].
-        """
+        """Return the torque (M, K, n) behind the path of held commands (M, K, n) [N·m]."""
         out = np.empty_like(command)
         _pass_block(ids, command, self.arrays, out)
         return out
 
 
 @inlined
-def pass_torque(i: int, command: Array, path: Path, out: Array) -> None:
+def pass_torque(i: int, command: Array, path: PathState, out: Array) -> None:
     """Write the torque of simulation ``i`` behind the path of its command, both (N, n) [N·m]."""
     for j in range(out.shape[1]):
         out[i, j] = _pass_one(i, j, command[i, j], path)
 
 
 @inlined
-def _pass_one(i: int, j: int, u: float, path: Path) -> float:
+def _pass_one(i: int, j: int, u: float, path: PathState) -> float:
     """Return the torque of one joint behind the path of a command u [N·m]."""
     step, limit = path.step[i, j], path.limit[i, j]
     # exactly the command wherever the rate allows it
@@ -161,7 +143,7 @@ def _pass_one(i: int, j: int, u: float, path: Path) -> float:
 
 
 @compiled
-def _pass_block(ids: Index, command: Array, path: Path, out: Array) -> None:
+def _pass_block(ids: Index, command: Array, path: PathState, out: Array) -> None:
     for row in range(len(ids)):
         for k in range(command.shape[1]):
             for j in range(command.shape[2]):

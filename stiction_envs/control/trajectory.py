@@ -19,15 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.control.impedance import GTE_DEFAULTS
 from stiction_envs.control.rotation import from_rpy, multiply
-from stiction_envs.control.settings import GTE_DEFAULTS
-from stiction_envs.control.trapezoid import (
-    Goals,
-    Movement,
-    Reference,
-    plan,
-    sample,
-)
+from stiction_envs.control.trapezoid import Goals, Movement, Reference, plan, sample
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.csv_text import header_of, read_lines
 from stiction_envs.method_settings import Positive
@@ -44,28 +38,17 @@ _Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 class MotionLimits:
     """How fast a reference moves and when a goal is reached; ``gte.toml`` has the sources."""
 
-    translational_speed: _Finite = _DEFAULT["translational_speed"]
-    """[m/s]."""
-    rotational_speed: _Finite = _DEFAULT["rotational_speed"]
-    """[rad/s]."""
-    translational_acceleration: _Finite = _DEFAULT["translational_acceleration"]
-    """[m/s²]."""
-    rotational_acceleration: _Finite = _DEFAULT["rotational_acceleration"]
-    """[rad/s²]."""
-    translational_deceleration: _Finite = _DEFAULT["translational_deceleration"]
-    """[m/s²]."""
-    rotational_deceleration: _Finite = _DEFAULT["rotational_deceleration"]
-    """[rad/s²]."""
-    synchronised: bool = _DEFAULT["synchronised"]
-    """Whether the shorter of translation and rotation is stretched in time to the longer."""
-    publish_rate_hz: _Finite = _DEFAULT["publish_rate_hz"]
-    """How often a controller gets a new reference and goals are looked at [Hz]."""
+    translational_speed: _Finite = _DEFAULT["translational_speed"]  # [m/s]
+    rotational_speed: _Finite = _DEFAULT["rotational_speed"]  # [rad/s]
+    translational_acceleration: _Finite = _DEFAULT["translational_acceleration"]  # [m/s²]
+    rotational_acceleration: _Finite = _DEFAULT["rotational_acceleration"]  # [rad/s²]
+    translational_deceleration: _Finite = _DEFAULT["translational_deceleration"]  # [m/s²]
+    rotational_deceleration: _Finite = _DEFAULT["rotational_deceleration"]  # [rad/s²]
+    publish_rate_hz: _Finite = _DEFAULT["publish_rate_hz"]  # Rate of new references [Hz]
     position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
-    rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]
-    """Largest angle from a goal that is reached [rad]; inf: time alone decides."""
-    patience: Positive = _DEFAULT["patience"]
-    """A goal counts as reached this long after its movement's end, however far it is [s]."""
+    rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]  # Angle from a reached goal [rad]
+    patience: Positive = _DEFAULT["patience"]  # Longest wait at a goal [s]
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(MotionLimits, include_extras=True).items():
@@ -84,7 +67,6 @@ def new_movements(nsim: int, s: MotionLimits) -> Movement:
         acceleration=np.array([s.translational_acceleration, s.rotational_acceleration], float),
         deceleration=np.array([s.translational_deceleration, s.rotational_deceleration], float),
         speed=np.array([s.translational_speed, s.rotational_speed], float),
-        synchronised=bool(s.synchronised),
         start=np.zeros((nsim, 3)),
         start_q=still.copy(),
         goal=np.zeros((nsim, 3)),
@@ -137,15 +119,9 @@ class GoalSequencer:
         quaternion: Array,
         pace: float = 1.0,
     ) -> None:
-        """Give arm ``i`` its goals, and accept the first of them at time 0.
+        """Give arm ``i`` its goals (G, 3) [m] and (G, 4), G ≤ capacity; accept the first at time 0.
 
-        Args:
-            i: the arm.
-            goal_position: (G, 3), G ≤ capacity, base frame [m].
-            goal_quaternion: (G, 4).
-            position: (3,) measured [m].
-            quaternion: (4,) measured.
-            pace: of the movements, over 0 to 1: they take 1/pace of the time [-].
+        The arm's measured pose is (3,) [m], (4,). Movements take 1/pace of their time.
         """
         a, count = self.arrays, len(goal_position)
         a.goal[i, :count], a.goal_q[i, :count] = goal_position, goal_quaternion
@@ -158,8 +134,7 @@ class GoalSequencer:
 
     def reference(self, t: Array) -> Reference:
         """Return the reference of all arms at times t (N,) [s]."""
-        out: Reference = sample(t - self.arrays.begun, self.movement)
-        return out
+        return sample(t - self.arrays.begun, self.movement)
 
     @property
     def index(self) -> Index:
@@ -207,14 +182,10 @@ class GoalSequencer:
 class Path:
     """Poses to visit, relative to the pose in which the movement begins."""
 
-    name: str
-    """Name in results."""
-    position: Array
-    """(G, 3) in the axes of the base, from the start [m]."""
-    quaternion: Array
-    """(G, 4) turns about the axes of the base, from the orientation at the start."""
-    pace: float = 1.0
-    """Speed of all movements over that of the limits: at 0.5 they take twice the time [-]."""
+    name: str  # Name in results
+    position: Array  # (G, 3) in the axes of the base, from the start [m]
+    quaternion: Array  # (G, 4) turns about the axes of the base, from the orientation at the start
+    pace: float = 1.0  # Speed of all movements over that of the limits, in (0, 1] [-]
 
     def __post_init__(self) -> None:
         if not 0 < self.pace <= 1:
@@ -255,11 +226,8 @@ def read_path(path: str | os.PathLike[str]) -> Path:
     """Read goals relative to the start from a CSV file, one row per goal.
 
     Columns ``x,y,z`` [m], with ``roll,pitch,yaw`` [rad] (fixed axes, as in ROS) or
-    ``qw,qx,qy,qz`` as well where the orientation changes.
-
-    Raises:
-        StictionError: an unreadable file, other columns, a field that is not a finite number, a
-            quaternion whose length is not 1; the message names file, line and column.
+    ``qw,qx,qy,qz`` as well where the orientation changes. Raise a StictionError with file, line and
+    column for an unreadable file, other columns, or a bad number.
     """
     turns: tuple[str, ...] = ()
     header = header_of(path)

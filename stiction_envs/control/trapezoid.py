@@ -23,67 +23,41 @@ class Movement(NamedTuple):
 
     Speed rises with the acceleration a, stays at v_max and falls with the deceleration b. Where the
     distance d is too short for v_max, it rises for t_acc = √(2 d b/(a (a + b))), then falls. The
-    orientation turns about one axis along the shorter arc. A stretched movement runs the same
-    profile more slowly, so it keeps the limits too.
+    orientation turns about one axis along the shorter arc. The shorter of both in time is stretched
+    to the longer: the same profile, run more slowly, so that it keeps the limits too.
     """
 
-    acceleration: Array
-    """(2,) [m/s², rad/s²]."""
-    deceleration: Array
-    """(2,) [m/s², rad/s²]."""
-    speed: Array
-    """(2,) largest speeds [m/s, rad/s]."""
-    synchronised: bool
-    """Whether the shorter of translation and rotation is stretched in time to the longer."""
-    start: Array
-    """(N, 3) [m]."""
-    start_q: Array
-    """(N, 4)."""
-    goal: Array
-    """(N, 3) [m]."""
-    goal_q: Array
-    """(N, 4)."""
-    distance: Array
-    """(N, 2) [m, rad]."""
-    rise: Array
-    flat: Array
-    fall: Array
-    """(N, 2) times of rising, constant and falling speed [s]."""
-    pace: Array
-    """(N, 2) speed over that of the limits [-]."""
-    direction: Array
-    """(N, 3) of the translation."""
-    asked: Array
-    """(N,) pace that was asked for [-]."""
-    duration: Array
-    """(N,) [s]."""
+    acceleration: Array  # (2,) [m/s², rad/s²]
+    deceleration: Array  # (2,) [m/s², rad/s²]
+    speed: Array  # (2,) largest speeds [m/s, rad/s]
+    start: Array  # (N, 3) [m]
+    start_q: Array  # (N, 4)
+    goal: Array  # (N, 3) [m]
+    goal_q: Array  # (N, 4)
+    distance: Array  # (N, 2) [m, rad]
+    rise: Array  # (N, 2) time of rising speed [s]
+    flat: Array  # (N, 2) time of constant speed [s]
+    fall: Array  # (N, 2) time of falling speed [s]
+    pace: Array  # (N, 2) speed over that of the limits [-]
+    direction: Array  # (N, 3) of the translation
+    asked: Array  # (N,) pace that was asked for [-]
+    duration: Array  # (N,) [s]
 
 
 class Goals(NamedTuple):
     """Goals of N arms, G each at most."""
 
-    near_position: float
-    """Largest distance from a goal that is reached [m]."""
-    near_rotation: float
-    """Largest angle from a goal that is reached [rad]."""
-    patience: float
-    """How long after its movement's end a goal counts as reached, however far it is [s]."""
-    goal: Array
-    """(N, G, 3) [m]."""
-    goal_q: Array
-    """(N, G, 4)."""
-    total: Index
-    """(N,) goals of each arm."""
-    current: Index
-    """(N,) goal that an arm is moving to."""
-    accepted: Array
-    """(N, G) times at which goals were accepted [s], NaN where not yet."""
-    reached: Array
-    """(N, G) times at which goals were reached [s], NaN where not yet."""
-    begun: Array
-    """(N,) when the present movement began [s]."""
-    due: Array
-    """(N,) when the present movement ends [s], inf for no movement."""
+    near_position: float  # Largest distance from a goal that is reached [m]
+    near_rotation: float  # Largest angle from a goal that is reached [rad]
+    patience: float  # Time after its movement's end when a goal counts as reached [s]
+    goal: Array  # (N, G, 3) [m]
+    goal_q: Array  # (N, G, 4)
+    total: Index  # (N,) goals of each arm
+    current: Index  # (N,) goal that an arm is moving to
+    accepted: Array  # (N, G) times at which goals were accepted [s], NaN where not yet
+    reached: Array  # (N, G) times at which goals were reached [s], NaN where not yet
+    begun: Array  # (N,) when the present movement began [s]
+    due: Array  # (N,) when the present movement ends [s], inf for no movement
 
 
 @compiled
@@ -121,7 +95,7 @@ def plan(
         duration[i] = max(duration[i], up + flat[i, k] + down)
     for k in range(2):
         time = rise[i, k] + flat[i, k] + fall[i, k]
-        pace[i, k] = time / duration[i] if a.synchronised and duration[i] > 0.0 else 1.0
+        pace[i, k] = time / duration[i] if duration[i] > 0.0 else 1.0
         pace[i, k] *= asked[i]
     duration[i] /= asked[i]
 
@@ -147,9 +121,9 @@ def sample(clock: Array, movement: Movement) -> Reference:
 def write_sample(
     i: int, clock: float, a: Movement, position: Array, quaternion: Array
 ) -> tuple[float, float]:
-    """Write position (3,) [m] and quaternion (4,) of the reference of arm ``i``.
+    """Write position (3,) [m] and quaternion (4,) of the reference of arm ``i``; return its speeds.
 
-    A time ``clock`` [s] after its movement began; return its speeds [m/s], [rad/s].
+    ``clock`` [s] counts from the movement's beginning; speeds are in m/s and rad/s.
     """
     moved, speed = _profile_at(i, 0, clock, a)
     turned, turning = _profile_at(i, 1, clock, a)

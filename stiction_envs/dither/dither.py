@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import EllipsisType
 from typing import TypeVar
@@ -13,12 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
-from stiction_envs.dither.waveforms import (
-    DEFAULT_WAVEFORM,
-    WAVEFORMS,
-    Waveform,
-    named,
-)
+from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS, Waveform, named
 from stiction_envs.errors import StictionError, checked_array, unknown
 
 _TWO_PI = 2.0 * np.pi
@@ -121,11 +115,9 @@ class Dither:
         return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
 
     def torque(self, t: float | Array, qd: Array | None = None) -> Array:
-        """Dither torque, fresh (N, n) array in N·m.
+        """Dither torque, fresh (N, n) array in N·m, at time ``t`` [s], one number or (N,).
 
-        Args:
-            t: time, s: one number, or (N,) when the simulations' clocks differ.
-            qd: joint velocities, (N, n) rad/s; needed only when a gate velocity is set.
+        Joint velocities ``qd`` (N, n) [rad/s] are needed only when a gate velocity is set.
         """
         shape = self.amplitude.shape
         if self.sines is not None and isinstance(t, np.ndarray) and t.shape == shape[:1]:
@@ -134,7 +126,11 @@ class Dither:
             return plain
         out = self.ungated(t)
         if self._gate is not None:
-            _fade(out, qd, self._gate)
+            if qd is None or qd.shape != shape:
+                got = None if qd is None else qd.shape
+                raise StictionError(f"gated dither: qd has shape {got}: expected {shape}")
+            share = np.multiply(qd, self._gate, out=np.empty(shape))
+            out *= np.exp(-np.square(share))
         if self._constant is not None:
             out += self._constant
         return out
@@ -157,39 +153,22 @@ class Dither:
                 out = w
         return np.zeros(shape) if out is None else out
 
-    def retune(
-        self,
-        t: float | Array,
-        *,
-        amplitude: ArrayLike | None = None,
-        frequency: ArrayLike | None = None,
-    ) -> Dither:
-        """New amplitudes [N·m] and/or frequencies [Hz] from time ``t`` on, without a jump in phase.
+    def retune(self, t: float | Array, *, amplitude: ArrayLike, frequency: ArrayLike) -> Dither:
+        """New amplitudes [N·m] and frequencies [Hz] from time ``t`` on, without a jump in phase.
 
         φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``
         (s; one number or (N,)). Entries whose frequency stays keep their phase bit for bit.
         """
-        shape = self.amplitude.shape
-        a, f = self.amplitude, self.frequency
-        if amplitude is not None:
-            a = checked_array(amplitude, "dither amplitude", shape, fill=True)
-        if frequency is not None:
-            f = checked_array(frequency, "dither frequency", shape, fill=True)
+        a = checked_array(amplitude, "dither amplitude", self.amplitude.shape, fill=True)
+        f = checked_array(frequency, "dither frequency", self.amplitude.shape, fill=True)
         _check_drive(a, f)
-        fields = {"amplitude": a, "frequency": f}
-        if frequency is not None:
-            now = np.asarray(t, dtype=float)
-            if now.ndim > 1 or (now.ndim == 1 and now.shape[0] != self.N):
-                raise StictionError(f"retune t has shape {now.shape}: expected () or ({self.N},)")
-            _check("retune time t", now, ~np.isfinite(now), "finite, s")
-            jump = _TWO_PI * (self.frequency - f)
-            fields["phase"] = self.phase + jump * (now[:, None] if now.ndim else now)
-        return self._derive(fields)
+        now = checked_array(t, "retune time", (self.N,), fill=True)
+        phase = self.phase + _TWO_PI * (self.frequency - f) * now[:, None]
+        return self._derive(amplitude=a, frequency=f, phase=phase)
 
-    def set_rows(self, ids: ArrayLike, other: Dither) -> Dither:
-        """This dither with the rows of simulations ``ids`` (positions or a mask) from ``other``."""
-        ids = _positions(ids)
-        mine, theirs = (ids.size, self.n), (other.N, other.n)
+    def set_rows(self, ids: Index, other: Dither) -> Dither:
+        """This dither with the rows of simulations ``ids`` (M,) from ``other``."""
+        mine, theirs = (len(ids), self.n), (other.N, other.n)
         if mine != theirs:
             raise StictionError(f"set_rows (N, n) is {theirs}: expected {mine}")
         fields = {name: getattr(self, name).copy() for name in _ROWS}
@@ -200,7 +179,7 @@ class Dither:
             drawn[name] = np.zeros((self.N, *some.shape[1:]))
             drawn[name][:] = self._drawn.get(name, 0.0)
             drawn[name][ids] = other._drawn.get(name, 0.0)
-        return self._derive({**fields, "_drawn": drawn})
+        return self._derive(**fields, _drawn=drawn)
 
     def _fill(self, **fields: object) -> None:
         for name, value in fields.items():
@@ -208,7 +187,7 @@ class Dither:
                 value.flags.writeable = False
             object.__setattr__(self, name, value)
 
-    def _derive(self, fields: Mapping[str, object]) -> Dither:
+    def _derive(self, **fields: object) -> Dither:
         """A copy with some fields replaced by already checked ones."""
         new = copy.copy(self)
         new._fill(**fields)
@@ -258,21 +237,7 @@ class Dither:
         return out
 
 
-def _fade(torque: Array, qd: Array | None, factor: Array) -> None:
-    """Multiply a torque (N, n) in place by exp(−(q̇/v_gate)²), ``factor`` being 1/v_gate [s/rad]."""
-    if qd is None or qd.shape != torque.shape:
-        got = None if qd is None else qd.shape
-        raise StictionError(f"gated dither: qd has shape {got}: expected {torque.shape}")
-    g = np.multiply(qd, factor, out=np.empty(torque.shape))
-    torque *= np.exp(np.negative(np.square(g, out=g), out=g), out=g)
-
-
 _ROWS = ("amplitude", "frequency", "phase", "offset", "waveform", "gate_velocity", "seed")
-
-
-def _positions(ids: ArrayLike) -> NDArray[np.intp]:
-    ids = np.atleast_1d(np.asarray(ids))
-    return np.flatnonzero(ids) if ids.dtype == bool else ids.astype(np.intp)
 
 
 def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> NDArray[_Scalar]:
@@ -285,12 +250,10 @@ def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> ND
 
 def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
-    if bad.any():
-        at = tuple(int(i) for i in np.argwhere(bad)[0])
-        where = "".join(
-            (" of simulation {}", ", joint {}")[k].format(i + k) for k, i in enumerate(at)
+    for i, j in np.argwhere(bad)[:1]:
+        raise StictionError(
+            f"dither {name} of simulation {i}, joint {j + 1} is {values[i, j]}: expected {expected}"
         )
-        raise StictionError(f"dither {name}{where} is {values[at]}: expected {expected}")
 
 
 def _check_drive(amplitude: Array, frequency: Array) -> None:
@@ -322,38 +285,27 @@ def _seeds(seed: ArrayLike, N: int) -> NDArray[np.uint64]:
     return _broadcast("seed", array.astype(np.uint64), (N,))
 
 
-def alias(frequency_hz: float, rate_hz: float) -> float:
-    """Frequency [Hz] that a sine has at a controller that holds its command at ``rate_hz``.
-
-    0 means that every sample is the same: a constant torque A·sin φ. At half the rate the samples
-    are ±A·sin φ. Harmonics of the other waveforms alias by the same rule.
-
-    Raises:
-        StictionError: a frequency or rate that is not above 0.
-    """
-    for what, value in (("frequency", frequency_hz), ("controller rate", rate_hz)):
-        if not (np.isfinite(value) and value > 0):
-            raise StictionError(f"{what} {value} Hz: expected > 0")
-    return float(abs(frequency_hz - rate_hz * np.rint(frequency_hz / rate_hz)))
-
-
 def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
     """Warning where a controller of ``rate_hz`` [Hz] aliases a sine of ``frequency_hz`` [Hz].
 
     None below half the rate; one line from there up to the rate itself (the thesis commanded 100
-    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default); an error above it.
+    and 200 Hz on the iiwa, whose driver runs at 200 Hz by default). Harmonics of the other
+    waveforms alias by the same rule. Raise a StictionError for a frequency or rate that is not
+    above 0, and for a frequency above the rate.
     """
-    shown = alias(frequency_hz, rate_hz)
-    f, r = f"{frequency_hz:g} Hz", f"{rate_hz:g} Hz"
+    for what, value in (("frequency", frequency_hz), ("controller rate", rate_hz)):
+        if not (np.isfinite(value) and value > 0):
+            raise StictionError(f"{what} {value} Hz: expected > 0")
+    where = f"{frequency_hz:g} Hz at a {rate_hz:g} Hz controller"
     if frequency_hz > rate_hz:
-        raise StictionError(f"dither frequency {f} at a {r} controller: expected at most {r}")
+        raise StictionError(f"dither frequency {where}: expected at most {rate_hz:g} Hz")
     if 2 * frequency_hz < rate_hz:
         return None
     if 2 * frequency_hz == rate_hz:
-        return f"dither of {f} at a {r} controller sits at Nyquist: samples are ±A·sin φ"
-    if shown == 0:
-        return f"dither of {f} at a {r} controller aliases to a constant offset A·sin φ"
-    return f"dither of {f} at a {r} controller aliases to {shown:g} Hz"
+        return f"dither of {where} sits at Nyquist: samples are ±A·sin φ"
+    if frequency_hz == rate_hz:
+        return f"dither of {where} aliases to a constant offset A·sin φ"
+    return f"dither of {where} aliases to {rate_hz - frequency_hz:g} Hz"
 
 
 @compiled

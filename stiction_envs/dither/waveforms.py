@@ -22,8 +22,7 @@ from stiction_envs.errors import StictionError, unknown
 SWEEP_CYCLES = 64
 """Cycles of the centre frequency after which chirp and random repeat: their period is 64/f s
 (`assumed`: long enough to keep 98 % of the chirp's power in its band; 0.8 s at 80 Hz)."""
-TONES = 16
-"""Number of sines in the random waveform (`assumed`)."""
+TONES = 16  # Number of sines in the random waveform (`assumed`)
 BANDWIDTH = 0.5
 """Relative bandwidth b of chirp and random, f(1 − b/2) … f(1 + b/2) [-] (`assumed`); at least
 TONES / SWEEP_CYCLES, so that the random tones lie on different lines."""
@@ -42,12 +41,9 @@ class Waveform(ABC):
     An instance may have its own parameters (a duty cycle, say); each setting has its own name.
     """
 
-    name: ClassVar[str]
-    """In amplitude tables and on the command line: letters, digits and ``_``."""
-    cycles: ClassVar[int] = 1
-    """Period, in periods 1/f of the dither frequency."""
-    sinusoidal: ClassVar[bool] = False
-    """Whether w(θ) = sin θ: dither of such waveforms only is computed by compiled code."""
+    name: ClassVar[str]  # In amplitude tables and on the command line: letters, digits and ``_``
+    cycles: ClassVar[int] = 1  # Period, in periods 1/f of the dither frequency
+    sinusoidal: ClassVar[bool] = False  # Whether w(θ) = sin θ, which compiled code computes
 
     @abstractmethod
     def value(self, angle: Array, drawn: Array | None) -> Array:
@@ -61,9 +57,7 @@ class Waveform(ABC):
     def draw(self, seed: NDArray[np.uint64], joint: Index) -> Array:
         """Return (M, K) constants of M entries, once per dither; K = 0 unless overridden.
 
-        Args:
-            seed: (M,) seed of each entry's simulation.
-            joint: (M,) joint of each entry, from 0.
+        ``seed`` (M,) is that of each entry's simulation, ``joint`` (M,) counts from 0.
         """
         return np.zeros((len(seed), 0))
 
@@ -76,9 +70,8 @@ WAVEFORMS: Mapping[str, Waveform] = MappingProxyType(_registry)
 def register_waveform(waveform: Waveform) -> None:
     """Register a waveform by its name, until the process ends.
 
-    Raises:
-        StictionError: a name that is taken or is not a word, or a shape that is not finite, exceeds
-            1 or has a mean.
+    Raise a StictionError for a name that is taken or is not a word, and for a shape that is not
+    finite, exceeds 1 or has a mean.
     """
     name = waveform.name
     if not re.fullmatch(r"\w+", name):
@@ -100,17 +93,10 @@ def register_waveform(waveform: Waveform) -> None:
 
 
 def named(name: str) -> Waveform:
-    """Return the waveform of that name.
-
-    Raises:
-        StictionError: an unknown name.
-    """
+    """Return the waveform of that name; raise a StictionError for an unknown one."""
     if name not in _registry:
         raise unknown("waveform", name, _registry)
     return _registry[name]
-
-
-# ---- the waveforms that come with the package ----------------------------------------------------
 
 
 class Sine(Waveform):
@@ -225,8 +211,7 @@ def _mix(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x ^ (x >> np.uint64(31))
 
 
-DEFAULT_WAVEFORM = Sine.name
-"""Used where a table or a call names none."""
+DEFAULT_WAVEFORM = Sine.name  # Used where a table or a call names none
 
 register_waveform(Sine())
 register_waveform(Square())

@@ -25,6 +25,7 @@ import copy
 import dataclasses
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -36,8 +37,8 @@ from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.conformance_report import ConformanceSettings, JointResult, Report
 from stiction_envs.experiments.engines import ENGINES, Bare, Drive, Engine, Refused, engine_named
 from stiction_envs.experiments.rig import minimum_jerk
+from stiction_envs.friction.export import Kind, plain_mjcf
 from stiction_envs.friction.model import StickingModel, build
-from stiction_envs.friction.plain_mjcf import Kind, plain_mjcf
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import ARMS, load_arm
 from stiction_envs.robots.arm import check_chain
@@ -46,8 +47,7 @@ from stiction_envs.robots.stated import dry_friction
 from stiction_envs.robots.user_arm import compile_file
 
 USUAL = ConformanceSettings()
-STILL_SINGLE = 1e-5
-"""Largest motion of a joint that holds in an engine of float32 [rad]; assumed."""
+STILL_SINGLE = 1e-5  # Largest motion of a joint that holds in an engine of float32 [rad]; assumed
 _SILENT = 30  # actuator group that is switched off
 
 
@@ -56,7 +56,6 @@ def conformance(
     stiction: ArrayLike | None = None,
     *,
     engine: str = "mujoco",
-    qpos: ArrayLike | None = None,
     rates: Sequence[float] | None = None,
     chain: Sequence[str] | None = None,
     threads: int = 0,
@@ -74,19 +73,15 @@ def conformance(
         stiction: F_s of every hinge of the model in its order [N·m], 0 for one not to be tested.
             None reads it: LuGre F_s of a ``dcmotor`` (times gear) plus ``frictionloss``.
         engine: where the joints are tested, one of `engines.ENGINES`.
-        qpos: (nq,) position to test at; None takes the middle of limited joints' ranges.
-        rates: ramp rates for the breakaway torque [N·m/s]; None for those of the settings, and for
-            none in another engine than MuJoCo.
-        chain: links at the base and the tip of the arm to test in a file of a bigger robot, whose
-            other joints are locked; None for all hinges.
+        rates: ramp rates [N·m/s]; None for those of the settings, in MuJoCo alone.
+        chain: base and tip link of one arm in a bigger robot's file, whose other joints are locked.
         threads: threads, 0 for all processors.
         settings: numbers of the test; None for `USUAL`.
         progress: called with the tests done and their number.
 
     Raises:
-        StictionError: unreadable model, no hinge with friction, wrong shape, stiction that is
-            negative, position outside limits, rate that is not positive, or an engine that is
-            unknown or not installed.
+        StictionError: an unreadable model, no hinge with friction, a bad argument, or an engine
+            that is unknown or not installed.
         ExperimentError: a simulation that the engine stopped (NaN, divergence).
     """
     where = engine_named(engine)
@@ -100,8 +95,9 @@ def conformance(
     compiled, mjcf = _read(model, where, chain)
     bare = _bare(compiled)
     hinges = np.flatnonzero(bare.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-    read, stiffness = _friction(bare, hinges)
-    level = read
+    read, _, _, stiffness = dry_friction(bare, hinges)
+    bare.jnt_stiffness[hinges[read > 0]] = 0.0
+    stiffness, level = np.where(stiffness > 0, stiffness, np.nan), read
     if stiction is not None:
         expected = f"finite numbers from 0 N·m, one for each of {len(hinges)} hinges"
         level = checked_array(stiction, "stiction", hinges.shape, expected=expected)
@@ -112,7 +108,7 @@ def conformance(
         raise StictionError("no hinge of the model carries friction: give stiction per hinge")
     joints, level, stiffness = hinges[tested], level[tested], stiffness[tested]
     whole = Bare(model=bare, mjcf=mjcf, released=hinges[read > 0])
-    bench = _Bench(where, whole, joints, level, _start(bare, qpos), threads, s)
+    bench = _Bench(where, whole, joints, level, _start(bare), threads, s)
     say = progress or (lambda *_: None)
     # NaN stays where an engine refuses the model
     deflection, still, creep, go = np.full((4, len(joints)), np.nan)
@@ -150,7 +146,6 @@ def conformance(
             "robot": None if path is None else str(path),
             "model_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
             "stiction": stiction,
-            "qpos": qpos,
             "rates": list(rates),
             **({} if chain is None else {"chain": list(chain)}),
             **({} if stock else {"engine": {"name": where.name, **where.versions()}}),
@@ -169,25 +164,22 @@ def conformance(
     )
 
 
+@dataclass(frozen=True)
 class _Bench:
     """One simulation per joint and direction: first all joints +, then all −."""
 
-    def __init__(
-        self,
-        engine: Engine,
-        bare: Bare,
-        joints: Index,
-        level: Array,
-        qpos: Array,
-        threads: int,
-        settings: ConformanceSettings,
-    ) -> None:
-        self.settings = settings
-        self.engine, self.bare, self.threads = engine, bare, threads
-        self.qpos, self.n = qpos, len(joints)
-        self.level = level
-        self.dof = bare.model.jnt_dofadr[joints]
-        self.adr = bare.model.jnt_qposadr[joints]
+    engine: Engine
+    bare: Bare
+    joints: Index  # (joints,) the tested ones
+    level: Array  # (joints,) stiction [N·m]
+    qpos: Array  # (nq,) start positions
+    threads: int
+    settings: ConformanceSettings
+
+    @property
+    def n(self) -> int:
+        """Number of tested joints."""
+        return len(self.joints)
 
     def run(
         self,
@@ -200,23 +192,21 @@ class _Bench:
 
         ``torque`` of times (K,) is (joints, K); it is applied with each of the signs in turn.
         """
-        m = len(signs) * self.n
-        dof = np.tile(self.dof, len(signs))
+        m, model = len(signs) * self.n, self.bare.model
+        dof = np.tile(model.jnt_dofadr[self.joints], len(signs))
         sign = np.repeat(np.array(signs, float), self.n)
 
         def applied(t: Array) -> Array:
-            out = np.zeros((m, len(t), self.bare.model.nv))
+            out = np.zeros((m, len(t), model.nv))
             out[np.arange(m), :, dof] = sign[:, None] * np.tile(torque(t), (len(signs), 1))
             return out
 
-        start = np.tile(self.qpos, (m, 1))
-        steps = round(time / self.bare.model.opt.timestep)
-        adr = np.tile(self.adr, len(signs))
+        adr = np.tile(model.jnt_qposadr[self.joints], len(signs))
         drive = Drive(
             bare=self.bare,
-            qpos=start,
+            qpos=np.tile(self.qpos, (m, 1)),
             torque=applied,
-            steps=steps,
+            steps=round(time / model.opt.timestep),
             record=record,
             threads=self.threads,
         )
@@ -278,7 +268,7 @@ class _Bench:
         time = 2 * float(self.level.max()) / rate + self.settings.go_time
         for part, moved in self.run(torque, time, (1,), fields):
             friction = -(part["qfrc_actuator"] + part["qfrc_constraint"])
-            mine = friction[np.arange(self.n), :, self.dof]
+            mine = friction[np.arange(self.n), :, self.bare.model.jnt_dofadr[self.joints]]
             before = np.cumsum(moved > self.settings.gone, axis=1) == 0
             top = np.where(before & ~gone[:, None], mine, -np.inf).max(axis=1)
             peak = np.maximum(peak, top)
@@ -337,29 +327,12 @@ def _bare(model: mujoco.MjModel) -> mujoco.MjModel:
     return out
 
 
-def _friction(model: mujoco.MjModel, hinges: Index) -> tuple[Array, Array]:
-    """Return stiction [N·m] and bristle stiffness [N·m/rad, NaN without] of each hinge."""
-    level, _, _, stiffness = dry_friction(model, hinges)
-    for joint in hinges[level > 0]:
-        model.jnt_stiffness[joint] = 0.0
-    return level, np.where(stiffness > 0, stiffness, np.nan)
-
-
-def _start(model: mujoco.MjModel, qpos: ArrayLike | None) -> Array:
-    """Return the position to test at, (nq,)."""
+def _start(model: mujoco.MjModel) -> Array:
+    """Return the position to test at, (nq,): the middle of limited joints' ranges."""
     scalar = np.isin(
         model.jnt_type, [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
     )
     limited = np.flatnonzero(model.jnt_limited.astype(bool) & scalar)
-    adr = model.jnt_qposadr[limited]
-    if qpos is None:
-        middle = np.array(model.qpos0)
-        middle[adr] = model.jnt_range[limited].mean(axis=1)
-        return middle
-    q = checked_array(qpos, "qpos", (model.nq,))
-    for joint, at in zip(limited, adr, strict=True):
-        low, high = model.jnt_range[joint]
-        if not low <= q[at] <= high:
-            name = model.joint(int(joint)).name
-            raise StictionError(f"joint {name}: position {q[at]} is outside [{low}, {high}]")
-    return q
+    middle = np.array(model.qpos0)
+    middle[model.jnt_qposadr[limited]] = model.jnt_range[limited].mean(axis=1)
+    return middle

@@ -21,27 +21,16 @@ _BREAKAWAY = "breakaway_nm_at_"  # how the column of a ramp rate begins
 class ConformanceSettings:
     """Numbers of the test whether a simulated joint sticks; all assumed."""
 
-    under: float = 0.9
-    """Load over stiction under which the joint must hold [-]."""
-    over: float = 1.1
-    """Load over stiction under which it must move [-]."""
-    hold_time: float = 60.0
-    """Length of a hold [s]."""
-    watched_time: float = 30.0
-    """End of a hold in which the joint may not move [s]."""
-    rise_time: float = 10.0
-    """Time in which the load of a hold rises [s]."""
-    go_time: float = 20.0
-    """Longest time until the joint moves under the larger load [s]."""
-    go_rise_time: float = 1.0
-    """Time in which that load rises [s]."""
-    still: float = 1e-6
-    """Largest motion of a joint that holds [rad]; 1e-5 in an engine of float32."""
-    gone: float = 0.1
-    """Least motion of a joint that moves away [rad]."""
-    ramp_rates: tuple[float, ...] = (0.02, 0.07, 0.2, 1.0)
-    """Torque rates at which breakaway torques are measured [N·m/s]: about the 0.07 N·m/s of the
-    Single Joint Experiment."""
+    under: float = 0.9  # Load over stiction under which the joint must hold [-]
+    over: float = 1.1  # Load over stiction under which it must move [-]
+    hold_time: float = 60.0  # Length of a hold [s]
+    watched_time: float = 30.0  # End of a hold in which the joint may not move [s]
+    rise_time: float = 10.0  # Time in which the load of a hold rises [s]
+    go_time: float = 20.0  # Longest time until the joint moves under the larger load [s]
+    go_rise_time: float = 1.0  # Time in which that load rises [s]
+    still: float = 1e-6  # Largest motion of a joint that holds [rad]; 1e-5 in an engine of float32
+    gone: float = 0.1  # Least motion of a joint that moves away [rad]
+    ramp_rates: tuple[float, ...] = (0.02, 0.07, 0.2, 1.0)  # Of breakaway torques [N·m/s]
 
     def __post_init__(self) -> None:
         if self.over <= 1 or self.watched_time >= self.hold_time:
@@ -55,26 +44,16 @@ class ConformanceSettings:
 class JointResult:
     """How one joint sticks. Of two directions the worse one is given."""
 
-    name: str
-    """Joint name."""
-    stiction: float
-    """F_s the joint was tested against [N·m]."""
-    bristle_stiffness: float
-    """σ0 of its LuGre bristle [N·m/rad]; NaN where it has none."""
-    presliding: float
-    """Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]."""
-    deflection: float
-    """Motion at the end of the hold, from its start [rad]."""
-    still: float
-    """Largest excursion over the last seconds of the hold [rad]."""
-    creep: float
-    """Speed over that time [rad/s]."""
-    go_time: float
-    """Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not."""
-    breakaway: tuple[float, ...]
-    """Breakaway torque per ramp rate, + direction [N·m]; NaN if it did not break away."""
-    holds: bool
-    """Whether it held under the smaller load."""
+    name: str  # Joint name
+    stiction: float  # F_s the joint was tested against [N·m]
+    bristle_stiffness: float  # σ0 of its LuGre bristle [N·m/rad]; NaN where it has none
+    presliding: float  # Deflection that LuGre gives at a slow rise: −ln(1 − ``under``) F_s/σ0 [rad]
+    deflection: float  # Motion at the end of the hold, from its start [rad]
+    still: float  # Largest excursion over the last seconds of the hold [rad]
+    creep: float  # Speed over that time [rad/s]
+    go_time: float  # Time in which the overloaded joint moved 0.1 rad [s]; NaN if it did not
+    breakaway: tuple[float, ...]  # Torque per ramp rate, + direction [N·m]; NaN if stuck
+    holds: bool  # Whether it held under the smaller load
 
     @property
     def goes(self) -> bool:
@@ -92,14 +71,10 @@ class Report(Result):
     """Results of all joints that carry friction."""
 
     joints: tuple[JointResult, ...]
-    rates: tuple[float, ...]
-    """Ramp rates of the breakaway torques [N·m/s]."""
-    settings: ConformanceSettings
-    """Numbers of the test."""
-    engine: str = ""
-    """Name and version of another engine than stock MuJoCo."""
-    refused: str = ""
-    """The engine's line if it does not take the model."""
+    rates: tuple[float, ...]  # Ramp rates of the breakaway torques [N·m/s]
+    settings: ConformanceSettings  # Numbers of the test
+    engine: str = ""  # Name and version of another engine than stock MuJoCo
+    refused: str = ""  # The engine's line if it does not take the model
     provenance: Provenance = field(compare=False)
 
     @property

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -22,7 +22,6 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.control.sensing import SensingLike, load_sensing
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, checked_array
-from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.observation import (
     Checked,
     Group,
@@ -32,35 +31,25 @@ from stiction_envs.experiments.observation import (
 )
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.randomise import (
+    FIELDS,
     check_spreads,
-    draw,
     randomised,
     randomised_senses,
     true_friction,
 )
-from stiction_envs.experiments.rig import Rig, count_blocks
+from stiction_envs.experiments.rig import Experiment, Rig, count_blocks
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import Friction, check_torque_driven
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 
-ScatterKey = tuple[int, ...]
-"""Seed of the scatter of one episode."""
-Options = Mapping[str, object]
-"""Options of a reset by name."""
+ScatterKey = tuple[int, ...]  # Seed of the scatter of one episode
+Options = Mapping[str, object]  # Options of a reset by name
 _ROUNDING = 1e-5  # error of float32 and RescaleAction over an action's range [-]; assumed
 
 
-class Ordered(Protocol):
-    """Values that can be sorted."""
-
-    def __lt__(self, other: Any, /) -> bool: ...
-
-
-Case = TypeVar("Case", bound=Ordered)
-"""The case of an episode, such as a configuration of the SJE."""
-Unit = TypeVar("Unit")
-"""Result of a case without dither: the unit of its reward."""
+Case = TypeVar("Case", bound=Any)  # The case of an episode, such as a configuration of the SJE
+Unit = TypeVar("Unit")  # Result of a case without dither: the unit of its reward
 Drawn = tuple[list[Case], list[ScatterKey], list[Unit], Array | None]
 """M drawn episodes: cases, seeds of the scatter, units of the reward, factors of friction."""
 Own = Any  # an experiment's own: subclass of `Arguments` or `Experiment`, dataclass of weights
@@ -135,13 +124,9 @@ class Episodes(ABC, Generic[Case, Unit]):
     def __init__(
         self, num_envs: int, engine_threads: int = 1, record: bool = False, **arguments: Any
     ) -> None:
-        """Make N simulations.
+        """Make ``num_envs`` simulations with `Arguments`; ``record`` keeps traces, to be drawn.
 
-        Args:
-            num_envs: their number N.
-            engine_threads: threads of their engine; several where no other episodes run beside.
-            record: whether traces are kept, to be drawn.
-            arguments: `Arguments`.
+        The engine has ``engine_threads`` threads: several where no other episodes run beside.
         """
         self._engine_threads, self._traced = engine_threads, record
         a = self.arguments(**arguments)
@@ -162,8 +147,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         block = self.block_steps(e)
         blocks = count_blocks("control_interval_s", a.control_interval_s, block * CONTROL_DT)
         self.interval, self.interval_steps = blocks * (block * CONTROL_DT), blocks * block
-        self.waveform = named(a.waveform).name
-        """Waveform of the dither."""
+        self.waveform = named(a.waveform).name  # Waveform of the dither
         self._nominal = e.sticking.parameters
         self._true = true_friction(e.sticking, a.friction_factor)
         self.n, self.num_envs = arm.n, num_envs
@@ -209,7 +193,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Case, ScatterKey]:
         """Return the case of an episode and the seed of its scatter.
 
-        A generator gives the same number of draws whatever the options say.
+        The number of draws from a generator does not depend on the options.
         """
 
     @abstractmethod
@@ -235,8 +219,8 @@ class Episodes(ABC, Generic[Case, Unit]):
         """Return the results of the step that simulations ``ids`` have just done."""
 
     @abstractmethod
-    def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+    def _observed(self, ids: Index) -> dict[str, Array]:
+        """Return what is observed of simulations ``ids`` by name of the group, but the dither."""
 
     @abstractmethod
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
@@ -252,21 +236,13 @@ class Episodes(ABC, Generic[Case, Unit]):
     def reset(
         self, ids: Index, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> None:
-        """Start an episode in simulations ``ids``, each drawn from its own generator.
-
-        Raises:
-            StictionError: an option that does not exist.
-        """
+        """Start an episode in simulations ``ids``, each drawn from its own generator."""
         self.begin(ids, self.draw(rngs, options))
 
     def draw(
         self, rngs: Sequence[np.random.Generator], options: Sequence[Options | None]
     ) -> Drawn[Case, Unit]:
-        """Draw an episode from each generator, and find its result without dither.
-
-        Raises:
-            StictionError: an option that does not exist.
-        """
+        """Draw an episode from each generator, and find its result without dither."""
         checked = self.check_reset(options)
         drawn = [self._draw(rng, o) for rng, o in zip(rngs, checked, strict=True)]
         cases, keys = [case for case, _ in drawn], [key for _, key in drawn]
@@ -275,7 +251,9 @@ class Episodes(ABC, Generic[Case, Unit]):
             # further episodes will draw as well: one batch for all is the fastest
             wanted |= self._cases(self.fixed_options)
         base = self._undithered(sorted(wanted))
-        spread = np.stack([draw(rng, self.n) for rng in rngs]) if self._spreads else None
+        # the count of draws does not depend on the spreads
+        size = len(FIELDS), self.n
+        spread = np.stack([r.uniform(-1.0, 1.0, size) for r in rngs]) if self._spreads else None
         return cases, keys, [base[case] for case in cases], spread
 
     def begin(self, ids: Index, drawn: Drawn[Case, Unit]) -> None:
@@ -291,11 +269,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         self.steps[ids], self.alive[ids] = 0, True
 
     def step(self, ids: Index, action: ArrayLike) -> Outcome:
-        """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval.
-
-        Raises:
-            StictionError: an action outside the space, or an episode that is over.
-        """
+        """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval."""
         self.action[ids] = self.check_step(ids, action)
         self.rig.retune(*np.split(self.action, 2, axis=1))
         self._advance(ids)
@@ -303,6 +277,15 @@ class Episodes(ABC, Generic[Case, Unit]):
         out = self._outcome(ids)
         self.alive[ids] = ~(out.terminated | out.truncated)
         return out
+
+    def observe(self, ids: Index) -> NDArray[np.float32]:
+        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+        share = 2.0 * (self.action[ids] - self._low) / (self._high - self._low) - 1.0
+        amplitude, frequency = np.split(share, 2, axis=1)
+        seen = {**self._observed(ids), "amplitude": amplitude, "frequency": frequency}
+        columns = [np.asarray(seen[g.name], dtype=float).reshape(len(ids), -1) for g in self.groups]
+        space = self.observation_space
+        return np.clip(np.concatenate(columns, axis=1), space.low, space.high).astype(np.float32)
 
     def prepare(self, options: Sequence[Options | None]) -> None:
         """Find the units of the rewards of all cases that options allow, in one batch."""
@@ -312,18 +295,13 @@ class Episodes(ABC, Generic[Case, Unit]):
         self._undithered(sorted(cases))
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
-        """Return the options of a reset, fixed ones included; nothing changes.
-
-        Raises:
-            StictionError: an option that does not exist.
-        """
+        """Return the options of a reset, fixed ones included; raise for one that does not exist."""
         return [{**self.fixed_options, **self._check_options(o)} for o in options]
 
     def check_step(self, ids: Index, action: ArrayLike) -> Array:
         """Return the action of a step as float64 within the space; nothing changes.
 
-        Raises:
-            StictionError: an action outside the space, or an episode that is over.
+        Raise a StictionError for an action outside the space, or an episode that is over.
         """
         if not np.all(self.alive[ids]):
             raise StictionError("step: the episode is over or was never started: call reset")
@@ -354,7 +332,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def _penalties(self, ids: Index, share: Array) -> dict[str, Array]:
         """Return the penalties (M,) of the last action, in a step that is ``share`` (M,) of a run.
 
-        They are the means over joints of (A / A_max)² and of the dither's (2πfA / limit)².
+        Both are means over joints: of (A / A_max)², and of the dither's (2πfA / limit)².
         """
         n = self.n
         amplitude, frequency = np.split(self.action[ids], 2, axis=1)

@@ -15,12 +15,8 @@ from stiction_envs.compiled import compiled
 def butterworth_highpass(cutoff_hz: float, rate_hz: float) -> Array:
     """Return the Butterworth high-pass of second order as (1, 6) b0, b1, b2, 1, a1, a2.
 
-    Its analog poles are turned into a high-pass at the warped cut-off and go through the bilinear
-    transform, whose rate is set to 2.
-
-    Args:
-        cutoff_hz: where the gain is 1/√2 [Hz].
-        rate_hz: samples per second.
+    Its analog poles are turned into a high-pass at the warped cut-off, where the gain is 1/√2, and
+    go through the bilinear transform, whose rate is set to 2.
     """
     warped = 4.0 * np.tan(np.pi * (2.0 * cutoff_hz / rate_hz) / 2.0)
     prototype = -np.exp(1j * np.pi * np.array([-1.0, 1.0]) / 4.0)
@@ -32,12 +28,10 @@ def butterworth_highpass(cutoff_hz: float, rate_hz: float) -> Array:
 
 @compiled
 def filter_sections(sections: Array, x: Array, state: Array) -> None:
-    """Filter x (..., K) along its last axis, in place; the states run on.
+    """Filter x (..., K), C-contiguous, along its last axis, in place; the states run on.
 
-    Args:
-        sections: (S, 6) as of `butterworth_highpass`.
-        x: (..., K) samples, C-contiguous, changed.
-        state: (S, ..., 2) of each section, changed; zeros for a signal that was zero for long.
+    Sections (S, 6) are those of `butterworth_highpass`; ``state`` (S, ..., 2), changed, is zeros
+    for a signal that was zero for long.
     """
     rows = x.reshape(-1, x.shape[-1])
     z = state.reshape(len(sections), -1, 2)

@@ -16,8 +16,7 @@ from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import LOADS
 
-Checked = dict[str, Any]
-"""Valid options of a reset by name, each of its own type."""
+Checked = dict[str, Any]  # Valid options of a reset by name, each of its own type
 STICTION_FACTOR = 2.5
 """Largest amplitude over the joint's largest stiction [-]; assumed: the thesis went up to 2 base
 torques."""
@@ -36,10 +35,8 @@ class Group:
     unit: str
     meaning: str
     _: KW_ONLY
-    per_joint: bool = False
-    """Whether there is one for every joint (name_1 … name_n)."""
-    labels: tuple[str, ...] = ()
-    """Otherwise: of each element (name_label); empty for a single one."""
+    per_joint: bool = False  # Whether there is one for every joint (name_1 … name_n)
+    labels: tuple[str, ...] = ()  # Otherwise: of each element (name_label); empty for a single one
 
     def names(self, n: int) -> list[str]:
         """Return the names of the elements for an arm of ``n`` joints."""
@@ -78,10 +75,8 @@ def action_bounds(
     """Return lowest and highest action (2n,): n amplitudes [N·m], then n frequencies [Hz].
 
     A_max = min(torque limit, 2.5 × the joint's largest stiction: of both poses and directions);
-    f_max = min(100 Hz, half the controller's rate).
-
-    Raises:
-        StictionError: a controller too slow for the lowest frequency.
+    f_max = min(100 Hz, half the controller's rate). Raise a StictionError for a controller too slow
+    for the lowest frequency.
     """
     stiction = largest_stiction(parameters, poses)
     top = np.minimum(interface.torque_limit, STICTION_FACTOR * stiction)
@@ -102,36 +97,8 @@ def largest_stiction(parameters: FrictionParameters, poses: Poses) -> Array:
     return np.maximum(*levels)
 
 
-def observed_action(action: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Return actions (M, 2n) as they are observed: amplitudes and frequencies (M, n) in [-1, 1].
-
-    Args:
-        action: amplitudes [N·m], then frequencies [Hz].
-        low: (2n,) the lowest action, observed as −1.
-        high: (2n,) the highest, observed as +1.
-    """
-    amplitude, frequency = np.split(2.0 * (action - low) / (high - low) - 1.0, 2, axis=1)
-    return amplitude, frequency
-
-
-def pack(
-    groups: Sequence[Group],
-    values: Mapping[str, Array],
-    m: int,
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-) -> NDArray[np.float32]:
-    """Return observations (m, observations) of values by name of the group, within the bounds."""
-    columns = [np.asarray(values[g.name], dtype=float).reshape(m, -1) for g in groups]
-    return np.clip(np.concatenate(columns, axis=1), low, high).astype(np.float32)
-
-
 def named_options(options: Mapping[str, object] | None, expected: Sequence[str]) -> Checked:
-    """Return reset options as a dict.
-
-    Raises:
-        StictionError: something else, or a name that does not exist.
-    """
+    """Return reset options as a dict; raise a StictionError for anything else."""
     if options is None:
         return {}
     if not isinstance(options, Mapping):

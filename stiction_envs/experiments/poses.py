@@ -24,15 +24,12 @@ from stiction_envs.precomputed import store
 from stiction_envs.robots import Arm
 
 _TOGETHER = 1024  # poses computed at once; assumed
-SWING = 0.15
-"""The experiment moves the joint this far each way [rad]; thesis 3.2."""
+SWING = 0.15  # The experiment moves the joint this far each way [rad]; thesis 3.2
 MARGIN = 0.3
 """Distance of the joint under test from its limits [rad]; assumed: swing, start tolerance,
 overshoot."""
-OTHERS_MARGIN = 0.1
-"""Distance of the other joints from their limits [rad]; assumed."""
-FLOOR = 0.05
-"""Least height of the outer links of an upright arm over its base plane [m]; assumed."""
+OTHERS_MARGIN = 0.1  # Distance of the other joints from their limits [rad]; assumed
+FLOOR = 0.05  # Least height of the outer links of an upright arm over its base plane [m]; assumed
 REST_PULL = 0.02
 """Weight of the distance (root mean square, over the range) from the rest pose [N·m]; assumed."""
 SAMPLES, KEPT, ROUNDS = 2048, 64, 14
@@ -47,14 +44,10 @@ _METHOD = SWING, MARGIN, OTHERS_MARGIN, FLOOR, REST_PULL, SAMPLES, KEPT, ROUNDS,
 class Poses:
     """Poses and loads of all joints."""
 
-    q: Array
-    """(n, 2, n) pose for joint [first axis] under [load, no_load] [rad]."""
-    signed: Array
-    """(n, 2) signed load of the joint there [N·m]."""
-    load: Array
-    """(n, 2) absolute load there [N·m]."""
-    bearing: Bools
-    """(n,) joints whose load is their bearing's tilting moment."""
+    q: Array  # (n, 2, n) pose for joint [first axis] under [load, no_load] [rad]
+    signed: Array  # (n, 2) signed load of the joint there [N·m]
+    load: Array  # (n, 2) absolute load there [N·m]
+    bearing: Bools  # (n,) joints whose load is their bearing's tilting moment
 
 
 class PoseLoads:
@@ -97,8 +90,7 @@ def fingerprint(arm: Arm) -> str:
 def find_poses(arm: Arm) -> Poses:
     """Return the load and no-load poses of an arm; the search has a fixed seed.
 
-    Raises:
-        StictionError: no pose free of self-collision within the joint limits.
+    Raise a StictionError where no pose within the joint limits is free of self-collision.
     """
     key = fingerprint(arm)
     found = store.recall("poses", key)

@@ -26,8 +26,7 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "load": ("load_coefficient",),
 }
 """Fields of the friction that a spread is about; Coulomb friction is a share of the stiction."""
-SENSES = "senses"
-"""The spread of noise and delays of the senses."""
+SENSES = "senses"  # The spread of noise and delays of the senses
 
 
 def check_spreads(
@@ -35,9 +34,7 @@ def check_spreads(
 ) -> dict[str, float]:
     """Return the spread of each of `FIELDS`, or nothing where all are 0; see `randomised_senses`.
 
-    Raises:
-        StictionError: an unknown name, a spread that is not in [0, 1), or one with which a bristle
-            would chatter.
+    Raise a StictionError for an unknown name, a spread outside [0, 1), or chattering bristles.
     """
     names = (*FIELDS, SENSES)
     if randomise is not None and not isinstance(randomise, Mapping):
@@ -65,11 +62,7 @@ def check_spreads(
 
 
 def randomised_senses(sensing: Sensing, randomise: Mapping[str, float] | None) -> Sensing:
-    """Return senses with the spread that checked spreads have for them.
-
-    Raises:
-        StictionError: a spread of ideal senses.
-    """
+    """Return senses with the spread that ``randomise`` has for them; raise for ideal senses."""
     spread = (randomise or {}).get(SENSES, 0.0)
     if spread and sensing.is_ideal:
         raise StictionError(f"randomise {SENSES}: the senses are ideal: expected other sensing")
@@ -77,11 +70,7 @@ def randomised_senses(sensing: Sensing, randomise: Mapping[str, float] | None) -
 
 
 def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
-    """Return the friction of an arm whose fields of ``friction`` are times a factor.
-
-    Raises:
-        StictionError: a factor that is not above 0.
-    """
+    """Return the friction of an arm whose fields of ``friction`` are times a factor > 0."""
     number = isinstance(factor, (int, float)) and not isinstance(factor, bool)
     if not (number and 0 < factor < np.inf):
         raise StictionError(f"friction_factor {factor!r}: expected a number above 0")
@@ -90,20 +79,12 @@ def true_friction(sticking: StickingModel, factor: float) -> FrictionParameters:
     return scaled(sticking.parameters, dict.fromkeys(FIELDS["friction"], factor))
 
 
-def draw(rng: np.random.Generator, n: int) -> Array:
-    """Return numbers (spreads, n) in [−1, 1]; their count does not depend on the spreads."""
-    return rng.uniform(-1.0, 1.0, size=(len(FIELDS), n))
-
-
 def randomised(
     parameters: FrictionParameters, spreads: Mapping[str, float], drawn: Array
 ) -> FrictionParameters:
     """Return the friction of M arms.
 
-    Args:
-        parameters: of the nominal arm.
-        spreads: of each of `FIELDS`.
-        drawn: (M, spreads, n) in [−1, 1].
+    ``spreads`` are those of `FIELDS`, ``drawn`` (M, spreads, n) is in [−1, 1].
     """
     out = parameters.tile(len(drawn))
     for k, (name, fields) in enumerate(FIELDS.items()):

@@ -1,32 +1,121 @@
-"""Common part of all rigs: arms on a plant, scatter, servos, dither, torques."""
+"""Parts of every experiment: what defines it, and its rig, N arms on one plant.
+
+    protocol (TOML) -> Experiment -> Rig -> measurements -> rows, report
+                                  -> Episodes (actions, observation, reward) -> Env, VectorEnv
+
+An experiment is one folder: its `Experiment`, its `Rig` and its `Episodes`, and one line of
+`envs.registration`, by which its environments are found.
+"""
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.arrays import Array, Index
-from stiction_envs.control.sensing import CommandLine, Senses, seeds_of
-from stiction_envs.control.torque_path import TorquePath
+from stiction_envs.control.sensing import (
+    CommandLine,
+    Senses,
+    Sensing,
+    SensingLike,
+    load_sensing,
+    seeds_of,
+)
+from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
-from stiction_envs.errors import StictionError
-from stiction_envs.experiments.base import Experiment, joint_number
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.servos import Approach, Servos
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.plant import CONTROL_DT, Plant
 
-FARTHEST = 0.05
-"""Largest distance by which scatter misses a pose [rad]; assumed."""
-STRONGEST = 0.5
-"""Largest relative change of the dry friction by scatter [-]; assumed."""
+
+@dataclass(frozen=True, init=False, repr=False)
+class Experiment:
+    """One arm, its friction, its torque interface and a protocol: all that defines a result."""
+
+    sticking: StickingModel
+    interface: TorqueInterface
+    sensing: Sensing
+    """Senses of the controller."""
+    scatter: bool
+    seed: int
+    threads: int
+
+    def __init__(
+        self,
+        sticking: StickingModel,
+        *,
+        interface: TorqueInterface | None = None,
+        sensing: SensingLike = "ideal",
+        scatter: bool = False,
+        seed: int = 0,
+        threads: int = 0,
+    ) -> None:
+        """Set the experiment up.
+
+        Args:
+            sticking: the model.
+            interface: path of commanded torques; None for the robot's own.
+            sensing: senses of its controller; see `load_sensing`.
+            scatter: whether iterations differ by pose, friction and dither.
+            seed: of that scatter.
+            threads: threads, 0 for all processors.
+        """
+        if interface is None:
+            interface = TorqueInterface.of(sticking.arm)
+        self._set(sticking=sticking, interface=interface)
+        self._set(sensing=load_sensing(sticking.arm, sensing))
+        self._set(scatter=scatter, seed=seed, threads=threads)
+
+    def _set(self, **fields: object) -> None:
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def replace(self, **changes: object) -> Self:
+        """Return a copy with some fields changed; the other fields stay as they are."""
+        names = [f.name for f in dataclasses.fields(self)]
+        for name in changes:
+            if name not in names:
+                raise TypeError(f"{type(self).__name__} has no field {name!r}")
+        out = copy.copy(self)
+        out._set(**changes)
+        return out
+
+    @property
+    def sensing_record(self) -> dict[str, object]:
+        """Entry of a provenance for the senses."""
+        return {"sensing": dataclasses.asdict(self.sensing)}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} of {self.sticking.arm.name}, seed {self.seed}>"
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.sticking.n
 
 
-Share = Callable[[Sequence[Callable[[], None]]], object]
-"""Does tasks, in any order."""
+def joint_number(joint: int, n: int) -> int:
+    """Return the number (from 0) of a joint of 1..n; raise a StictionError for another."""
+    if not 1 <= joint <= n:
+        raise unknown("joint", joint, range(1, n + 1))
+    return joint - 1
+
+
+FARTHEST = 0.05  # Largest distance by which scatter misses a pose [rad]; assumed
+STRONGEST = 0.5  # Largest relative change of the dry friction by scatter [-]; assumed
+
+
+Share = Callable[[Sequence[Callable[[], None]]], object]  # Does tasks, in any order
 
 
 class Rig:
@@ -70,8 +159,7 @@ class Rig:
         """(N, n) phase drawn for the dither of this iteration [rad]."""
         self.dither_seed = np.zeros(nsim, dtype=np.uint64)
         """(N,) seed drawn for the waveform ``random``."""
-        self.step = np.zeros(nsim, dtype=np.int64)
-        """(N,) control steps of the present stage."""
+        self.step = np.zeros(nsim, dtype=np.int64)  # (N,) control steps of the present stage
         self._path = TorquePath(self.interface, nsim, self.columns)
         self.senses: Senses | None = None
         """Senses of the controllers; None where controllers see the plant itself."""
@@ -86,14 +174,12 @@ class Rig:
     def share_out(self, share: Share, threads: int) -> None:
         """Divide the arms into parts for some threads, whose tasks ``share`` does."""
         self._share = share
-        self.plant.part(threads)
-
-    # ---- where arms are put ------------------------------------------------------------------
+        self.plant.loop_batch.part(threads)
 
     def _servos_of(self, ids: Index, inertia: Array, mass: Array) -> tuple[Array, Array]:
         """Return stiffness [N·m/rad] and damping [N·m·s/rad] (M, n) that hold arms where they are.
 
-        ``inertia`` and ``mass`` are those of `Servos.inertia` there: they differ from pose to pose.
+        ``inertia`` and ``mass`` are those of `Servos.inertia` there.
         """
         signed, load = self.plant.load
         stiffness = self._servos.stiffness(self._servos.resistance(signed[ids], load[ids]))
@@ -110,8 +196,6 @@ class Rig:
         """Draw phases and seed of the dither of arm ``i``."""
         self.dither_phase[i] = rng.uniform(0, 2 * np.pi, size=self.n)
         self.dither_seed[i] = rng.integers(2**32)
-
-    # ---- senses ------------------------------------------------------------------------------
 
     @property
     def seen_position(self) -> Array:
@@ -135,8 +219,6 @@ class Rig:
             self.senses.reset(ids, self.plant.position[ids], self._sense_seed[ids])
             self._line.reset(ids, self._sense_seed[ids])
 
-    # ---- dither ------------------------------------------------------------------------------
-
     def set_dither(
         self,
         ids: Index,
@@ -149,7 +231,7 @@ class Rig:
     ) -> None:
         """Set the dither of arms ``ids``, its phase that of the iteration.
 
-        Arguments broadcast to (M, columns), and are as in `dither.Dither`.
+        Arguments are as in `dither.Dither`, and broadcast to (M, columns).
         """
         new = Dither(
             amplitude=np.broadcast_to(amplitude, (len(ids), self.columns)),
@@ -187,15 +269,7 @@ def _in_turn(tasks: Sequence[Callable[[], None]]) -> None:
 
 
 def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.generic]]:
-    """Return (n,) arguments of `Rig.set_dither` for rows of some joints; the others have none.
-
-    Args:
-        rows: at most one of a joint.
-        n: joints of the arm.
-
-    Raises:
-        StictionError: a joint the arm lacks.
-    """
+    """Return (n,) arguments of `Rig.set_dither` for rows, at most one of a joint."""
     out = {
         "amplitude": np.zeros(n),
         "frequency": np.ones(n),
@@ -216,16 +290,11 @@ def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.
 def minimum_jerk(x: NDArray[np.floating]) -> Array:
     """Return the share of a smooth move from rest to rest that is done after a share x of it."""
     x = np.clip(x, 0.0, 1.0)
-    out: Array = x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
-    return out
+    return x * x * x * (10.0 - 15.0 * x + 6.0 * x * x)
 
 
 def count_blocks(what: str, interval: float, block: float) -> int:
-    """Return how many blocks [s] an interval [s] has.
-
-    Raises:
-        StictionError: not a whole number of them; ``what`` is its name.
-    """
+    """Return how many blocks [s] an interval [s], called ``what``, has; raise for a fraction."""
     blocks = round(interval / block) if np.isfinite(interval) else 0
     if blocks < 1 or abs(blocks * block - interval) > 1e-9:
         raise StictionError(f"{what} {interval}: expected one of the multiples of {block:g} s")

@@ -35,18 +35,13 @@ protocol: at 1.2/rad times the limit, friction (2 % scatter) is beaten within th
 class Approach:
     """Numbers of the way to a pose, and of its scatter; `sje.toml` has their sources."""
 
-    return_time: NotNegative
-    """Time of the move to the pose [s]."""
-    settle_time: NotNegative
-    """Time for which the pose is held afterwards [s]."""
+    return_time: NotNegative  # Time of the move to the pose [s]
+    settle_time: NotNegative  # Time for which the pose is held afterwards [s]
     hold_stiffness: NotNegative
     """Servo stiffness over torque limit [1/rad]; more where friction asks for it."""
-    hold_damping_ratio: NotNegative
-    """Damping ratio of the servo [-]."""
-    pose_scatter: NotNegative
-    """Standard deviation of the pose from one iteration to the next [rad]."""
-    friction_scatter: NotNegative
-    """Standard deviation of the dry friction, relative [-]."""
+    hold_damping_ratio: NotNegative  # Damping ratio of the servo [-]
+    pose_scatter: NotNegative  # Standard deviation of the pose from one iteration to the next [rad]
+    friction_scatter: NotNegative  # Standard deviation of the dry friction, relative [-]
 
 
 class Servos:
@@ -60,27 +55,22 @@ class Servos:
     def resistance(self, signed: Array, load: Array) -> Array:
         """Return the torque (M, n) that a servo must beat [N·m]: stiction and offset of the model.
 
-        Args:
-            signed: (M, n) signed load of the joints [N·m].
-            load: (M, n) its size [N·m].
+        The load of the joints is ``signed`` (M, n), its size ``load`` (M, n) [N·m].
         """
         p = self.sticking.parameters
         offset = p.offset + p.gravity_error * np.clip(signed, -p.load_high, p.load_high)
-        out: Array = p.stiction_at(load).max(axis=-1) + np.abs(offset)
-        return out
+        return p.stiction_at(load).max(axis=-1) + np.abs(offset)
 
     def stiffness(self, resistance: Array) -> Array:
         """Return the stiffness (M, n) [N·m/rad] against a resistance (M, n) [N·m]."""
         counted = np.maximum(self.torque_limit, TORQUE_MARGIN * resistance)
-        out: Array = self.approach.hold_stiffness * counted
-        return out
+        return self.approach.hold_stiffness * counted
 
     def inertia(self, q: Array) -> tuple[Array, Array]:
-        """Return the inertia that joints move at poses q (M, n) [rad].
+        """Return the inertia [kg·m²] that joints move at poses q (M, n) [rad], rotors included.
 
-        Returns:
-            (M, n) inertia of each joint with the others locked, and (M, nv, nv) mass matrices of
-            the model's motors and springs, both with rotors [kg·m²].
+        It is (M, n) for each joint with the others locked, then (M, nv, nv) mass matrices of the
+        model's motors and springs.
         """
         s = self.sticking
         data = mujoco.MjData(s.model)
@@ -94,10 +84,7 @@ class Servos:
     def damping(self, stiffness: Array, inertia: Array, mass: Array) -> Array:
         """Return the damping (M, n) [N·m·s/rad]: critical, or as much as the step allows.
 
-        Args:
-            stiffness: (M, n) of the servos [N·m/rad].
-            inertia: (M, n) as of `inertia` [kg·m²].
-            mass: (M, nv, nv) as of `inertia` [kg·m²].
+        ``inertia`` and ``mass`` are those of `inertia`; ``stiffness`` is (M, n) [N·m/rad].
         """
         critical = 2 * self.approach.hold_damping_ratio * np.sqrt(stiffness * inertia)
         s, p = self.sticking, self.sticking.parameters
@@ -109,13 +96,11 @@ class Servos:
         others[:, spring] = h * h / 2 * p.joint_stiffness[s.spring >= 0]
         left = np.maximum(1.0 - _largest(mass, others) / 2, 0.0)
         needed = np.maximum(_largest(mass, servo), np.finfo(float).tiny)
-        out: Array = np.minimum(1.0, left / needed)[:, None] * critical
-        return out
+        return np.minimum(1.0, left / needed)[:, None] * critical
 
 
 def _largest(mass: Array, diagonal: Array) -> Array:
     """Return (M,) the largest eigenvalue of M⁻¹ D, of mass (M, k, k) and diagonals D ≥ 0 (M, k)."""
     root = np.sqrt(diagonal)
     inverse = root[:, :, None] * np.linalg.inv(mass) * root[:, None, :]
-    out: Array = np.linalg.eigvalsh(inverse)[:, -1]
-    return out
+    return np.linalg.eigvalsh(inverse)[:, -1]

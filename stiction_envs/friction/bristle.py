@@ -11,11 +11,7 @@ from stiction_envs.compiled import compiled
 def bristle_after(deflection, speed, decay, step):  # type: ignore[no-untyped-def]
     """Return the deflection after a step at constant speed: exact solution of ż = v − |v| σ0/g z.
 
-    Args:
-        deflection: z [rad].
-        speed: v [rad/s].
-        decay: |v| σ0/g times the step, above 0 [-].
-        step: [s].
+    ``deflection`` is z [rad], ``speed`` v [rad/s], ``decay`` |v| σ0/g times the step, above 0 [-].
     """
     e = np.expm1(-decay)
     return deflection + (e * deflection - e / decay * step * speed)

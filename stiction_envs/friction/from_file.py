@@ -93,27 +93,18 @@ FROM_LOGS = (
 )
 
 
-def is_assumed(friction: FrictionParameters) -> bool:
-    """Whether friction (of one arm) is that of `generic.toml`."""
-    n = friction.stiction.shape[-2]
-    if friction.stiction.ndim != 2:
-        return False
-    return _same(friction, load_friction(GENERIC, n))
-
-
 def _same(one: FrictionParameters, two: FrictionParameters) -> bool:
     return all(np.array_equal(getattr(one, q), getattr(two, q)) for q in QUANTITIES)
 
 
 def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
-    """Return the note for the top of a report, one paragraph; empty where friction is known.
+    """Return the paragraph on assumed friction for the top of a report; empty if friction is known.
 
-    Args:
-        arm: the report's arm.
-        friction: with which the report's torques were simulated; None where it was fitted to logs.
+    ``friction`` is what the report's torques were simulated with; None if it was fitted to logs.
     """
     if friction is not None:
         # a file that states damping or rotors alone leaves dry friction assumed
         partly = from_file(arm) and not arm.stated.dry and _same(friction, own_friction(arm))
-        return ASSUMED if is_assumed(friction) or partly else ""
+        assumed = _same(friction, load_friction(GENERIC, friction.n))
+        return ASSUMED if assumed or partly else ""
     return FROM_LOGS if friction_path(arm.registered_name) == GENERIC else ""

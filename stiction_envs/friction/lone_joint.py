@@ -27,56 +27,33 @@ from stiction_envs.friction.parameters import CONTROL_DT
 class LoneJoints:
     """Parameters of C lone joints, each (C,), SI units."""
 
-    stiction: Array
-    """F_s [N·m]."""
-    coulomb_ratio: Array
-    """F_c/F_s [-]."""
-    stribeck_velocity: Array
-    """v_s [rad/s]."""
-    bristle_stiffness: Array
-    """σ0 [N·m/rad]."""
-    bristle_damping: Array
-    """σ1 [N·m·s/rad]."""
-    viscous: Array
-    """σ2 [N·m·s/rad]."""
-    rotor_inertia: Array
-    """J_r [kg·m²]."""
-    joint_stiffness: Array
-    """K [N·m/rad]; inf is rigid."""
-    joint_damping: Array
-    """D [N·m·s/rad]."""
-    link_inertia: Array
-    """J_l [kg·m²]."""
-    amplitude: Array
-    """Dither [N·m]."""
-    frequency: Array
-    """Dither [Hz]."""
-    ramp_rate: Array
-    """[N·m/s]."""
-    lowpass_hz: Array
-    """Cut-off of the first-order low-pass on the command [Hz]; inf is off."""
-    torque_rate: Array
-    """Largest change of the command [N·m/s]; inf is off."""
+    stiction: Array  # F_s [N·m]
+    coulomb_ratio: Array  # F_c/F_s [-]
+    stribeck_velocity: Array  # v_s [rad/s]
+    bristle_stiffness: Array  # σ0 [N·m/rad]
+    bristle_damping: Array  # σ1 [N·m·s/rad]
+    viscous: Array  # σ2 [N·m·s/rad]
+    rotor_inertia: Array  # J_r [kg·m²]
+    joint_stiffness: Array  # K [N·m/rad]; inf is rigid
+    joint_damping: Array  # D [N·m·s/rad]
+    link_inertia: Array  # J_l [kg·m²]
+    amplitude: Array  # Dither [N·m]
+    frequency: Array  # Dither [Hz]
+    ramp_rate: Array  # [N·m/s]
+    lowpass_hz: Array  # Cut-off of the first-order low-pass on the command [Hz]; inf is off
+    torque_rate: Array  # Largest change of the command [N·m/s]; inf is off
     breakaway_ratio: Array
     """Elasto-plastic: deflection below which presliding is purely elastic, over that of steady
     sliding [-]; 0 is LuGre (Dupont, Hayward, Armstrong, Altpeter 2002)."""
 
 
 def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int = 1) -> Array:
-    """Return (C,) ramp torque at which each joint's link has moved by the threshold [N·m].
+    """Return (C,) ramp torque at which each joint's link has moved by ``threshold`` [rad]: [N·m].
 
-    Args:
-        joints: the joints.
-        threshold: [rad].
-        longest: ramps end here [s].
-        hold: steps for which a command is held.
-
-    Returns:
-        Torques; NaN where the joint did not move.
+    NaN where a joint has not moved within ``longest`` [s]. Commands are held for ``hold`` steps.
     """
     columns = np.ascontiguousarray(np.stack([getattr(joints, f.name) for f in fields(joints)], 1))
-    out: Array = _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
-    return out
+    return _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
 
 
 @compiled

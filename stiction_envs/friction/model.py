@@ -33,16 +33,14 @@ from stiction_envs.friction.parameters import (
     check_stability,
 )
 from stiction_envs.friction.servos import PositionServos
-from stiction_envs.friction.tree import sticking_tree
 from stiction_envs.robots import Arm
-from stiction_envs.robots.mjcf import numbers
+from stiction_envs.robots.mjcf import numbers, parents
 
 # columns of actuator_biasprm and actuator_dynprm that hold the rest of the law (sources.md 3.5)
 RIPPLE, BRISTLE_DAMPING = 0, 6
 NO_GRAVITY_NM = 0.02
 """Largest gravity torque under which a joint counts as one that sees none [N·m]; assumed."""
-_POSES = 256
-"""Random poses in which gravity is looked at [-]; assumed."""
+_POSES = 256  # Random poses in which gravity is looked at [-]; assumed
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -50,26 +48,16 @@ class StickingModel:
     """A compiled arm that sticks, and the indices of its joints."""
 
     arm: Arm
-    parameters: FrictionParameters
-    """Friction of one arm, fields (n,) or (n, 2)."""
+    parameters: FrictionParameters  # Friction of one arm, fields (n,) or (n, 2)
     model: mujoco.MjModel
-    motor: Index
-    """(n,) dof (and qpos) of each joint's motor side."""
-    spring: Index
-    """(n,) dof of each joint's spring, −1 where the joint is rigid."""
-    torque_actuator: Index
-    """(n,) actuator whose control is joint torque."""
-    servo_actuator: Index
-    """(n,) actuator that holds the joint."""
-    friction_inertia: Array
-    """(n,) inertia that carries the friction: rotor, plus the link's if rigid [kg·m²]."""
-    bearing: Bools
-    """(n,) joints that see no gravity torque: their load is the bearing's tilting moment
-    (`load_sensor`)."""
-    timestep: float
-    """Physics step [s]."""
-    servos: PositionServos | None = None
-    """Position servos that drive the joints, where its friction TOML has them."""
+    motor: Index  # (n,) dof (and qpos) of each joint's motor side
+    spring: Index  # (n,) dof of each joint's spring, −1 where the joint is rigid
+    torque_actuator: Index  # (n,) actuator whose control is joint torque
+    servo_actuator: Index  # (n,) actuator that holds the joint
+    friction_inertia: Array  # (n,) rotor inertia, plus the link's if rigid [kg·m²]
+    bearing: Bools  # (n,) joints whose load is the bearing's tilting moment (`load_sensor`)
+    timestep: float  # Physics step [s]
+    servos: PositionServos | None = None  # Position servos of the friction TOML
 
     @property
     def n(self) -> int:
@@ -81,12 +69,8 @@ class StickingModel:
 
     def link_position(self, qpos: Array) -> Array:
         """Return (..., n) link angles [rad] from (..., nq) MuJoCo positions."""
-        if qpos.ndim == 2:  # as in every control cycle
-            out: Array = link_angles(qpos, self.motor, self.spring)
-            return out
         rows = qpos.reshape(-1, qpos.shape[-1])
-        out = link_angles(rows, self.motor, self.spring)
-        return out.reshape(*qpos.shape[:-1], self.n)
+        return _link_angles(rows, self.motor, self.spring).reshape(*qpos.shape[:-1], self.n)
 
     def one_link_position(self, qpos: Array, joint: Index) -> Array:
         """Return (M, K) angle [rad] of joint[m] (from 0) from (M, K, nq) MuJoCo positions."""
@@ -98,11 +82,7 @@ class StickingModel:
         return q
 
     def bristle_damping_of(self, parameters: FrictionParameters) -> Array:
-        """Return (..., n) σ1 [N·m·s/rad] of other parameters on this model.
-
-        Raises:
-            StictionError: a bristle that would chatter with these parameters.
-        """
+        """Return (..., n) σ1 [N·m·s/rad] of other parameters; raise if a bristle would chatter."""
         inertia = self.friction_inertia + (parameters.rotor_inertia - self.parameters.rotor_inertia)
         return _stable_damping(parameters, inertia, self.timestep)
 
@@ -112,14 +92,6 @@ def _stable_damping(parameters: FrictionParameters, inertia: Array, timestep: fl
     damping = bristle_damping(parameters.bristle_stiffness, ratio, inertia, timestep)
     check_stability(damping, inertia, timestep)
     return damping
-
-
-def _bearing_loaded(arm: Arm) -> Bools:
-    """Return (n,) which joints see no gravity torque in any of a fixed set of random poses."""
-    low, high = arm.limits.position.T
-    q = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
-    weightless: Bools = np.abs(mass_and_gravity(arm, q)[1]).max(axis=0) < NO_GRAVITY_NM
-    return weightless
 
 
 def build(
@@ -158,25 +130,83 @@ def build(
     def dof(name: str) -> int:
         return int(model.joint(name).dofadr[0])
 
-    springs = [
-        dof(f"{j}_spring") if e else -1 for j, e in zip(arm.joint_names, elastic, strict=True)
-    ]
+    pairs = zip(arm.joint_names, elastic, strict=True)
+    low, high = arm.limits.position.T
+    poses = np.random.default_rng(0).uniform(low, high, size=(_POSES, arm.n))
+    gravity = np.abs(mass_and_gravity(arm, poses)[1]).max(axis=0)
     return StickingModel(
         arm=arm,
         parameters=parameters,
         model=model,
         motor=np.array([dof(j) for j in arm.joint_names]),
-        spring=np.array(springs),
+        spring=np.array([dof(f"{j}_spring") if e else -1 for j, e in pairs]),
         torque_actuator=np.array([model.actuator(f"{j}_torque").id for j in arm.joint_names]),
         servo_actuator=np.array([model.actuator(f"{j}_servo").id for j in arm.joint_names]),
         friction_inertia=inertia,
-        bearing=_bearing_loaded(arm),
+        bearing=gravity < NO_GRAVITY_NM,
         timestep=timestep,
     )
 
 
+def sticking_tree(
+    arm: Arm, parameters: FrictionParameters, damping: Array, timestep: float
+) -> ET.Element:
+    """Return MJCF of an arm that sticks, with all digits; the control of each joint is its torque.
+
+    ``damping`` (n,) is σ1 of the bristles [N·m·s/rad]; parameters are taken at rest, without load.
+    """
+    p, root = parameters, ET.fromstring(arm.xml)
+    option = root.find("option")
+    if option is None:
+        option = ET.Element("option")
+        root.insert(0, option)
+    # implicit integrators add a phantom inertia h·σ1 to a sliding LuGre joint (sources.md 3.5)
+    option.attrib |= {"timestep": repr(timestep), "integrator": "Euler"}
+    flag = option.find("flag")
+    flag = ET.SubElement(option, "flag") if flag is None else flag
+    flag.set("contact", "disable")
+    # a default for actuators would change ours
+    for default in root.iter("default"):
+        for kind in ("general", "motor", "position", "velocity", "dcmotor"):
+            for element in default.findall(kind):
+                default.remove(element)
+    for body in root.iter("body"):
+        body.set("gravcomp", "1")
+    up, joints = parents(root), {j.get("name"): j for j in root.iter("joint")}
+    actuators = ET.SubElement(root, "actuator")
+    stiction = p.stiction_at(p.load_low).mean(axis=1)
+    for i, name in enumerate(arm.joint_names):
+        joint, rotor, stiffness = joints[name], p.rotor_inertia[i], p.joint_stiffness[i]
+        joint.attrib |= {"armature": numbers([rotor]), "damping": numbers([p.viscous[i].mean()])}
+        if np.isfinite(stiffness):
+            ratio = p.joint_damping_ratio[i]
+            same = ("class", "pos", "axis")
+            spring = {k: v for k, v in joint.attrib.items() if k in same}
+            spring |= {"name": f"{name}_spring", "type": "hinge", "limited": "false"}
+            spring |= {"stiffness": numbers([stiffness]), "armature": "0"}
+            spring["damping"] = numbers([2 * ratio * np.sqrt(stiffness * rotor)])
+            home = up[joint]
+            home.insert(list(home).index(joint) + 1, ET.Element("joint", spring))
+        bristle = (p.bristle_stiffness[i], damping[i], stiction[i] * p.coulomb_ratio[i].mean())
+        motor = ET.SubElement(
+            actuators,
+            "dcmotor",
+            name=f"{name}_torque",
+            joint=name,
+            input="ff",
+            motorconst="1",
+            resistance="1",
+            lugre=numbers([*bristle, stiction[i], p.stribeck_velocity[i].mean()]),
+        )
+        # also without an amplitude: the model must be the same number by number
+        cogging = [p.ripple_amplitude[i], p.ripple_periods[i], p.ripple_phase[i]]
+        if any(cogging):
+            motor.set("cogging", numbers(cogging))
+    return root
+
+
 @compiled
-def link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
+def _link_angles(qpos: Array, motor: Index, spring: Index) -> Array:
     """Return (M, n) motor angle, plus the spring's where there is one, of (M, nq)."""
     out = np.empty((len(qpos), len(motor)))
     for i in range(len(qpos)):

@@ -17,8 +17,7 @@ from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.registry import ARMS
 from stiction_envs.robots.tables import Table, check_range, read_toml
 
-CONTROL_DT = 1e-3
-"""Control step, and longest physics step [s]."""
+CONTROL_DT = 1e-3  # Control step, and longest physics step [s]
 GENERIC = Path(__file__).with_name("generic.toml")
 """Friction of an arm without parameters of its own; all assumed."""
 
@@ -31,8 +30,7 @@ class Quantity:
     low: float
     high: float = np.inf
     by_direction: bool = False
-    default: float | None = None
-    """Where a TOML lacks the table; None where it must not."""
+    default: float | None = None  # Where a TOML lacks the table; None where it must not
 
 
 OTHER_TABLES = {"meta", "provenance", "arm", "cause", "links", "servo"}
@@ -126,11 +124,9 @@ class FrictionParameters:
 
     def tile(self, nsim: int) -> FrictionParameters:
         """Return the parameters of ``nsim`` equal arms, (nsim, n)."""
-        out = {
-            k: np.broadcast_to(getattr(self, k), (nsim, *getattr(self, k).shape))
-            for k in QUANTITIES
-        }
-        return FrictionParameters(**out)
+        fields = {k: getattr(self, k) for k in QUANTITIES}
+        tiled = {k: np.broadcast_to(x, (nsim, *x.shape)) for k, x in fields.items()}
+        return FrictionParameters(**tiled)
 
     def rigid(self) -> FrictionParameters:
         """Return the same friction on joints without elasticity."""
@@ -152,27 +148,15 @@ QUANTITIES: dict[str, Quantity] = {
 
 
 def stack_friction(arms: Sequence[FrictionParameters]) -> FrictionParameters:
-    """Return the friction (N, n) of N arms, each of its own (n,).
-
-    Raises:
-        StictionError: arms of different numbers of joints.
-    """
-    counts = {arm.n for arm in arms}
-    if len(counts) > 1:
-        raise StictionError(f"friction of {sorted(counts)} joints: expected arms of one kind")
+    """Return the friction (N, n) of N arms, each of its own (n,)."""
     return FrictionParameters(**{k: np.stack([getattr(a, k) for a in arms]) for k in QUANTITIES})
 
 
 def scaled(parameters: FrictionParameters, factors: Mapping[str, ArrayLike]) -> FrictionParameters:
-    """Return friction with some quantities multiplied; both directions by the same factor.
+    """Return friction (n,) or (N, n) with quantities multiplied, both directions alike.
 
-    Args:
-        parameters: of one arm (n,), or of N arms (N, n).
-        factors: by name of `QUANTITIES`, each a number, (n,), or, of N arms, (N, n) [-].
-
-    Raises:
-        StictionError: an unknown name, a factor of another shape, or a product outside of its
-            quantity's bounds.
+    ``factors`` [-] are by name of `QUANTITIES` a number, (n,), or (N, n). Raise a StictionError for
+    an unknown name, another shape, or a product out of bounds.
     """
     changes = {}
     for name, factor in factors.items():
@@ -192,15 +176,9 @@ def bristle_damping(
 
 
 def check_stability(damping: Array, inertia: Array, timestep: float) -> None:
-    """Raise if a stuck joint would chatter in MuJoCo's Euler: sources.md 3.5.
+    """Raise if a stuck joint would chatter in MuJoCo's Euler, hσ1/J ≥ 2: sources.md 3.5.
 
-    Args:
-        damping: σ1 (n,) or (N, n) [N·m·s/rad], at least 3hσ0.
-        inertia: inertia that carries the friction, same shape [kg·m²].
-        timestep: h [s].
-
-    Raises:
-        StictionError: hσ1/J ≥ 2.
+    ``damping`` σ1 [N·m·s/rad] and ``inertia`` J [kg·m²] are (n,) or (N, n), ``timestep`` is h [s].
     """
     # written so that an inertia of zero or less fails too
     hard = ~(timestep * damping < 2 * inertia)
@@ -215,28 +193,22 @@ def check_stability(damping: Array, inertia: Array, timestep: float) -> None:
 
 def from_table(table: Mapping[str, object], where: str, n: int) -> FrictionParameters:
     """Build parameters from parsed TOML; ``where`` names the file in errors."""
-    values: dict[str, Array] = {}
-    extra = set(table) - set(QUANTITIES) - OTHER_TABLES
-    if extra:
+    if extra := sorted(set(table) - set(QUANTITIES) - OTHER_TABLES):
         raise StictionError(
-            f"{where}: unknown table [{sorted(extra)[0]}]: expected one of {', '.join(QUANTITIES)}"
+            f"{where}: unknown table [{extra[0]}]: expected one of {', '.join(QUANTITIES)}"
         )
+    values: dict[str, Array] = {}
     for name, quantity in QUANTITIES.items():
-        entry = table.get(name)
+        usual = None if quantity.default is None else {"value": quantity.default, "assumed": True}
+        entry = table.get(name, usual)
         if entry is None:
-            if quantity.default is None:
-                raise StictionError(f"{where}: table [{name}] is missing")
-            value = np.full(n, quantity.default)
-        else:
-            if (
-                not isinstance(entry, dict)
-                or not ({"source", "assumed"} & set(entry))
-                or "value" not in entry
-            ):
-                raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
-            value = checked_array(entry["value"], f"{where}: [{name}] value", finite=False)
-            if value.ndim == 0:
-                value = np.full(n, float(value))
+            raise StictionError(f"{where}: table [{name}] is missing")
+        has_source = isinstance(entry, dict) and bool({"source", "assumed"} & set(entry))
+        if not isinstance(entry, dict) or not has_source or "value" not in entry:
+            raise StictionError(f"{where}: [{name}] needs value and source (or assumed)")
+        value = checked_array(entry["value"], f"{where}: [{name}] value", finite=False)
+        if value.ndim == 0:
+            value = np.full(n, float(value))
         if value.shape == (n,) and quantity.by_direction:
             value = np.repeat(value[:, None], 2, axis=1)
         expected = (n, 2) if quantity.by_direction else (n,)
@@ -254,11 +226,7 @@ def from_table(table: Mapping[str, object], where: str, n: int) -> FrictionParam
 
 
 def check_possible(parameters: FrictionParameters, where: str) -> None:
-    """Raise if a number is larger than any joint's; ``where`` names the file in errors.
-
-    Raises:
-        StictionError: naming the table, the number and what is expected.
-    """
+    """Raise a StictionError if a number is larger than any joint's; ``where`` names the file."""
     for name, quantity in QUANTITIES.items():
         value, inf = getattr(parameters, name), quantity.default == np.inf
         check_range(value, quantity.unit, f"{where}: [{name}]", allow_inf=inf)
@@ -273,11 +241,7 @@ def friction_path(robot: str | Path | None) -> Path:
 
 
 def friction_text(robot: str | Path | None) -> Table:
-    """Return the parsed TOML, with its sources.
-
-    Raises:
-        StictionError: unreadable, or not TOML.
-    """
+    """Return the parsed TOML, with its sources; raise a StictionError if it cannot be read."""
     try:
         return read_toml(friction_path(robot))
     except StictionError as error:
@@ -287,11 +251,7 @@ def friction_text(robot: str | Path | None) -> Table:
 def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dict[str, str], Table]:
     """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
-    Args:
-        given: name of a robot or TOML path, as in `load_friction`; or parameters without sources.
-
-    Raises:
-        StictionError: unreadable, or not TOML.
+    ``given`` is a robot or TOML as in `load_friction`, or parameters, which have no sources.
     """
     if isinstance(given, FrictionParameters):
         return dict.fromkeys(QUANTITIES, "parameters in memory"), {}
@@ -306,10 +266,8 @@ def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dic
 def load_friction(robot: str | Path | None, n: int = 7) -> FrictionParameters:
     """Load the friction of a robot by name or TOML path; None is an unknown arm.
 
-    An arm without its own TOML gets the first n joints of `generic.toml` (all assumed).
-
-    Raises:
-        StictionError: unreadable file, missing table, wrong shape, value out of bounds.
+    An arm without its own TOML gets the first n joints of `generic.toml` (all assumed). Raise a
+    StictionError for an unreadable file, missing table, wrong shape, or value out of bounds.
     """
     path, table = friction_path(robot), friction_text(robot)
     if path == GENERIC:
@@ -326,15 +284,10 @@ def dump_friction(
     meta: Mapping[str, object],
     provenance: dict[str, str],
 ) -> str:
-    """Return the TOML text of one arm's parameters; floats read back exactly.
+    """Return the TOML text of one arm's parameters (n,) or (n, 2); floats read back exactly.
 
-    Args:
-        parameters: one arm, fields (n,) or (n, 2).
-        sources: source of each quantity; one that starts with "assumed" is marked as assumed.
-        meta: title, units, notes.
-        provenance: how the numbers were fitted.
+    A source of ``sources``, by quantity, that starts with "assumed" is marked as assumed.
     """
-
     table: Table = {"meta": meta, "provenance": provenance}
     for name, quantity in QUANTITIES.items():
         value: Array = getattr(parameters, name)

@@ -14,51 +14,42 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots.tables import read_toml
 
-LONGEST_DELAY = 1.0
-"""Longest delay of a command that is simulated [s]; assumed."""
+LONGEST_DELAY = 1.0  # Longest delay of a command that is simulated [s]; assumed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PositionServos:
     """Position servos of one arm's joints."""
 
-    stiffness: Array
-    """(n,) K [N·m/rad]."""
+    stiffness: Array  # (n,) K [N·m/rad]
     delay: Array
     """(n,) time until a command acts [s]; a negative one, of a log's clock, counts as none."""
-    speed_limit: Array
-    """(n,) largest speed of what the servo follows [rad/s]."""
-    torque_limit: Array
-    """(n,) [N·m]."""
-    dead_zone: Array
-    """(n,) error that the servo does not see [rad]."""
+    speed_limit: Array  # (n,) largest speed of what the servo follows [rad/s]
+    torque_limit: Array  # (n,) [N·m]
+    dead_zone: Array  # (n,) error that the servo does not see [rad]
 
     def __post_init__(self) -> None:
-        low = {"delay": -np.inf, "dead_zone": 0.0}
         for field in fields(self):
             value = np.array(getattr(self, field.name), dtype=np.float64)
-            least = low.get(field.name)
-            ok = np.isfinite(value) & (value > 0 if least is None else value >= least)
-            if value.ndim != 1 or not ok.all() or (field.name == "delay" and (value > 1).any()):
-                expected = {"delay": f"up to {LONGEST_DELAY:g} s", "dead_zone": "from 0"}
+            if field.name == "delay":
+                good, expected = value <= LONGEST_DELAY, f"up to {LONGEST_DELAY:g} s"
+            elif field.name == "dead_zone":
+                good, expected = value >= 0, "from 0"
+            else:
+                good, expected = value > 0, "above 0"
+            if value.ndim != 1 or not (good & np.isfinite(value)).all():
                 raise StictionError(
-                    f"servo {field.name} {value.tolist()}: expected numbers "
-                    f"{expected.get(field.name, 'above 0')}, one per joint"
+                    f"servo {field.name} {value.tolist()}: expected numbers {expected}, "
+                    "one per joint"
                 )
             value.flags.writeable = False
             object.__setattr__(self, field.name, value)
-
-    @property
-    def n(self) -> int:
-        """Number of joints."""
-        return len(self.stiffness)
 
 
 def read_servos(path: str | Path, n: int) -> PositionServos | None:
     """Return the servos of n joints in a friction TOML; None where it has no ``[servo]``.
 
-    Raises:
-        StictionError: unreadable, or a table that is not of n servos.
+    Raise a StictionError for an unreadable TOML, or a table of other than n servos.
     """
     table = read_toml(Path(path)).get("servo")
     if table is None:
@@ -66,11 +57,8 @@ def read_servos(path: str | Path, n: int) -> PositionServos | None:
     names = [f.name for f in fields(PositionServos)]
     if missing := [x for x in names if not isinstance(table, dict) or x not in table]:
         raise StictionError(f"{path}: [servo] {missing[0]} is missing")
-    where = f"{path}: [servo]"
+    values = {name: checked_array(table[name], f"{path}: [servo] {name}", (n,)) for name in names}
     try:
-        return PositionServos(
-            **{name: checked_array(table[name], f"{where} {name}", (n,)) for name in names}
-        )
+        return PositionServos(**values)
     except StictionError as error:
-        text = str(error)
-        raise StictionError(text if text.startswith(where) else f"{path}: {text}") from None
+        raise StictionError(f"{path}: {error}") from None

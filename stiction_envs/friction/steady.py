@@ -13,19 +13,16 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.friction.inertia import link_inertia, mass_matrix
-from stiction_envs.friction.parameters import CONTROL_DT, FrictionParameters
+from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.robots import Arm
 
-POSES = 256
-"""Random poses in which the least inertia is looked for [-]; assumed."""
+POSES = 256  # Random poses in which the least inertia is looked for [-]; assumed
 STIFFEST = 0.1
 """Largest bristle stiffness over inertia/timestep² with r = 1 [-]; assumed: a twentieth of the
 chattering limit."""
 FASTEST_DECAY = 0.5
 """Largest bristle damping over inertia/timestep with r = 1 [-]; assumed: up to four joints in line
 may reverse at once, and a step is stable while the sum of (1 + r)/2 times this is below 2."""
-SOFTEST = 1e-3
-"""Least bristle stiffness of `FrictionParameters` [N·m/rad]."""
 STIFFEST_SPRING = 1.0
 """Largest stiffness of a joint's spring over inertia/timestep² [-]; assumed: a quarter of what a
 step is stable with, 160 Hz."""
@@ -34,12 +31,9 @@ step is stable with, 160 Hz."""
 def steady(
     friction: FrictionParameters, *arms: Arm, say: Callable[[int, str], None] = lambda _, __: None
 ) -> FrictionParameters:
-    """Return friction with which no joint shakes at steps of 1 ms.
+    """Return friction of an arm, used on ``arms``, with which no joint shakes at steps of 1 ms.
 
-    Args:
-        friction: of one arm.
-        arms: the arm, and others that the friction is used on.
-        say: called with each joint (from 0) that is bounded, and by what.
+    ``say`` is called with each joint (from 0) that is bounded, and by what.
     """
     rng, h = np.random.default_rng(0), CONTROL_DT
     low, high = np.clip(arms[0].limits.position, -np.pi, np.pi).T
@@ -61,7 +55,7 @@ def steady(
     carried = np.where(elastic, rotor, least(elastic))
     dry = friction.stiction * friction.coulomb_ratio
     carried /= (1 + friction.stiction.max(axis=1) / dry.min(axis=1)) / 2
-    most = np.maximum(STIFFEST * carried / h**2, SOFTEST)
+    most = np.maximum(STIFFEST * carried / h**2, QUANTITIES["bristle_stiffness"].low)
     for j in np.flatnonzero(friction.bristle_stiffness > most):
         say(int(j), f"{most[j]:.4g} N·m/rad is the stiffest bristle that holds still")
     bristle = np.minimum(friction.bristle_stiffness, most)

@@ -24,19 +24,13 @@ from stiction_envs.robots.registry import known_arm
 
 Robot = str | Path | Arm | StickingModel
 """Name or model file of an arm, the arm, or an arm with its friction (`load_model`)."""
-Friction = str | Path | FrictionParameters
-"""Parameters of one arm, or the TOML that holds them."""
+Friction = str | Path | FrictionParameters  # Parameters of one arm, or the TOML that holds them
 
 
 def friction_file(robot: str | Path | Arm, given: str | Path | None = None) -> Path:
     """Return the friction TOML that is used: the one given, the robot's, or the generic one.
 
-    Args:
-        robot: name, model file, or arm.
-        given: path to a friction TOML.
-
-    Raises:
-        StictionError: ``given`` is not a path to a TOML.
+    Raise a StictionError where ``given`` is not a path to a TOML.
     """
     if given is None:
         if isinstance(robot, Arm):
@@ -64,10 +58,9 @@ def friction_origin(robot: Robot, friction: Friction | None) -> Path | FrictionP
 
 
 def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
-    """Return the friction of an arm: its own where none is given.
+    """Return the friction of an arm, its own where none is given.
 
-    Raises:
-        StictionError: a file that cannot be read, or that has another number of joints.
+    Raise a StictionError for an unreadable file, or one of another number of joints.
     """
     if isinstance(given, FrictionParameters):
         return given
@@ -77,11 +70,7 @@ def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
 
 
 def arm_of(robot: Robot) -> Arm:
-    """Return the arm of a name, a model file or a model.
-
-    Raises:
-        StictionError: an arm that cannot be loaded.
-    """
+    """Return the arm of a name, a model file or a model."""
     if isinstance(robot, StickingModel):
         return robot.arm
     return robot if isinstance(robot, Arm) else load_arm(robot)
@@ -103,28 +92,20 @@ def sticking_model(
     arm, servos = arm_of(robot), None
     if isinstance(friction, str | Path):
         servos = read_servos(friction_file(arm, friction), arm.n)
-    if not isinstance(robot, StickingModel):
-        step = CONTROL_DT if timestep is None else timestep
-        out = build(arm, friction_of(arm, friction), timestep=step)
-    else:
-        step = robot.timestep if timestep is None else timestep
-        if friction is None and step == robot.timestep:
+    own_step = robot.timestep if isinstance(robot, StickingModel) else CONTROL_DT
+    step = own_step if timestep is None else timestep
+    if isinstance(robot, StickingModel) and friction is None:
+        if step == robot.timestep:
             return robot
-        own = robot.parameters if friction is None else friction_of(arm, friction)
-        servos = robot.servos if friction is None else servos
-        out = build(arm, own, timestep=step)
-    return out if servos is None else replace(out, servos=servos)
+        friction, servos = robot.parameters, robot.servos
+    return replace(build(arm, friction_of(arm, friction), timestep=step), servos=servos)
 
 
 def with_rotors(friction: FrictionParameters, arm: Arm) -> FrictionParameters:
-    """Return friction in which missing rotor inertias are those of the arm's own friction.
+    """Return friction of an arm in which missing rotor inertias are those of its own friction.
 
     Joint torques behind the gear do not show rotors. Without a rotor the bristle of a joint shakes
     a light link: σ1 is chosen for the inertia of the rest pose, and other poses have less.
-
-    Args:
-        friction: of one arm.
-        arm: its own friction has the rotor inertias (`generic.toml` for an unregistered arm).
     """
     own = friction_of(arm).rotor_inertia
     known = friction.rotor_inertia > 0

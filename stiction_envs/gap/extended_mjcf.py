@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.export import plain_mjcf
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.robots import Arm, mjcf
 
 Array = NDArray[np.float64]

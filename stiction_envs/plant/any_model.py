@@ -26,8 +26,7 @@ def rollout(
     Args:
         model: the model; controls stay zero.
         qpos: (N, nq) start positions, at rest.
-        torque: takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque
-            [N·m or N], which may depend on the chunks before.
+        torque: of a chunk's times (K,) [s], (N, K, nv) [N·m or N]; called chunk by chunk.
         chunks: the times of each chunk's steps [s].
         record: `MjData` fields.
         threads: threads, 0 for all processors.
@@ -64,9 +63,9 @@ def steer(
     Args:
         model: the model.
         start: `MjData` state fields to start from, such as qpos (N, nq) and qvel (N, nv).
-        law: of a step's number and the batch, its (N, nu) controls.
+        law: returns the (N, nu) controls of a step from its number and the batch.
         steps: steps in all.
-        fastest: speed that is no joint's any more [rad/s].
+        fastest: speed at which a simulation has diverged [rad/s].
         threads: threads, 0 for all processors.
 
     Returns:

@@ -12,46 +12,29 @@ from stiction_envs.robots.stated import COULOMB, STICTION, STRIBECK
 class PlantArrays(NamedTuple):
     """Live arrays of N simulations of n joints; the engine has C actuators and V speeds."""
 
-    state: Array
-    """(N, S) the engine's states."""
-    qpos: int
-    """Column of the first position in `state`."""
-    qvel: int
-    """Column of the first speed in `state`."""
-    torque: int
-    """Column of the first joint's torque in `state`."""
-    motor: Index
-    """(n,) position of each joint's motor hinge."""
-    spring: Index
-    """(n,) position of each joint's spring hinge, −1 for a rigid joint."""
-    substeps: int
-    """Physics steps of a control step."""
-    asymmetric: bool
-    """Whether friction differs between the directions."""
-    actuator: Index
-    """(n,) the actuators that have the joints' friction."""
-    moving_up: Bools
-    """(N, n) whether a joint's last motion was upwards."""
-    level: Array
-    """(N, n, 2) present stiction of each direction [N·m]."""
-    viscous: Array
-    """(N, n, 2) present viscous friction of each direction [N·m·s/rad]."""
-    coulomb_ratio: Array
-    """(N, n, 2) Coulomb friction over stiction [-]."""
-    stribeck: Array
-    """(N, n, 2) Stribeck velocity [rad/s]."""
-    bias: Array
-    """(N, C, parameters) of the actuators, written."""
-    damping: Array
-    """(N, V) of the hinges, written [N·m·s/rad]."""
+    state: Array  # (N, S) the engine's states
+    qpos: int  # Column of the first position in `state`
+    qvel: int  # Column of the first speed in `state`
+    torque: int  # Column of the first joint's torque in `state`
+    motor: Index  # (n,) position of each joint's motor hinge
+    spring: Index  # (n,) position of each joint's spring hinge, −1 for a rigid joint
+    substeps: int  # Physics steps of a control step
+    asymmetric: bool  # Whether friction differs between the directions
+    actuator: Index  # (n,) the actuators that have the joints' friction
+    moving_up: Bools  # (N, n) whether a joint's last motion was upwards
+    level: Array  # (N, n, 2) present stiction of each direction [N·m]
+    viscous: Array  # (N, n, 2) present viscous friction of each direction [N·m·s/rad]
+    coulomb_ratio: Array  # (N, n, 2) Coulomb friction over stiction [-]
+    stribeck: Array  # (N, n, 2) Stribeck velocity [rad/s]
+    bias: Array  # (N, C, parameters) of the actuators, written
+    damping: Array  # (N, V) of the hinges, written [N·m·s/rad]
     passive: Array
     gravity: Array
     actuated: Array
     acceleration: Array
     """(N, V) the engine's ``qfrc_passive``, ``qfrc_gravcomp``, ``qfrc_actuator`` [N·m] and
     ``qacc`` [rad/s²]; empty where `write_joint_torque` is not used."""
-    rotor: Array
-    """(N, n) rotor inertia [kg·m²]."""
+    rotor: Array  # (N, n) rotor inertia [kg·m²]
 
 
 @inlined

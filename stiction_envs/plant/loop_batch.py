@@ -33,8 +33,7 @@ STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 SHARED_OUT = 0.625
 """Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
 less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
-FEWEST = 4
-"""Simulations of a part [-]: in every step it costs what half a simulation does."""
+FEWEST = 4  # Simulations of a part [-]: in every step it costs what half a simulation does
 _ACC = int(mujoco.mjtStage.mjSTAGE_ACC)
 
 
@@ -57,14 +56,10 @@ copy: _InC = types.ExternalFunction("memcpy", _pointer(_pointer, _pointer, _poin
 class Loop(NamedTuple):
     """Arms for compiled code; addresses are of memory that lives as long as the batch."""
 
-    model: int
-    """The address of the model that the simulations of this part use in turn."""
-    data: Addresses
-    """(N,) each simulation's `MjData`."""
-    rows: Addresses
-    """(N,) each simulation's state in the batch."""
-    going: Bools
-    """(N,) whether a simulation is stepped; the others do not change."""
+    model: int  # The address of the model that the simulations of this part use in turn
+    data: Addresses  # (N,) each simulation's `MjData`
+    rows: Addresses  # (N,) each simulation's state in the batch
+    going: Bools  # (N,) whether a simulation is stepped; the others do not change
     inputs: Addresses
     """(I, 4): from the first simulation's values in the batch, bytes to the next one's, to the
     model, number of bytes."""
@@ -137,8 +132,7 @@ class LoopBatch(CopiedBatch):
         self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
-        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)
-        """The simulations of each part."""
+        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)  # The simulations of each part
 
     def __reduce__(self) -> tuple[Any, ...]:
         return *super().__reduce__(), {"parts": self.parts, "_going": self._going}
@@ -167,8 +161,7 @@ class LoopBatch(CopiedBatch):
     def rollout(self, nstep: int, **options: object) -> dict[str, Array]:
         """As `Batch.rollout`."""
         self._begun = False
-        out: dict[str, Array] = super().rollout(nstep, **options)
-        return out
+        return super().rollout(nstep, **options)
 
     @property
     def loops(self) -> list[Loop]:

@@ -20,18 +20,17 @@ import numpy as np
 from mujoco.batch import Batch
 from numpy.typing import ArrayLike
 
-from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.plant.arrays import PlantArrays, write_directions
 from stiction_envs.plant.copies import CopiedBatch
-from stiction_envs.plant.loop_batch import Loop, LoopBatch
+from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 
-SLOW_STEPS = 50
-"""Control steps between two updates of load, warm-up and offset."""
+SLOW_STEPS = 50  # Control steps between two updates of load, warm-up and offset
 
 
 class Plant:
@@ -53,7 +52,7 @@ class Plant:
             nsim: number of simulations N ≥ 1.
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
-            closed_loop: whether compiled code steps the simulations (`loops`).
+            closed_loop: whether compiled code steps the simulations (`loop_batch`).
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
@@ -61,13 +60,14 @@ class Plant:
         self.nsim, self.n = nsim, sticking.n
         self._substeps = round(CONTROL_DT / sticking.timestep)
         kind = LoopBatch if closed_loop else CopiedBatch
-        self._batch = kind(sticking.model, nsim, threads)
-        self._biasprm = self._batch.expand("actuator_biasprm")
-        self._gainprm = self._batch.expand("actuator_gainprm")
-        self._damping = self._batch.expand("dof_damping")
-        self._bias_torque = self._batch.bind("qfrc_applied")
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._load_sensor = LoadSensor(sticking, self._batch)
+        self.batch: CopiedBatch = kind(sticking.model, nsim, threads)
+        """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
+        self._biasprm = self.batch.expand("actuator_biasprm")
+        self._gainprm = self.batch.expand("actuator_gainprm")
+        self._damping = self.batch.expand("dof_damping")
+        self._bias_torque = self.batch.bind("qfrc_applied")
+        self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self._load_sensor = LoadSensor(sticking, self.batch)
         # the model adds them in two contiguous groups; slices are several times faster
         self._torque_columns = slice(sticking.torque_actuator[0], sticking.torque_actuator[-1] + 1)
         self._servo_columns = slice(sticking.servo_actuator[0], sticking.servo_actuator[-1] + 1)
@@ -83,8 +83,6 @@ class Plant:
         self._p = {k: np.array(getattr(tiled, k), order="C") for k in QUANTITIES}
         self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
         self.set_friction(np.arange(nsim), tiled)
-
-    # ---- state -------------------------------------------------------------------------------
 
     @property
     def position(self) -> Array:
@@ -110,7 +108,7 @@ class Plant:
     def bristle(self) -> Array:
         """(N, n) LuGre bristle deflections z [rad]."""
         adr = self.sticking.model.actuator_actadr[self.sticking.torque_actuator]
-        return self._batch.bind("act")[:, adr]
+        return self.batch.bind("act")[:, adr]
 
     @property
     def load(self) -> tuple[Array, Array]:
@@ -128,9 +126,10 @@ class Plant:
         return self._level.mean(axis=2)
 
     @property
-    def batch(self) -> CopiedBatch:
-        """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
-        return self._batch
+    def loop_batch(self) -> LoopBatch:
+        """The batch of a plant that is ``closed_loop``, which compiled code steps."""
+        assert isinstance(self.batch, LoopBatch)
+        return self.batch
 
     def reset(self, ids: Index, q: ArrayLike) -> None:
         """Put simulations ``ids`` at rest at link angles q (M, n) [rad], friction relaxed."""
@@ -143,19 +142,19 @@ class Plant:
             )
         if len(ids) == 0:
             return
-        self._batch.reset(ids, stage=0)
+        self.batch.reset(ids, stage=0)
         qpos = np.zeros((len(ids), self.sticking.model.nq))
         qpos[:, self.sticking.motor] = q
         self._qpos[ids] = qpos
         self._setpoint[ids] = q
         self._steps[ids] = 0
         self._moving_up[ids] = True
-        self._batch.forward(ids)
+        self.batch.forward(ids)
         self._write_slow(np.asarray(ids))
 
     def refresh(self, ids: Index) -> None:
         """Make the engine's kinematics of simulations ``ids`` those of the present state."""
-        self._batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
+        self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def set_friction(self, ids: Index, parameters: FrictionParameters) -> None:
         """Give simulations ``ids`` their own friction, fields (M, n) or (M, n, 2)."""
@@ -193,9 +192,9 @@ class Plant:
         do not differ from the model stays the model's.
         """
         shared = getattr(self.sticking.model, name)[where]
-        if self._batch.expanded(name) is None and np.all(values == shared):
+        if self.batch.expanded(name) is None and np.all(values == shared):
             return
-        self._batch.expand(name)[(np.asarray(ids)[:, None], *where)] = values
+        self.batch.expand(name)[(np.asarray(ids)[:, None], *where)] = values
 
     def scale_friction(self, ids: Index, factor: Array) -> None:
         """Multiply the dry friction of simulations ``ids`` by ``factor`` (M, n) [-]."""
@@ -205,21 +204,15 @@ class Plant:
     def set_servo(
         self, ids: Index, stiffness: ArrayLike, damping: ArrayLike, setpoint: ArrayLike
     ) -> None:
-        """Hold joints of simulations ``ids`` natively, on the motor side.
+        """Hold joints of simulations ``ids`` (M,) natively, on the motor side.
 
-        Args:
-            ids: (M,) simulations.
-            stiffness: (M, n) [N·m/rad]; 0 leaves a joint free.
-            damping: (M, n) [N·m·s/rad].
-            setpoint: (M, n) [rad].
+        Stiffness [N·m/rad], 0 for a free joint, damping [N·m·s/rad] and setpoint [rad] are (M, n).
         """
         rows, act = np.asarray(ids)[:, None], self.sticking.servo_actuator
         self._gainprm[rows, act, 0] = stiffness
         self._biasprm[rows, act, 1] = -np.asarray(stiffness)
         self._biasprm[rows, act, 2] = -np.asarray(damping)
         self._setpoint[ids] = setpoint
-
-    # ---- stepping ----------------------------------------------------------------------------
 
     def run(
         self,
@@ -267,7 +260,7 @@ class Plant:
             part = control[:, k : k + block]
             if self._substeps > 1:
                 part = np.repeat(part, self._substeps, axis=1)
-            qpos = self._batch.rollout(
+            qpos = self.batch.rollout(
                 block * self._substeps, control=part, record=("qpos",), ids=ids
             )["qpos"]
             qpos = qpos[:, self._substeps - 1 :: self._substeps]
@@ -277,34 +270,15 @@ class Plant:
                 out[:, k : k + block] = s.one_link_position(qpos, joint)
             self._steps[ids] += block
             k += block
-        raise_if_stopped(self._batch)
+        raise_if_stopped(self.batch)
         return out
-
-    def step_only(self, going: Bools) -> None:
-        """Leave simulations that are not ``going`` (N,) unchanged while others follow."""
-        if isinstance(self._batch, LoopBatch):
-            self._batch.step_only(going)
-
-    def part(self, threads: int) -> None:
-        """Make parts of the simulations for some threads, of a plant that is ``closed_loop``."""
-        if isinstance(self._batch, LoopBatch):
-            self._batch.part(threads)
-
-    @property
-    def loops(self) -> list[tuple[slice, Loop]]:
-        """Parts of the simulations, and what `loop_batch.advance` steps each with.
-
-        Of a plant that is ``closed_loop``; the kinematics are those of the present state.
-        """
-        assert isinstance(self._batch, LoopBatch)
-        return list(zip(self._batch.parts, self._batch.loops, strict=True))
 
     def arrays(self, *, senses_torque: bool = False) -> PlantArrays:
         """Return what compiled code reads and writes, until friction is set anew.
 
         ``senses_torque`` is whether `write_joint_torque` is used.
         """
-        s, batch, first = self.sticking, self._batch, self._batch.state.ctypes.data
+        s, batch, first = self.sticking, self.batch, self.batch.state.ctypes.data
         torque = batch.bind("ctrl")[:, self._torque_columns]
         nothing = np.zeros((0, 0))
         nothing.flags.writeable = False
@@ -339,13 +313,11 @@ class Plant:
     def blocks(self, steps: int) -> Iterator[int]:
         """Cut control steps of 1 ms where friction changes slowly, and write it before each block.
 
-        All simulations have to take the steps of a block before the next is asked for.
-
-        Raises:
-            ExperimentError: a simulation that the engine stopped (NaN, divergence).
+        All simulations have to take the steps of a block before the next is asked for. Raises an
+        ExperimentError at the end for a simulation that the engine stopped.
         """
         ids, k = np.arange(self.nsim), 0
-        self._batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
+        self.batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
         while k < steps:
             phase = self._steps % SLOW_STEPS
             self._write_slow(ids[phase == 0])
@@ -354,7 +326,7 @@ class Plant:
             yield block
             self._steps += block
             k += block
-        raise_if_stopped(self._batch)
+        raise_if_stopped(self.batch)
 
     def _write_slow(self, ids: Index) -> None:
         """Write what load, warm-up and offset make of the friction; symmetric levels."""

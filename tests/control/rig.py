@@ -13,12 +13,11 @@ from scipy.spatial.transform import Rotation
 from stiction_envs.control import rotation
 from stiction_envs.control.impedance import (
     CartesianImpedance,
-    advance_reference,
+    ImpedanceSettings,
     impedance_cycle,
     read_flags,
     renew_space,
 )
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.robots import load_arm
 
 ROTOR = 0.1  # rotor inertia of every joint [kg·m²]
@@ -49,8 +48,6 @@ class Controllers(CartesianImpedance):
         """One cycle of all arms; return the command (N, n)."""
         added = np.broadcast_to(dither, self.command.shape).copy()
         for i in range(self.nsim):
-            if self.arrays.filter_step < 1.0:
-                advance_reference(i, self.arrays)
             impedance_cycle(i, position, quaternion, jacobian, q, dq, added, self.arrays)
         return self.command.copy()
 
@@ -60,10 +57,8 @@ class Controllers(CartesianImpedance):
             assert renew_space(i, jacobian[i], mass[i], self.arrays)
 
     def set_reference(self, position: np.ndarray, quaternion: np.ndarray) -> None:
-        self.arrays.position_target[:], self.arrays.quaternion_target[:] = position, quaternion
-        for i in range(self.nsim):
-            if self.arrays.filter_step == 1.0:
-                advance_reference(i, self.arrays)
+        self.arrays.position[:], self.arrays.quaternion[:] = position, quaternion
+        self.arrays.error_matrix[:] = rotation.error_matrix(quaternion)
 
     @property
     def flags(self) -> np.ndarray:
@@ -104,12 +99,8 @@ class Rig:
         self.model.dof_armature[:] = rotor
         self.data = mujoco.MjData(self.model)
         self.site = self.model.site(self.arm.end_effector).id
-        free = {"torque_rate": np.inf, "rate_hz": 1 / dt}
-        self.control = Controllers(
-            ImpedanceSettings(**(free | settings)),  # type: ignore[arg-type]
-            1,
-            self.arm.limits,
-        )
+        given = ImpedanceSettings(**({"torque_rate": np.inf, "rate_hz": 1 / dt} | settings))
+        self.control = Controllers(given, 1, self.arm.limits)
         self.put(self.arm.rest)
 
     def put(self, q: np.ndarray) -> None:
@@ -135,12 +126,11 @@ class Rig:
             mass,
         )
 
-    def step(self, push: np.ndarray | None = None, **terms: np.ndarray) -> Look:
-        """One control cycle and one step of physics; ``push`` (6,) acts on the flange."""
+    def step(self) -> Look:
+        """One control cycle and one step of physics."""
         pose = self.look()
         self.control.update_model(pose.jacobian, pose.mass)
-        tau = self.control.torque(*pose[:5], **terms)[0]
-        self.data.qfrc_applied[:] = tau + (0 if push is None else pose.jacobian[0].T @ push)
+        self.data.qfrc_applied[:] = self.control.torque(*pose[:5])[0]
         mujoco.mj_step(self.model, self.data)
         return pose
 
@@ -157,9 +147,9 @@ class Look(NamedTuple):
 
 
 @functools.cache
-def poses(n: int = 64, robot: str = "panda") -> Look:
+def poses(n: int = 64) -> Look:
     """Random poses and speeds of one arm as a batch (n, …)."""
-    rig, rng = Rig(robot), np.random.default_rng(0)
+    rig, rng = Rig(), np.random.default_rng(0)
     low, high = (rig.arm.limits.position + np.array([0.1, -0.1])).T
     looks = []
     for _ in range(n):
@@ -171,11 +161,8 @@ def poses(n: int = 64, robot: str = "panda") -> Look:
 def batch(n: int = 64, **settings: object) -> tuple[Controllers, Look]:
     """Controllers of n arms, their references away from their poses."""
     look = poses(n)
-    control = Controllers(
-        ImpedanceSettings(**({"torque_rate": np.inf} | settings)),  # type: ignore[arg-type]
-        n,
-        load_arm("panda").limits,
-    )
+    given = ImpedanceSettings(**({"torque_rate": np.inf} | settings))  # type: ignore[arg-type]
+    control = Controllers(given, n, load_arm("panda").limits)
     rng = np.random.default_rng(1)
     q_d = look.q + 0.3 * np.random.default_rng(2).normal(size=(n, 7))
     control.reset(np.arange(n), look.position, look.quaternion, q_d)

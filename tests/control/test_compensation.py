@@ -12,9 +12,7 @@ from stiction_envs.control.compensation import (
     compensate,
     look_ahead,
 )
-from stiction_envs.control.compensation_files import read_compensation
-from stiction_envs.control.impedance import CartesianImpedance
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.robots import load_arm
@@ -80,9 +78,6 @@ def test_push_is_the_law():
     assert np.all(torque * pull > -1e-24)  # rounding, where there is no pull
 
 
-# ---- where gains are from --------------------------------------------------------------------
-
-
 def test_gains_are_the_breakaway_torques():
     p = load_friction("panda", 7)
     c = Compensation.from_friction("push", p, 0.7)
@@ -93,25 +88,6 @@ def test_gains_are_the_breakaway_torques():
     assert c == Compensation.from_friction("push", p, 0.7)
     assert hash(c) != hash(loaded)
     assert len(c.speed) == len(c.error) == c.n == 7
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("joint,gain_nm\n8,0.5\n", "1 to 7"),
-        ("joint,gain_nm\n1,0.5\n1,0.5\n", "twice"),
-        ("joint,gain_nm\n1,-0.5\n", "expected >= 0"),
-        ("joint,gain_nm\n1,nan\n", "finite"),
-        ("joint,gain_nm\n1,0\n", "compensates no joint"),
-        ("joint,gain_nm,speed_rad_s\n1,1,0\n", "speed_rad_s is 0: expected > 0"),
-        ("joint,gain\n1,1\n", "gain_nm"),
-    ],
-)
-def test_bad_tables(tmp_path, text, words):
-    path = tmp_path / "gains.csv"
-    path.write_text(text)
-    with pytest.raises(StictionError, match=words):
-        read_compensation(path, "push", 7)
 
 
 @pytest.mark.parametrize(

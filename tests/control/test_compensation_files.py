@@ -97,7 +97,12 @@ def test_missing_numbers_are_the_defaults(tmp_path):
         ("joint,gain_nm,weight\n1,1,2\n", "push", "weight"),
         ("joint,gain_nm\n1,1\n", "lugre_observer", "joint 1: lugre_observer needs coulomb_nm"),
         ("joint,gain_nm,share\n1,1,2\n", "momentum_observer", "share of joint 1 is 2"),
-        ("joint,gain_nm,rate_1_s\n1,1,0\n", "momentum_observer", "rate_1_s is 0: expected > 0"),
+        ("joint,gain_nm\n8,0.5\n", "push", "1 to 7"),
+        ("joint,gain_nm\n1,0.5\n1,0.5\n", "push", "twice"),
+        ("joint,gain_nm\n1,-0.5\n2,1\n", "push", "expected >= 0"),
+        ("joint,gain_nm\n1,nan\n", "push", "finite"),
+        ("joint,gain_nm\n1,0\n", "push", "compensates no joint"),
+        ("joint,gain\n1,1\n", "push", "gain_nm"),
     ],
 )
 def test_bad_files(tmp_path, text, kind, words):

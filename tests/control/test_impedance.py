@@ -7,10 +7,10 @@ import pinocchio as pin
 import pytest
 
 from stiction_envs.control import rotation
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings, renew_space
+from stiction_envs.errors import StictionError
 from stiction_envs.robots import load_arm
 from tests.control.rig import Rig, batch, from_rotation_vector
-
-# ---- the law itself ------------------------------------------------------------------------
 
 
 def test_torque_is_the_printed_law():
@@ -32,9 +32,6 @@ def test_torque_is_the_printed_law():
         limit = load_arm("panda").limits.torque
         np.testing.assert_allclose(tau[k], np.clip(expected, -limit, limit), atol=1e-10)
     np.testing.assert_allclose(control.error, e, atol=1e-15)
-
-
-# ---- energy and nullspace --------------------------------------------------------------------
 
 
 def energies(rig: Rig, steps: int, k_n: float = 0.0, q_d: np.ndarray | float = 0.0) -> np.ndarray:
@@ -115,9 +112,6 @@ def test_inertia_is_pinocchios(robot):
         )
 
 
-# ---- singular, saturated, near a limit -------------------------------------------------------
-
-
 def test_stretched_arm_is_flagged_and_bounded():
     """At a stretched arm J loses rank: Λ ≤ 2 S²/s_0, torques within limits, no NaN on the way."""
     rig = Rig("iiwa7", nullspace_stiffness=10.0, torque_rate=1.0)
@@ -157,19 +151,16 @@ def test_command_changes_by_one_newton_metre_per_cycle():
     assert not control.flags[1][3]
 
 
-@pytest.mark.parametrize("behind", [False, True])
-def test_dither_before_or_behind_the_saturation(behind):
-    """A dither of 5 N·m square is cut to 1 N·m per cycle before it, and whole behind it."""
-    control, look = batch(torque_rate=1.0, dither_after_saturation=behind)
+def test_dither_counts_towards_the_saturation():
+    """A dither of 5 N·m square is cut to 1 N·m per cycle, and never exceeds the limits."""
+    control, look = batch(torque_rate=1.0)
     control.reset(np.arange(64), look.position, look.quaternion, look.q)
     still, dither = np.zeros((64, 7)), np.full((64, 7), 5.0)
-    first = control.torque(*look[:4], still, dither=dither)
-    np.testing.assert_allclose(first, 5.0 if behind else 1.0, atol=1e-12)
-    second = control.torque(*look[:4], still, dither=-dither)
-    np.testing.assert_allclose(second, -5.0 if behind else 0.0, atol=1e-12)
+    for factor, expected in ((1.0, 1.0), (-1.0, 0.0)):
+        tau = control.torque(*look[:4], still, dither=factor * dither)
+        np.testing.assert_allclose(tau, expected, atol=1e-12)
     large = control.torque(*look[:4], still, dither=1e3 * dither)
-    limit = load_arm("panda").limits.torque
-    assert (np.abs(large) <= limit).all()
+    assert (np.abs(large) <= load_arm("panda").limits.torque).all()
     assert control.flags[1].all()
 
 
@@ -181,3 +172,67 @@ def test_near_limit_flag():
     q[1, 3], q[2, 5], q[3, 0] = limits[3, 0] + 0.04, limits[5, 1] + 0.5, limits[0, 1] - 0.06
     control.torque(*look[:3], q, look.dq)
     assert control.flags[2].nonzero()[0].tolist() == [1, 2]
+
+
+def test_stiffness_of_single_arms():
+    """Only the arms named change; damping follows at once."""
+    control, _ = batch(8)
+    before, damping = control.stiffness, control.damping
+    control.set_stiffness(np.array([2, 5]), [[100.0], [500.0]], 20.0, [[0.0], [2.0]])
+    others = [0, 1, 3, 4, 6, 7]
+    np.testing.assert_array_equal(control.stiffness[others], before[others])
+    np.testing.assert_array_equal(control.damping[others], damping[others])
+    np.testing.assert_array_equal(np.diagonal(control.stiffness[2]), [100] * 3 + [20] * 3)
+    np.testing.assert_array_equal(np.diagonal(control.stiffness[5]), [500] * 3 + [20] * 3)
+    np.testing.assert_allclose(np.diagonal(control.damping[2]), [20] * 3 + [2 * np.sqrt(20)] * 3)
+    assert control.arrays.null_active[[2, 5]].tolist() == [False, True]
+
+
+def test_q_and_minus_q_give_the_same_torque():
+    """Double cover: neither the measured nor the desired quaternion's sign matters, to the bit."""
+    control, look = batch()
+    x_d, o_d = control.reference
+    tau = control.torque(*look[:5])
+    for measured, desired in ((-1, 1), (1, -1), (-1, -1)):
+        control, _ = batch()
+        control.set_reference(x_d, desired * o_d)
+        other = control.torque(look.position, measured * look.quaternion, *look[2:5])
+        np.testing.assert_array_equal(other, tau)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"translational_stiffness": -1.0}, "translational stiffness is -1.0.*>= 0"),
+        ({"rotational_stiffness": [1.0, 2.0]}, "rotational stiffness has shape"),
+        (
+            {"translational_stiffness": "stiff"},
+            "translational stiffness is a str",
+        ),
+        ({"nullspace_stiffness": np.nan}, "nullspace stiffness is nan"),
+        ({"damping_ratio": 1.1}, "damping ratio is 1.1.*<= 1"),
+        ({"torque_rate": 0.0}, "torque rate is 0.0.*> 0"),
+        ({"rate_hz": np.inf}, "rate hz is inf.*finite"),
+        ({"limit_margin": [1.0, 2.0]}, "limit margin has shape"),
+    ],
+)
+def test_bad_settings_say_what_and_what_was_expected(change, words):
+    with pytest.raises(StictionError, match=words):
+        ImpedanceSettings(**change)
+
+
+def test_controllers_that_cannot_be_made_are_refused():
+    limits = load_arm("panda").limits
+    with pytest.raises(StictionError, match="number of simulations 0"):
+        CartesianImpedance(ImpedanceSettings(), 0, limits)
+    with pytest.raises(StictionError, match="nullspace stiffness has shape"):
+        CartesianImpedance(ImpedanceSettings(nullspace_stiffness=[1.0, 2.0]), 4, limits)
+
+
+def test_a_pose_without_operational_space_leaves_the_last():
+    """An inertia that is singular or not finite: nothing is written."""
+    control, look = batch(2)
+    before = control.arrays.projector.copy()
+    for bad in (np.full((7, 7), np.nan), np.zeros((7, 7))):
+        assert not renew_space(1, look.jacobian[1], bad, control.arrays)
+    np.testing.assert_array_equal(control.arrays.projector, before)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stiction_envs.control import impedance, operational, rotation
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.robots import load_arm
 from tests.control import rig
 from tests.control.rig import Controllers, Look, poses
@@ -15,7 +15,7 @@ ROWS = np.array([3, 17])
 
 def commands() -> np.ndarray:
     """(5, 2, 7) torques of two arms, with everything a controller can do [N·m]."""
-    settings = ImpedanceSettings(nullspace_stiffness=5.0, pose_filter=0.5, torque_rate=3.0)
+    settings = ImpedanceSettings(nullspace_stiffness=5.0, torque_rate=3.0)
     look = Look(*(part[ROWS] for part in poses()))
     control = Controllers(settings, 2, load_arm("panda").limits)
     control.reset(np.arange(2), look.position, look.quaternion, look.q + 0.1)

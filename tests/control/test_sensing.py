@@ -7,14 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.sensing import (
-    CommandLine,
-    Senses,
-    Sensing,
-    load_sensing,
-    low_pass_gain,
-)
+from stiction_envs.control.sensing import CommandLine, Senses, Sensing, load_sensing
 from stiction_envs.control.sensing_kernels import sense_arm
+from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import load_arm
@@ -42,19 +37,12 @@ def phase_of(signal, wave):
     return float(np.angle(np.sum(signal * np.conj(wave))))
 
 
-# ---- ideal ---------------------------------------------------------------------------------------
-
-
 def test_only_senses_without_errors_are_ideal():
     assert Sensing().is_ideal
-    assert Sensing.ideal() == Sensing()
     for field in dataclasses.fields(Sensing):
         if field.name not in ("speed", "spread"):
             assert not Sensing(**{field.name: 0.01}).is_ideal, field.name
     assert not Sensing(speed="difference").is_ideal
-
-
-# ---- noise ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("hold", "cutoff"), [(1, 0.0), (1, 40.0), (5, 8.0)])
@@ -90,9 +78,6 @@ def test_a_spread_multiplies_noise_by_one_factor_per_simulation():
     assert 0.45 < factor.min() < 0.65
     assert 1.35 < factor.max() < 1.55
     assert factor.mean() == pytest.approx(1.0, abs=0.15)
-
-
-# ---- delay ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("delay", [0.001, 0.003, 0.0047, 0.02])
@@ -171,9 +156,6 @@ def test_a_lost_command_is_the_one_before():
     assert lost / 6000 == pytest.approx(0.2, abs=4 * np.sqrt(0.2 * 0.8 / 6000))
 
 
-# ---- quantisation --------------------------------------------------------------------------------
-
-
 def test_angles_and_torques_are_multiples_of_their_resolution():
     rng = np.random.default_rng(0)
     q, torque = rng.normal(size=(2, 1, 100, 2))
@@ -182,9 +164,6 @@ def test_angles_and_torques_are_multiples_of_their_resolution():
     assert np.abs(seen[0, 0, 1:, 0] - q[0, 1:, 0]).max() <= 0.005 + 1e-12
     assert np.array_equal(seen[0, 0, :, 1], q[0, :, 1])
     assert np.array_equal(seen[2] * 4, np.rint(torque * 4))
-
-
-# ---- data ----------------------------------------------------------------------------------------
 
 
 def test_a_toml_has_fields_plain_or_with_their_source(tmp_path):

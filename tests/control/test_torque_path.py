@@ -28,8 +28,9 @@ def interface(**changes: object) -> TorqueInterface:
     return TorqueInterface(**(fields | changes))  # type: ignore[arg-type]
 
 
-def sine(hz: float, amplitude: float = 1.0, time: float = 1.0, phase: float = 0.0) -> np.ndarray:
-    return amplitude * np.sin(2 * np.pi * hz * np.arange(round(time / DT)) * DT + phase)
+def sine(hz: float, amplitude: float) -> np.ndarray:
+    """One second of a sine."""
+    return amplitude * np.sin(2 * np.pi * hz * np.arange(1000) * DT)
 
 
 def through(command: np.ndarray, **changes: object) -> np.ndarray:
@@ -48,9 +49,6 @@ def response(u: np.ndarray, y: np.ndarray, hz: float) -> tuple[float, float]:
     return float(abs(h)), float(np.degrees(np.angle(h)))
 
 
-# ---- low-pass ------------------------------------------------------------------------------
-
-
 def test_lowpass_is_scipys_to_the_bit():
     rng = np.random.default_rng(3)
     u = rng.normal(size=(4, 150, 2)).cumsum(axis=1)
@@ -62,8 +60,6 @@ def test_lowpass_is_scipys_to_the_bit():
     expected, _ = lfilter([g], [1.0, g - 1.0], u, axis=1, zi=(1.0 - g) * start[:, None])
     np.testing.assert_array_equal(out, expected)
 
-
-# ---- rate limit ----------------------------------------------------------------------------
 
 LIMITED = {"torque_rate": np.array([1000.0, 1000.0])}
 
@@ -96,9 +92,6 @@ def test_torque_limit():
     assert through(small, torque_limit=np.array([12.0, 12.0])).tobytes() == small.tobytes()
 
 
-# ---- state ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("lowpass", [0.0, 100.0])
 @pytest.mark.parametrize("amplitude", [0.5, 1.9, 6.0])
 def test_any_split_gives_the_same_bits(lowpass, amplitude):
@@ -121,17 +114,11 @@ def test_any_split_gives_the_same_bits(lowpass, amplitude):
         assert out.tobytes() == outs[0].tobytes()
 
 
-# ---- hold and aliasing ---------------------------------------------------------------------
-
-
 def test_tick():
     path = interface(controller_rate_hz=200)
     assert path.hold_steps == 5
     assert path.tick(np.arange(11)).tolist() == [0] * 5 + [5] * 5 + [10]
     assert interface().tick(np.arange(4)).tolist() == [0, 1, 2, 3]
-
-
-# ---- construction --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("rate", [0, -200, 300, 2000, 333.3, 0.5, np.nan, np.inf])

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.control import rotation
-from stiction_envs.control.trajectory import (
-    MotionLimits,
-    Path,
-    pentagon,
-    read_path,
-    triangle,
-)
+from stiction_envs.control.trajectory import MotionLimits, Path, pentagon, read_path, triangle
 from stiction_envs.control.trapezoid import write_twist
 from stiction_envs.errors import StictionError
 from tests.control.movements import Goals, Segment
@@ -21,9 +15,9 @@ from tests.control.rig import angle_between, from_rotation_vector
 HERE = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
+def ends(n: int = 64) -> tuple[np.ndarray, ...]:
     """Starts and goals from a millimetre to two metres, from a hundredth of a turn to half one."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     start = rng.normal(size=(n, 3))
     direction, q, axis = (rng.normal(size=(n, k)) for k in (3, 4, 3))
     for vectors in (direction, q, axis):
@@ -33,10 +27,11 @@ def ends(n: int = 64, seed: int = 0) -> tuple[np.ndarray, ...]:
     return start, q, goal, rotation.multiply(turn, q)
 
 
-def segment(n: int = 64, **limits: object) -> tuple[Segment, tuple[np.ndarray, ...]]:
-    out, between = Segment(n, MotionLimits(**limits)), ends(n)  # type: ignore[arg-type]
-    out.start(*between)
-    return out, between
+def segment() -> Segment:
+    """Movements of 64 arms between `ends`."""
+    out = Segment(64, MotionLimits())
+    out.start(*ends())
+    return out
 
 
 def one(distance: float, angle: float = 0.0, **limits: object) -> Segment:
@@ -55,11 +50,9 @@ def rests(reference: tuple[np.ndarray, ...], position: np.ndarray, quaternion: n
     assert not reference[3].any()
 
 
-@pytest.mark.parametrize("synchronised", [True, False])
-def test_speed_and_acceleration_stay_within_the_limits(synchronised):
+def test_speed_and_acceleration_stay_within_the_limits():
     """Finite differences: v ≤ v_max, −b ≤ v̇ ≤ a for translation and rotation, of all 64 arms."""
-    limits = MotionLimits(synchronised=synchronised)
-    s, _ = segment(synchronised=synchronised)
+    limits, s = MotionLimits(), segment()
     h = 1e-3
     t = np.arange(-0.1, s.duration.max() + 0.1, h)
     p, q, v, w = (np.array(part) for part in zip(*(s.sample(x) for x in t), strict=True))
@@ -102,19 +95,17 @@ def test_trapezoid_of_long_distances():
     assert above - below < 1e-7
 
 
-def test_synchronised_movements_end_together():
-    """The shorter one is stretched in time: same shape, slower; off, it ends by itself."""
-    together, apart = one(0.2, 0.1), one(0.2, 0.1, synchronised=False)
-    assert together.duration[0] == apart.duration[0] == one(0.2).duration[0]
-    alone = one(0.0, 0.1).duration[0]
-    assert alone < 0.9 * together.duration[0]
+def test_movements_of_both_kinds_end_together():
+    """The shorter one is stretched in time: same shape, slower."""
+    together, alone = one(0.2, 0.1), one(0.0, 0.1)
+    assert together.duration[0] == one(0.2).duration[0]
+    assert alone.duration[0] < 0.9 * together.duration[0]
     start = np.array([HERE])
     for fraction in (0.2, 0.5, 0.8, 1.0):
         stretched = angle_between(together.sample(fraction * 2.0)[1], start)
-        own = angle_between(apart.sample(fraction * alone)[1], start)
+        own = angle_between(alone.sample(fraction * alone.duration)[1], start)
         np.testing.assert_allclose(stretched, own, atol=1e-12)
     assert together.sample(1.9)[3][0] > 0
-    assert apart.sample(1.9)[3][0] == 0
 
 
 def test_a_movement_without_distance_takes_no_time():
@@ -126,9 +117,6 @@ def test_a_movement_without_distance_takes_no_time():
     half = one(0.0, np.pi)
     turned = angle_between(half.sample(half.duration)[1], HERE[None])
     np.testing.assert_allclose(turned, np.pi, atol=1e-12)
-
-
-# ---- goals -----------------------------------------------------------------------------------
 
 
 def sequencer(n: int = 3, **limits: object) -> tuple[Goals, np.ndarray, np.ndarray]:
@@ -192,9 +180,6 @@ def test_walks_through_all_goals_and_finishes():
     assert np.isfinite(k.reached_at[:, 2]).all()
     np.testing.assert_array_equal(k.reference(np.full(3, 99.0))[0], p)
     np.testing.assert_array_equal(k.goal[0], p)
-
-
-# ---- paths -----------------------------------------------------------------------------------
 
 
 def test_polygons_are_regular_closed_and_where_the_thesis_puts_them():
@@ -269,10 +254,9 @@ def test_bad_limits_say_what_and_what_was_expected(name, value):
         MotionLimits(**{name: value})
 
 
-@pytest.mark.parametrize("synchronised", [True, False])
-def test_twist_is_the_references_velocity(synchronised):
+def test_twist_is_the_references_velocity():
     """By central differences of position and orientation; 0 at rest."""
-    s, _ = segment(synchronised=synchronised)
+    s = segment()
     h = 1e-6
     for share in (0.1, 0.45, 0.8):
         t = share * s.duration

@@ -28,11 +28,11 @@ def series(dither: Dither, t: np.ndarray) -> np.ndarray:
     return np.concatenate([many.torque(x)[:, 0] for x in padded])[: len(t)]
 
 
-def period(dither: Dither, samples: int = SAMPLES) -> tuple[np.ndarray, np.ndarray]:
+def period(dither: Dither) -> tuple[np.ndarray, np.ndarray]:
     """One common period (64 cycles) and its line amplitudes, index = frequency in f/64."""
     # Half a sample aside, so that no sample falls on an edge of the square.
-    w = series(dither, (np.arange(samples) + 0.5) * PERIOD / samples)
-    return w, 2 * np.abs(np.fft.rfft(w)) / samples
+    w = series(dither, (np.arange(SAMPLES) + 0.5) * PERIOD / SAMPLES)
+    return w, 2 * np.abs(np.fft.rfft(w)) / SAMPLES
 
 
 def mixed(N: int, n: int = 7, seed: int = 0, **kwargs: object) -> Dither:
@@ -47,9 +47,6 @@ def mixed(N: int, n: int = 7, seed: int = 0, **kwargs: object) -> Dither:
         "seed": rng.integers(0, 2**62, N),
     }
     return Dither(**(fields | kwargs))  # type: ignore[arg-type]
-
-
-# ---- waveforms ----
 
 
 def test_sine_is_equation_2_21():
@@ -121,9 +118,6 @@ def test_square_edges_on_samples_do_not_flip():
     np.testing.assert_array_equal(w, np.tile(np.r_[np.ones(10), -np.ones(10)], (10_000, 1)))
 
 
-# ---- amplitude, offset, gate ----
-
-
 def test_zero_amplitude_is_exactly_nothing():
     d = Dither.none(3, 7)
     assert repr(d) == "Dither(N=3, n=7, none)"
@@ -162,9 +156,6 @@ def test_gate_limits():
     assert (np.diff(size) < 0).all()
 
 
-# ---- batches ----
-
-
 @pytest.mark.parametrize("waveform", [*WAVEFORMS, "mixed"])
 def test_rows_are_bit_identical_in_every_batch(waveform):
     """A row's bits depend neither on N, nor on its place, nor on what the other rows hold."""
@@ -199,9 +190,6 @@ def test_set_rows_brings_random_into_a_batch_without():
     assert not a.set_rows([2], b).set_rows([2], Dither.none(1, 2)).torque(0.4).any()
 
 
-# ---- retune ----
-
-
 @pytest.mark.parametrize("waveform", WAVEFORMS)
 @pytest.mark.parametrize("t", [0.0, 0.4321, 3600.0123])
 def test_retune_keeps_the_phase(waveform, t):
@@ -216,8 +204,6 @@ def test_retune_keeps_the_phase(waveform, t):
             slope = (new.torque(t + step) - new.torque(t)) / (d.torque(t + step) - d.torque(t))
             assert slope[0, 0] == pytest.approx(2 * f / F, rel=5e-3)
 
-
-# ---- errors ----
 
 BAD = {
     "amplitude not 2-D": ({"amplitude": [1.0]}, r"shape \(1,\).*\(N, n\)"),
@@ -250,19 +236,16 @@ def test_bad_calls():
         d.torque(0.1)
     with pytest.raises(StictionError, match=r"qd has shape \(2, 1\)"):
         d.torque(0.1, np.zeros((2, 1)))
-    with pytest.raises(StictionError, match="amplitude"):
-        d.retune(0.1, amplitude=-1.0)
-    with pytest.raises(StictionError, match="frequency"):
-        d.retune(0.1, frequency=0.0)
-    with pytest.raises(StictionError, match="retune t has shape"):
-        d.retune(np.zeros(3), frequency=1.0)
-    with pytest.raises(StictionError, match="finite"):
-        d.retune(np.nan, frequency=1.0)
+    for t, amplitude, frequency, words in (
+        (0.1, -1.0, 1.0, "amplitude"),
+        (0.1, 1.0, 0.0, "frequency"),
+        (np.zeros(3), 1.0, 1.0, "retune time has shape"),
+        (np.nan, 1.0, 1.0, "finite"),
+    ):
+        with pytest.raises(StictionError, match=words):
+            d.retune(t, amplitude=amplitude, frequency=frequency)
     with pytest.raises(StictionError, match="set_rows"):
         d.set_rows([0], mixed(2))
-
-
-# ---- aliasing ----
 
 
 def test_check_frequency():

@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment

@@ -11,8 +11,8 @@ import pytest
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.envs.gte import GTEEnv, GTEVectorEnv
 from stiction_envs.envs.sje import SJEEnv, SJEVectorEnv
+from stiction_envs.experiments.gte.episodes import OPTIONS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.observation import OPTIONS
 from stiction_envs.experiments.gte.protocol import episode_settings, gte_reward_settings
 from stiction_envs.experiments.gte.random_paths import random_path_settings
 from stiction_envs.experiments.observation import observation_bounds, observation_names

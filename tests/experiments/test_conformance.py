@@ -24,15 +24,12 @@ def lugre(values: str = "2000 12 0.5 0.6 0.003", *, body: str = "", motor: str =
   </actuator></mujoco>"""
 
 
-def stock(frictionloss: float = 0.3, *, extra: str = "") -> str:
+def stock(frictionloss: float = 0.3) -> str:
     """One hinge with MuJoCo's own frictionloss, default solver settings."""
     return f"""
-<mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}" {extra}/>
+<mujoco><worldbody><body><joint name="j" axis="0 0 1" frictionloss="{frictionloss}"/>
   <inertial pos="0 0 0" mass="1" diaginertia="0.2 0.2 0.2"/></body></worldbody>
 </mujoco>"""
-
-
-# ---- what must pass ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -85,9 +82,6 @@ def test_elastic_joint_is_tested_on_its_motor():
     assert report.passed
 
 
-# ---- what must fail ------------------------------------------------------------------------
-
-
 def test_stock_frictionloss_creeps():
     """Default solver settings: 1.6e-3 rad/s at J 0.2 and τ 0.3 N·m (sources.md 3.5)."""
     report = conformance(stock(0.3 / 0.9), rates=(0.02,))
@@ -136,9 +130,6 @@ def test_one_weak_joint_fails_the_model():
     assert "NO" in str(report)
 
 
-# ---- what must not matter ------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     "extra",
     [
@@ -181,9 +172,6 @@ def test_the_model_is_not_changed():
     assert model.jnt_stiffness[0] == 50.0
 
 
-# ---- report, command line, errors ----------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -195,10 +183,6 @@ def test_the_model_is_not_changed():
         ),
         ({"model": stock(), "stiction": [0.0]}, "carries friction"),
         ({"model": stock(), "rates": (0.1, 0.0)}, "must be positive"),
-        (
-            {"model": lugre(body='range="-10 10"'), "qpos": [1.0]},
-            "joint j: position 1.0 is outside",
-        ),
     ],
 )
 def test_bad_input(arguments, says):

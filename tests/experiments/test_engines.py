@@ -19,7 +19,7 @@ from stiction_envs.experiments.conformance import STILL_SINGLE, conformance
 from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.experiments.engines import ENGINES, Refused, base, engine_named
 from stiction_envs.experiments.engines.mujoco_c import MuJoCo
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.export import plain_mjcf
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import sticking
 
@@ -117,9 +117,6 @@ def test_actuators_in_groups_that_are_off_are_silenced():
     model.opt.disableactuator = 1 << 30
     assert not base.silent(model).actuator_gainprm.any()
     assert not model.actuator_biasprm.any()
-
-
-# ---- the engines themselves, where they are installed --------------------------------------------
 
 
 def needs(name: str) -> None:

@@ -14,7 +14,6 @@ from stiction_envs.friction.from_file import (
     FROM_LOGS,
     file_friction,
     friction_note,
-    is_assumed,
     own_friction,
     shipped_friction,
 )
@@ -95,7 +94,6 @@ def test_a_report_notes_that_friction_is_assumed_until_it_is_given(tmp_path: Pat
     friction = friction_of(own)
     assert friction_note(own, friction) == ASSUMED
     assert friction_note(own, None) == FROM_LOGS
-    assert not is_assumed(load_friction("panda"))
     for name in ("stiction", "bristle_stiffness", "rotor_inertia"):
         other = friction.replace(**{name: 1.01 * np.asarray(getattr(friction, name)) + 1e-9})
         assert friction_note(own, other) == "", name

@@ -49,9 +49,6 @@ def random_parameters(seed: int, n: int = 7) -> FrictionParameters:
     return FrictionParameters(**values)
 
 
-# ---- reading and writing -------------------------------------------------------------------
-
-
 def test_round_trip_is_exact(tmp_path):
     """Every float comes back with the same bits; direction pairs too."""
     before = random_parameters(0)
@@ -121,9 +118,6 @@ def test_defaults_and_spreading():
         assert not getattr(p, name).any(), name
 
 
-# ---- errors --------------------------------------------------------------------------------
-
-
 def with_entry(name: str, entry: object) -> dict:
     table = copy.deepcopy(shipped_table("panda"))
     table[name] = entry
@@ -172,9 +166,6 @@ def test_bad_files(content, says, tmp_path):
         load_friction(path)
     assert "arm.toml" in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-# ---- bounds of the bristle -----------------------------------------------------------------
 
 
 def test_a_bristle_that_would_chatter_is_refused():
@@ -236,9 +227,6 @@ def test_plant_with_parameters_is_the_model_built_with_them(elastic):
 def test_step_must_be_a_millisecond_or_less(timestep):
     with pytest.raises(StictionError, match="timestep"):
         build(gyro(), friction(), timestep=timestep)
-
-
-# ---- the numbers that ship -----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", SHIPPED)

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.friction.plain_mjcf import plain_mjcf
+from stiction_envs.friction.export import plain_mjcf
 from tests.friction.gyro import differences, sticking
 
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.friction.parameters import QUANTITIES, load_friction
-from stiction_envs.friction.sticking import (
-    arm_of,
-    model_sha256,
-    sticking_model,
-    with_rotors,
-)
+from stiction_envs.friction.sticking import arm_of, model_sha256, sticking_model, with_rotors
 from stiction_envs.robots import load_arm
 from tests.friction.gyro import friction, gyro, sticking
 

@@ -38,9 +38,6 @@ def quiet(model: StickingModel, **changes: float) -> FrictionParameters:
     return p.replace(**{k: np.full_like(getattr(p, k), v) for k, v in changes.items()})
 
 
-# ---- rest and gravity ----------------------------------------------------------------------
-
-
 def poses(n: int = 4) -> np.ndarray:
     low, high = panda().arm.limits.position.T
     return np.random.default_rng(8).uniform(low + 0.2, high - 0.2, (n, 7))
@@ -91,9 +88,6 @@ def test_gravity_error_and_offset_are_torques_on_the_link():
     torque[0, :, 1] = 0.3 + 0.05 * g
     assert np.abs(plant.run(torque)[0, :, 1] - 0.8).max() < 1e-9
     assert np.abs(plant.run(np.zeros((1, 100, 2)))[0, -1, 1] - 0.8) > 1e-4
-
-
-# ---- limit cases ---------------------------------------------------------------------------
 
 
 def test_without_friction_a_joint_is_torque_over_inertia():
@@ -161,9 +155,6 @@ def test_bearing_load_is_the_moment_across_the_axis():
             assert plant.load[0][i, joint] == pytest.approx(across, rel=1e-9, abs=1e-12)
 
 
-# ---- warm-up and ripple --------------------------------------------------------------------
-
-
 def test_warm_up_lowers_friction_over_time():
     """F(t) = F (1 + w e^(−t/T)), refreshed every 20 ms."""
     plant = Plant(sticking(warm_up_friction=0.5, warm_up_time=0.4), 1, threads=1)
@@ -185,9 +176,6 @@ def test_ripple_is_a_sine_of_the_angle(q0, phase):
     assert torque == pytest.approx(0.2 * np.sin(20.0 * q0 + phase), abs=1e-5)
 
 
-# ---- interface -----------------------------------------------------------------------------
-
-
 def test_errors(tmp_path, monkeypatch):
     with pytest.raises(StictionError, match="number of simulations 0"):
         Plant(panda(), 0)
@@ -205,9 +193,6 @@ def test_errors(tmp_path, monkeypatch):
     torque[1, :, 3] = 1e9
     with pytest.raises(ExperimentError, match="simulation 1 stopped by the engine: mjWARN_BADQACC"):
         plant.run(torque)
-
-
-# ---- discretisation ------------------------------------------------------------------------
 
 
 def first_torques(
@@ -259,8 +244,6 @@ def test_physics_is_stepped_in_the_plant_only():
     found = {name.split("/")[0] for name, text in sources.items() if stepping.search(text)}
     assert found - {"hidden"} == {"plant"}
 
-
-# ---- any model under a feedback law --------------------------------------------------------
 
 PENDULUM = mujoco.MjModel.from_xml_string("""<mujoco>
 <option timestep="0.001" integrator="Euler"/><worldbody><body>

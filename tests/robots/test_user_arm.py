@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from stiction_envs.errors import StictionError
+from stiction_envs.friction.export import plain_mjcf
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
-from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.robots import load_arm
 from tests.robots.arms import chain, flange, one_clear_line, write_arms
 

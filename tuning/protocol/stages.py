@@ -299,7 +299,6 @@ def as_data(m: Measurement) -> dict[str, object]:
         "start": m.start.tolist(),
         "start_torque": m.start_torque.tolist(),
         "shaken_speed": m.shaken_speed.tolist(),
-        "deviation": m.deviation,
         "traces": [[round(float(x), 6) for x in t[stride - 1 :: stride]] for t in m.traces],
         "trace_dt": m.trace_dt * stride,
     }
@@ -313,7 +312,6 @@ def from_data(job: Job, data: JsonRecord) -> Measurement:
         start=np.array(data["start"]),
         start_torque=np.array(data["start_torque"]),
         shaken_speed=np.array(data["shaken_speed"]),
-        deviation=data["deviation"],
         traces=tuple(np.array(t, dtype=np.float32) for t in data["traces"]),
         trace_dt=data["trace_dt"],
     )

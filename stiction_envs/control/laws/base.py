@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.control.settings import GTE_DEFAULTS
+from stiction_envs.control.impedance import GTE_DEFAULTS
 from stiction_envs.friction.parameters import FrictionParameters
 
 WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)
@@ -33,19 +33,13 @@ SEEN = 6
 class Field:
     """One number per joint of a law, besides its gain."""
 
-    name: str
-    """Name of the attribute; the law's name before it makes the default's key in ``gte.toml``."""
-    column: str
-    """In tables of gains, with its unit."""
+    name: str  # Attribute of `Compensation`; with the law's name before it, the key in ``gte.toml``
+    column: str  # In tables of gains, with its unit
     unit: str
-    positive: bool = False
-    """Whether it must be > 0; else >= 0."""
-    optional: bool = True
-    """Whether it has a default."""
-    scales: bool = False
-    """Whether it is proportional to friction, as the gain is."""
-    inverse: bool = False
-    """Whether the compiled law takes 1 over it."""
+    positive: bool = False  # Whether it must be > 0; else >= 0
+    optional: bool = True  # Whether it has a default
+    scales: bool = False  # Whether it is proportional to friction, as the gain is
+    inverse: bool = False  # Whether the compiled law takes 1 over it
     largest: float = np.inf
 
     @property
@@ -63,20 +57,14 @@ class Law:
     """A law; derive from it, one file each."""
 
     name: ClassVar[str]
-    words: ClassVar[str]
-    """What a sentence calls it."""
-    what: ClassVar[str]
-    """In one line, for help and reports."""
-    knows: ClassVar[str]
-    """What it needs to know or measure, for reports."""
+    words: ClassVar[str]  # What a sentence calls it
+    what: ClassVar[str]  # In one line, for help and reports
+    knows: ClassVar[str]  # What it needs to know or measure, for reports
     fields: ClassVar[tuple[Field, ...]] = (SPEED_FIELD,)
-    searched: ClassVar[tuple[str, ...]] = ("speed",)
-    """Fields that the tuner searches over a range about their default."""
-    feeds: ClassVar[bool] = False
-    """Whether it reads `WANTED_SPEED`."""
+    searched: ClassVar[tuple[str, ...]] = ("speed",)  # Fields that the tuner varies
+    feeds: ClassVar[bool] = False  # Whether it reads `WANTED_SPEED`
     reads_error: ClassVar[bool] = False
-    reads_momentum: ClassVar[bool] = False
-    """Whether it reads `TORQUE` and `PUSHED`."""
+    reads_momentum: ClassVar[bool] = False  # Whether it reads `TORQUE` and `PUSHED`
 
     def reads_model(self, numbers: Mapping[str, Sequence[float]]) -> bool:
         """Return whether it reads `GRAVITY` or `TORQUE`, of the controller's model."""
@@ -97,11 +85,9 @@ class Law:
 
 def breakaway(friction: FrictionParameters, load: Array) -> Array:
     """Return (n,) breakaway torque under load, mean of both directions [N·m]."""
-    out: Array = friction.stiction_at(load).mean(axis=-1)
-    return out
+    return friction.stiction_at(load).mean(axis=-1)
 
 
 def coulomb(friction: FrictionParameters, load: Array) -> Array:
     """Return (n,) Coulomb friction under load, mean of both directions [N·m]."""
-    out: Array = (friction.stiction_at(load) * friction.coulomb_ratio).mean(axis=-1)
-    return out
+    return (friction.stiction_at(load) * friction.coulomb_ratio).mean(axis=-1)

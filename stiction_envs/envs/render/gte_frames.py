@@ -32,6 +32,7 @@ from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.rows import case_name
 from stiction_envs.experiments.observation import STICTION_FACTOR, largest_stiction
 from stiction_envs.experiments.poses import find_poses
+from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.plant import CONTROL_DT
 
 if TYPE_CHECKING:
@@ -232,7 +233,7 @@ def _drawing(
     """
     arm, case, e = experiment.sticking.arm, run.case, experiment
     stiction = largest_stiction(e.sticking.parameters, find_poses(arm))
-    dither = e.dither_of(case)
+    dither = dither_arrays(case.dither, e.n)
     amplitude, frequency = (
         np.array(dither[name], dtype=float) for name in ("amplitude", "frequency")
     )

@@ -15,11 +15,7 @@ ENGINES: dict[str, Engine] = {e.name: e for e in (MuJoCo(), Warp(), Mjx(), Newto
 
 
 def engine_named(name: str) -> Engine:
-    """Return an engine whose packages are here.
-
-    Raises:
-        StictionError: unknown, or an extra is missing.
-    """
+    """Return an engine; raise a StictionError if it is unknown or lacks its packages."""
     if name not in ENGINES:
         raise unknown("engine", name, ENGINES)
     ENGINES[name].check()

@@ -18,12 +18,11 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, one_line
-from stiction_envs.friction.plain_mjcf import MotorInput
+from stiction_envs.friction.export import MotorInput
 
 Torque = Callable[[Array], Array]
 """Takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque [N·m]."""
-CHUNK = 500
-"""Steps between two calls of the torque."""
+CHUNK = 500  # Steps between two calls of the torque
 
 
 class Refused(StictionError):
@@ -37,31 +36,23 @@ class Refused(StictionError):
 class Bare:
     """A model in which nothing but friction and elastic joints acts."""
 
-    model: mujoco.MjModel
-    """As stock MuJoCo compiles it, without gravity, contacts, limits and controllers."""
+    model: mujoco.MjModel  # As MuJoCo compiles it, without gravity, contacts, limits, controllers
     mjcf: str | Path | None
     """Text or file from which it was compiled, for engines with a reader of their own; nothing is
     taken out of it. None for a model without MJCF."""
-    released: Index
-    """Hinges whose spring was taken out of `model`."""
+    released: Index  # Hinges whose spring was taken out of `model`
 
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
     """A simulation for an engine: N copies, from rest, under applied joint torques."""
 
-    bare: Bare
-    """The model; controls stay zero."""
-    qpos: Array
-    """(N, nq) start positions [rad]."""
-    torque: Torque
-    """Asked once per chunk, so it may depend on the chunks before."""
-    steps: int
-    """Number of physics steps."""
-    record: Sequence[str] = ("qpos",)
-    """Names of `mujoco.MjData` fields."""
-    threads: int = 0
-    """Threads, 0 for all processors; an engine may not heed it."""
+    bare: Bare  # The model; controls stay zero
+    qpos: Array  # (N, nq) start positions [rad]
+    torque: Torque  # Asked once per chunk, so it may depend on the chunks before
+    steps: int  # Number of physics steps
+    record: Sequence[str] = ("qpos",)  # Names of `mujoco.MjData` fields
+    threads: int = 0  # Threads, 0 for all processors; an engine may not heed it
 
     @property
     def timestep(self) -> float:
@@ -78,16 +69,12 @@ class Drive:
 class Engine(abc.ABC):
     """A physics engine."""
 
-    name: ClassVar[str]
-    """On the command line; also of the extra that installs its packages."""
+    name: ClassVar[str]  # On the command line; also of the extra that installs its packages
     packages: ClassVar[tuple[tuple[str, str], ...]]
     """Module and distribution of each package that it needs; the first has its version."""
-    single: ClassVar[bool] = True
-    """Whether it computes in float32."""
-    motor: ClassVar[MotorInput | None] = "ff"
-    """Input of the ``dcmotor`` that it takes; None: it has no LuGre friction."""
-    keep: ClassVar[str]
-    """The line that a user has to write to keep the friction of an export, and why."""
+    single: ClassVar[bool] = True  # Whether it computes in float32
+    motor: ClassVar[MotorInput | None] = "ff"  # Its input of the ``dcmotor``; None: no LuGre
+    keep: ClassVar[str]  # What a user writes to keep the friction of an export, and why
 
     def check(self) -> None:
         """Raise a `StictionError` that names the extra if a package is missing."""
@@ -102,20 +89,13 @@ class Engine(abc.ABC):
     @abc.abstractmethod
     def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
         """Yield per chunk ``time`` (K,) at the start of each step [s], and what ``drive`` records,
-        (N, K, …), after it.
-
-        Raises:
-            Refused: the engine does not take the model.
-            ExperimentError: a simulation that the engine stopped.
+        (N, K, …), after it. Raise `Refused` where the engine does not take the model, and an
+        ExperimentError for a simulation that it stopped.
         """
 
 
 def silent(model: mujoco.MjModel) -> mujoco.MjModel:
-    """Set gain and bias of actuators in switched-off groups to zero, where an engine lacks groups.
-
-    Returns:
-        The same model.
-    """
+    """Zero gain and bias of actuators in groups that are off; return the same model."""
     off = (model.opt.disableactuator >> np.maximum(model.actuator_group, 0)) & 1 == 1
     model.actuator_gainprm[off] = 0.0
     model.actuator_biasprm[off] = 0.0

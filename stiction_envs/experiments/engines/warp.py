@@ -61,11 +61,8 @@ def driven(
 ) -> Iterator[dict[str, Array]]:
     """Yield chunks as `Engine.simulate`.
 
-    Args:
-        drive: the simulation.
-        step: launches the kernels of one step.
-        restore: puts the copies back to their start, at rest, bristles relaxed.
-        state: of the copies: ``qfrc_applied``, and the fields that are recorded.
+    ``step`` launches the kernels of one step; ``restore`` puts the copies back to their start;
+    ``state`` of the copies has ``qfrc_applied`` and the fields that are recorded.
     """
     import warp as wp
 

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.control.compensation import Compensation
-from stiction_envs.control.settings import ImpedanceSettings
-from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.errors import StictionError
+from stiction_envs.control.impedance import ImpedanceSettings
+from stiction_envs.control.rotation import to_rpy
+from stiction_envs.control.trajectory import POSITION, MotionLimits
+from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import (
     Arguments,
     Array,
@@ -28,25 +29,53 @@ from stiction_envs.experiments.episodes import (
     ScatterKey,
 )
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
-from stiction_envs.experiments.gte.observation import (
-    CAPACITY,
-    GROUPS,
-    GTEObserver,
-    check_gte_options,
-)
 from stiction_envs.experiments.gte.protocol import (
+    AXES,
+    PATHS,
     TRAJECTORIES,
+    Case,
     episode_settings,
     gte_reward_settings,
+    pose_error,
 )
-from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, random_paths
+from stiction_envs.experiments.gte.random_paths import (
+    RANDOM,
+    path_number,
+    random_path_settings,
+    random_paths,
+)
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
-from stiction_envs.experiments.observation import Checked
+from stiction_envs.experiments.observation import DITHER, TORQUE, Checked, Group, named_options
 from stiction_envs.friction.sticking import Friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
+
+OPTIONS = ("trajectory", "path", "stiffness", "iteration")  # Names of the reset options
+CAPACITY = max(random_path_settings().most_goals, *(len(p().position) for p in PATHS.values()))
+"""Most goals of a path."""
+# the largest stiffness [N/m, N·m/rad] is observed as 1
+_UNIT = np.max(episode_settings().stiffness, axis=0)[:2]
+GROUPS = (
+    Group("displacement", -3.0, 3.0, "rad", "link angle minus the start's", per_joint=True),
+    Group("velocity", -3.0, 3.0, "rad/s", "link speed", per_joint=True),
+    TORQUE,
+    Group("error", -20.0, 20.0, "tolerance", "pose minus reference", labels=AXES),
+    Group("reference", -1.0, 1.0, "v_max", "velocity of the reference", labels=POSITION),
+    Group("turning", 0.0, 1.0, "ω_max", "angular speed of the reference"),
+    Group("remaining", -20.0, 20.0, "s", "time until the reference comes to rest, < 0 since"),
+    Group("goal", -2.0, 2.0, "m", "goal on the way to, minus the tool point", labels=POSITION),
+    Group(
+        *("onward", -2.0, 2.0, "m", "goal behind it, minus that goal; 0 at the last"),
+        labels=POSITION,
+    ),
+    Group("goals_left", 0.0, float(CAPACITY), "1", "goals not reached yet"),
+    Group("translational", 0.0, 20.0, f"{_UNIT[0]:g} N/m", "translational stiffness"),
+    Group("rotational", 0.0, 20.0, f"{_UNIT[1]:g} N·m/rad", "rotational stiffness"),
+    *DITHER,
+)
+"""The observation, in order; bounds are assumed: wider than what occurs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +114,29 @@ class GTEEpisodes(Episodes[Key, Undithered]):
     on_one_thread = True
 
     reward_settings = staticmethod(gte_reward_settings)
-    _check_options = staticmethod(check_gte_options)
+
+    def _check_options(self, options: Options | None) -> Checked:
+        out = named_options(options, OPTIONS)
+        if "trajectory" in out:
+            trajectory, expected = out["trajectory"], [*TRAJECTORIES, RANDOM]
+            if not isinstance(trajectory, str) or trajectory not in expected:
+                raise unknown("trajectory", trajectory, expected)
+        for name in ("path", "iteration"):
+            if name in out:
+                out[name] = _number(name, out[name])
+        if "path" in out and out.setdefault("trajectory", RANDOM) != RANDOM:
+            raise StictionError(
+                f"path {out['path']} of trajectory {out['trajectory']!r}: expected {RANDOM!r}"
+            )
+        if "stiffness" in out:
+            value = out["stiffness"]
+            try:
+                numbers = [float(k) for k in value]
+            except (TypeError, ValueError):
+                raise StictionError(f"stiffness {value!r}: expected three numbers") from None
+            out["stiffness"] = tuple(numbers)
+            Case(trajectory=TRAJECTORIES[0], stiffness=out["stiffness"])
+        return out
 
     def _experiment(
         self, a: GTEArguments, arm: Arm, friction: Friction | None
@@ -143,12 +194,11 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self._base_left, self._base_resting = np.zeros((2, count, 2))
         self._left = np.zeros(count)
         self._base_duration = np.ones(count)
-        self._observer = GTEObserver(e, self._low, self._high)
-        self.stiction = self._observer.stiction
-        self.tolerance = self._observer.tolerance
+        # the larger of both directions at the load of the start
+        self.stiction = e.sticking.parameters.stiction_at(e.start_load()).max(axis=-1)
+        usual = MotionLimits()  # those in use may be infinite
+        self.tolerance = usual.position_tolerance, usual.rotation_tolerance
         """Unit of the observed error [m], [rad]."""
-
-    # ---- episodes ----------------------------------------------------------------------------
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
         """As `Episodes.check_reset`; a trajectory takes the place of a fixed number, too."""
@@ -216,7 +266,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self.recorder.start(ids, self.goals[ids])
 
     def _advance(self, ids: Index) -> None:
-        self.rig.plant.step_only(self.alive)
+        self.rig.plant.loop_batch.step_only(self.alive)
         self.recorder.advance()
         self.rig.end_effector.read()
         if self.rig.senses is not None:
@@ -248,7 +298,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
                 "time": self._time(ids),
                 "goals_reached": rig.sequencer.index[ids],
                 "vibration": r.step_vibration[ids],
-                "error": r.window.sum[ids],
+                "error": r.window_sum[ids],
                 "undithered_error": self._base_error[ids],
                 "error_left": r.mean_left(ids),
                 "undithered_error_left": self._base_left[ids],
@@ -285,13 +335,30 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         """Return (M,) error over the episode so far over that of a whole undithered one [-]."""
         return np.mean(self.recorder.total_error[ids] / self._unit[ids], axis=1)
 
-    # ---- what is seen ------------------------------------------------------------------------
-
-    def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
-        return self._observer.observe(
-            self.rig, ids, action=self.action, stiffness=self._stiffness, goals=self.goals
-        )
+    def _observed(self, ids: Index) -> dict[str, Array]:
+        rig, sequencer, limits = self.rig, self.rig.sequencer, self.experiment.motion
+        t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
+        x, quaternion, velocity, turning = sequencer.reference(t)
+        hand = rig.seen_end_effector
+        pose = np.concatenate([hand.position, to_rpy(hand.quaternion)], axis=1)
+        error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
+        at = np.minimum(sequencer.index, self.goals - 1)
+        since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
+        share = self._stiffness[ids, :2] / _UNIT
+        return {
+            "displacement": rig.seen_position[ids] - rig.start,
+            "velocity": rig.seen_velocity[ids],
+            "torque": rig.undithered_torque[ids] / self.stiction,
+            "error": error[ids] / np.repeat(self.tolerance, 3),
+            "reference": velocity[ids] / limits.translational_speed,
+            "turning": turning[ids] / limits.rotational_speed,
+            "remaining": np.nan_to_num(sequencer.movement.duration - since)[ids],
+            "goal": (sequencer.goal[0] - hand.position)[ids],
+            "onward": sequencer.onward[ids],
+            "goals_left": sequencer.goals_left[ids],
+            "translational": share[:, 0],
+            "rotational": share[:, 1],
+        }
 
     def path_points(self, i: int) -> Array:
         """Return (goals + 1, 3) the nominal start and the goals of simulation ``i`` [m]."""
@@ -313,3 +380,9 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             "path": np.array([-1 if k is None else k for k in numbers], dtype=np.int64),
             "stiffness": self._stiffness[ids],
         }
+
+
+def _number(name: str, value: object) -> int:
+    if not isinstance(value, (int, np.integer)) or isinstance(value, bool) or value < 0:
+        raise StictionError(f"{name} {value!r}: expected a whole number from 0")
+    return int(value)

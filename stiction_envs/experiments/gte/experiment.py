@@ -15,14 +15,14 @@ from dataclasses import dataclass
 from pathlib import Path as File
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.control.kinematics import tool_point
 from stiction_envs.control.sensing import SensingLike
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.torque_path import TorqueInterface
 from stiction_envs.control.trajectory import MotionLimits, Path, new_movements
 from stiction_envs.control.trapezoid import plan
@@ -58,8 +58,7 @@ from stiction_envs.robots import Arm
 Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
 """Called with a rig whose arms have just begun to follow, and the case of each of them; what it
 returns is called before each block, and may `GTERig.retune` the dither."""
-MAX_SIMULATIONS = 128
-"""Simulations run at once (assumed)."""
+MAX_SIMULATIONS = 128  # Simulations run at once (assumed)
 _PART = 10  # samples of a block, after which it is checked whether all arms are done; assumed
 _LATE = 1.5  # longest time of a movement over that of an arm that follows exactly [-]; assumed
 
@@ -142,11 +141,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         )
 
     def path(self, name: str) -> Path:
-        """Return a path by name; ``random-17`` is number 17 of `random_paths`.
-
-        Raises:
-            StictionError: no such path.
-        """
+        """Return a path by name; ``random-17`` is number 17 of `random_paths`."""
         if name in self.paths:
             return self.paths[name]
         if (number := path_number(name)) is not None:
@@ -158,7 +153,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
     def rig(self, nsim: int, capacity: int, parameters: FrictionParameters | None = None) -> GTERig:
         """Return the machine that runs ``nsim`` arms on paths of at most ``capacity`` goals.
 
-        ``parameters`` is their true friction, of one arm or of each, where it is not the model's.
+        ``parameters`` is their true friction, of one arm or of each; None for the model's.
         """
         return GTERig(self, nsim, capacity, parameters)
 
@@ -172,9 +167,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
                 ``compensation.csv``, or a ``final.yaml``.
             factor: of the friction that is compensated [-].
             table: of gains; None for those of the friction at the start's load.
-
-        Raises:
-            StictionError: another kind, or a table that cannot be read.
         """
         if is_file(kind):
             return read_compensation(kind, None, self.n, factor)
@@ -189,8 +181,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return the torque (n,) that each joint transmits at the start, its magnitude [N·m]."""
         plant = Plant(self.sticking, 1, threads=1)
         plant.reset(np.array([0]), self.start[None])
-        load: Array = plant.load[1][0]
-        return load
+        return plant.load[1][0]
 
     def nominal_duration(self, path: Path) -> float:
         """Return the time a path takes an arm that follows exactly [s]."""
@@ -238,6 +229,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         runs = self.run(cases, iterations=iterations, progress=progress)
         arm = self.sticking.arm
         model = self.controller_model
+        model_hash = None if model is None else hashlib.sha256(model.xml.encode()).hexdigest()
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
@@ -255,7 +247,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
                     "start": self.start,
                     "tool": self.tool,
                     "paths": {k: dataclasses.asdict(p) for k, p in self.paths.items()},
-                    "controller_model_sha256": None if model is None else _sha256(model.xml),
+                    "controller_model_sha256": model_hash,
                     "scatter": self.scatter,
                     "iterations": iterations,
                     "cases": [dataclasses.asdict(c) for c in cases],
@@ -286,8 +278,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             interval: time of a block [s], a multiple of a sample's; None for ten samples.
 
         Raises:
-            StictionError: a case of an unknown path, dither of a joint the arm lacks, compensation
-                or friction of another number of joints, or an interval that is no such multiple.
+            StictionError: a case, friction, compensation or interval that does not fit.
             ExperimentError: a simulation that the engine stopped.
         """
         repeats = self.protocol.iterations if iterations is None else iterations
@@ -296,18 +287,14 @@ class GeneratedTrajectoryExperiment(GTESetup):
         true = [None] * len(cases) if parameters is None else list(parameters)
         if len(true) != len(cases):
             raise StictionError(f"friction of {len(true)} cases: expected {len(cases)}")
-        block = self._block_steps(interval)
+        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
+        block = _PART * sample
+        if interval is not None:
+            block = count_blocks("interval", interval, sample * CONTROL_DT) * sample
         for k in range(0, len(cases), most):
             part = slice(k, k + most)
             out += self._run_together(cases[part], true[part], repeats, progress, steering, block)
         return out
-
-    def _block_steps(self, interval: float | None) -> int:
-        """Return the control steps of a block."""
-        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
-        if interval is None:
-            return _PART * sample
-        return count_blocks("interval", interval, sample * CONTROL_DT) * sample
 
     def _run_together(
         self,
@@ -336,7 +323,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
             np.array([cases[i].stiffness for i in of]),
             [(int(i % repeats),) for i in ids],
         )
-        dither = [self.dither_of(c) for c in cases]
+        dither = [dither_arrays(c.dither, self.n) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
         rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
         steer = None if steering is None else steering(rig, [cases[i] for i in of])
@@ -352,15 +339,3 @@ class GeneratedTrajectoryExperiment(GTESetup):
             log.run(case, np.array(of) == i, len(paths[i].position), horizon)
             for i, case in enumerate(cases)
         ]
-
-    def dither_of(self, case: Case) -> dict[str, NDArray[np.generic]]:
-        """Return (n,) arguments of `GTERig.set_dither` for a case.
-
-        Raises:
-            StictionError: a joint the arm lacks.
-        """
-        return dither_arrays(case.dither, self.n)
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
@@ -18,48 +19,151 @@ from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
 from stiction_envs.control.impedance import (
     Impedance,
-    advance_reference,
     impedance_cycle,
     read_flags,
     renew_space,
 )
 from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
+from stiction_envs.control.rotation import write_one_error_matrix
 from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
-from stiction_envs.control.torque_path import Path, pass_torque
+from stiction_envs.control.torque_path import PathState, pass_torque
 from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sample, write_twist
-from stiction_envs.experiments.gte.controller_model import (
-    ModelArrays,
-    renew_dynamics,
-    renew_torques,
-)
+from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.plant.arrays import (
-    PlantArrays,
-    write_direction,
-    write_joint_torque,
-    write_links,
-)
-from stiction_envs.plant.loop_batch import Loop, advance, take_fields
+from stiction_envs.plant.arrays import PlantArrays, write_direction, write_joint_torque, write_links
+from stiction_envs.plant.loop_batch import Loop, advance, fwd_position, fwd_velocity, take_fields
+from stiction_envs.robots import Arm
+
+
+class Dynamics(NamedTuple):
+    """One arm's model and data, in which the dynamics of all arms are computed in turn."""
+
+    model: int
+    data: int  # Their addresses
+    qpos: Array  # (n,) of the data [rad]
+    qvel: Array  # (n,) [rad/s]
+    bias: Array  # (n,) torque of gravity, and of speeds [N·m]
+
+
+class ModelArrays(NamedTuple):
+    """What `renew_dynamics` computes with, and writes."""
+
+    believed: Dynamics  # Dynamics that the controller has
+    true: Dynamics  # Dynamics of the plant
+    is_wrong: bool  # Whether the two differ
+    entries: Array  # (E,) entries of the sparse inertia that is believed [kg·m²]
+    rows: Index
+    columns: Index  # (E,) where the entries are
+    rotor: Array  # (n,) [kg·m²]
+    mass: Array
+    missing: Array  # As of `ControllerModel`, written
+
+
+class ControllerModel:
+    """The arm's dynamics as the controller has them, rotors added.
+
+    Where it is not the plant's (payload, tilt), the robot compensates the wrong gravity, and the
+    difference acts on the arm.
+    """
+
+    def __init__(self, arm: Arm, sticking: StickingModel, nsim: int) -> None:
+        """Make it for ``nsim`` arms: ``arm`` is the controller's, ``sticking`` the plant's."""
+        self.is_wrong = arm.xml != sticking.arm.xml
+        """Whether it is not the plant's, so that `missing` has to be kept up to date."""
+        self._models = [arm.bare_model()]
+        if self.is_wrong:
+            self._models.append(sticking.arm.bare_model())
+        self._rotor = sticking.parameters.rotor_inertia
+        n = self._models[0].nv
+        self.mass = np.zeros((nsim, n, n))  # (N, n, n) joint-space inertia, rotors included [kg·m²]
+        self.missing = np.zeros((nsim, n))
+        """(N, n) torque that acts on the joints because gravity is compensated wrongly [N·m]."""
+        self._made: list[tuple[ModelArrays, list[mujoco.MjData]]] = []
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what has addresses in this process; `arrays` makes it anew."""
+        return vars(self) | {"_made": []}
+
+    def arrays(self, part: int = 0) -> ModelArrays:
+        """Return what `renew_dynamics` works on; each part of the arms has its own data."""
+        while len(self._made) <= part:
+            # one MjData for all arms stays in the cache: every update computes everything again
+            data = [mujoco.MjData(model) for model in self._models]
+            dynamics = [
+                Dynamics(model._address, d._address, d.qpos, d.qvel, d.qfrc_bias)
+                for model, d in zip(self._models, data, strict=True)
+            ]
+            # where the entries of MuJoCo's sparse inertia are
+            model = self._models[0]
+            rows = np.repeat(np.arange(model.nv), np.asarray(model.M_rownnz))
+            columns = np.asarray(model.M_colind)[: len(rows)].astype(np.int64)
+            arrays = ModelArrays(
+                *(dynamics[0], dynamics[-1], self.is_wrong, data[0].M),
+                *(rows, columns),
+                *(self._rotor, self.mass, self.missing),
+            )
+            self._made.append((arrays, data))  # compiled code has addresses only
+        return self._made[part][0]
+
+
+@inlined
+def renew_dynamics(i: int, q: Array, a: ModelArrays) -> None:
+    """Write inertia, and the gravity that is compensated wrongly, of arm ``i`` at angles q (N, n).
+
+    An arm whose angles are not finite, which the plant reports, keeps its last.
+    """
+    believed, true = a.believed, a.true
+    total = 0.0
+    for j in range(q.shape[1]):
+        believed.qpos[j] = true.qpos[j] = q[i, j]
+        total += q[i, j]
+    if not np.isfinite(total):
+        return
+    fwd_position(believed.model, believed.data)
+    for k in range(len(a.rows)):
+        row, column = a.rows[k], a.columns[k]
+        a.mass[i, row, column] = a.mass[i, column, row] = a.entries[k]
+    for j in range(q.shape[1]):
+        a.mass[i, j, j] += a.rotor[j]
+    if a.is_wrong:
+        fwd_velocity(believed.model, believed.data)
+        fwd_position(true.model, true.data)
+        fwd_velocity(true.model, true.data)
+        for j in range(q.shape[1]):
+            a.missing[i, j] = believed.bias[j] - true.bias[j]
+
+
+@compiled
+def renew_torques(
+    i: int, q: Array, dq: Array, a: Dynamics, gravity: Array, coriolis: Array
+) -> None:
+    """Write torques (N, n) [N·m] of gravity, and of Coriolis and centrifugal forces, of arm ``i``.
+
+    Angles q are (N, n) [rad], speeds dq (N, n) [rad/s].
+    """
+    for j in range(q.shape[1]):
+        a.qpos[j] = q[i, j]
+    fwd_position(a.model, a.data)
+    fwd_velocity(a.model, a.data)
+    for j in range(q.shape[1]):
+        gravity[i, j], a.qvel[j] = a.bias[j], dq[i, j]
+    fwd_velocity(a.model, a.data)
+    for j in range(q.shape[1]):
+        coriolis[i, j], a.qvel[j] = a.bias[j] - gravity[i, j], 0.0
 
 
 class Shaking(NamedTuple):
     """The dither of N arms while they follow for K control steps."""
 
-    only_sines: bool
-    """Whether the dither is ungated sines without offset: else `ungated` has the waveforms."""
-    omega: Array
-    phase: Array
-    amplitude: Array
-    """(N, n) of the sines [rad/s, rad, N·m]."""
-    ungated: Array
-    """(K, N, n) other waveforms in the control steps in which a controller computes [N·m]."""
+    only_sines: bool  # Whether dither is ungated sines without offset; else `ungated` has it
+    omega: Array  # (N, n) of the sines [rad/s]
+    phase: Array  # (N, n) of the sines [rad]
+    amplitude: Array  # (N, n) of the sines [N·m]
+    ungated: Array  # (K, N, n) waveforms in the control steps in which a controller computes [N·m]
     gated: bool
-    fade: Array
-    """(N, n) 1/v_gate [s/rad]."""
-    offset: Array
-    """(N, n) [N·m]."""
-    torque: Array
-    """(N, n) of the last cycle, written [N·m]."""
+    fade: Array  # (N, n) 1/v_gate [s/rad]
+    offset: Array  # (N, n) [N·m]
+    torque: Array  # (N, n) of the last cycle, written [N·m]
 
 
 class Sampling(NamedTuple):
@@ -69,61 +173,41 @@ class Sampling(NamedTuple):
     """
 
     stride: int
-    position: Array
-    """(K, N, 3) of the tool points [m]."""
-    quaternion: Array
-    """(K, N, 4) of the hands."""
-    reference: Array
-    """(S, N, 7) position [m] and quaternion of the reference in each sample's first step."""
-    detailed: bool
-    """Whether the next three are recorded too; they start at 0."""
-    power: Array
-    """(S, N) sum over steps and joints of |dither torque · motor speed| [W]."""
-    rate: Array
-    """(S, N, n) largest change of torque [N·m/s]."""
-    flags: Bools
-    """(S, N, 3) whether the controller raised each flag of `impedance.read_flags`."""
-    previous: Array
-    """(N, n) torque on the joints in the step before, kept from call to call [N·m]."""
+    position: Array  # (K, N, 3) of the tool points [m]
+    quaternion: Array  # (K, N, 4) of the hands
+    reference: Array  # (S, N, 7) position [m], quaternion of the reference in a sample's first step
+    detailed: bool  # Whether the next three are recorded too; they start at 0
+    power: Array  # (S, N) sum over steps and joints of |dither torque · motor speed| [W]
+    rate: Array  # (S, N, n) largest change of torque [N·m/s]
+    flags: Bools  # (S, N, 3) whether the controller raised each flag of `impedance.read_flags`
+    previous: Array  # (N, n) torque on the joints in the step before, kept from call to call [N·m]
 
 
 class Arms(NamedTuple):
     """All that a control step of N arms of n joints reads and writes."""
 
-    step: Index
-    """(N,) control steps since the arm began to follow."""
-    hold: int
-    """Control steps of a controller's cycle."""
-    model_period: int
-    goal_period: int
-    """Control steps between two renewals of the controller's model, and between two looks at the
-    goals."""
+    step: Index  # (N,) control steps since the arm began to follow
+    hold: int  # Control steps of a controller's cycle
+    model_period: int  # Control steps between two renewals of the controller's model
+    goal_period: int  # Control steps between two looks at the goals
     plant: PlantArrays
-    hand: Hand
-    """The true end effector."""
-    senses: bool
-    """Whether controllers have measured states, and commands take time: else the true states."""
-    measured: Measured
-    """What controllers have: q, dq; without senses these two only."""
+    hand: Hand  # The true end effector
+    senses: bool  # Whether controllers have measured states, and commands take time
+    measured: Measured  # What controllers have: q, dq; without senses these two only
     sent: Sent
     chain: Chain
-    measured_hand: Hand
-    """The end effector at the measured angles."""
-    position: Array
-    quaternion: Array
-    jacobian: Array
-    """(N, 3), (N, 4), (N, 6, n) end effector as controllers have it."""
+    measured_hand: Hand  # The end effector at the measured angles
+    position: Array  # (N, 3) of the end effector as controllers have it [m]
+    quaternion: Array  # (N, 4) of the same
+    jacobian: Array  # (N, 6, n) of the same
     movement: Movement
     goals: Goals
     impedance: Impedance
-    compensated: bool
-    """Whether any arm has a compensation."""
+    compensated: bool  # Whether any arm has a compensation
     compensation: Compensations
-    added: Array
-    """(N, n) dither and compensation of the last cycle, written [N·m]."""
-    path: Path
-    applied: Array
-    """(N, n) what the joints get of the command, written [N·m]."""
+    added: Array  # (N, n) dither and compensation of the last cycle, written [N·m]
+    path: PathState
+    applied: Array  # (N, n) what the joints get of the command, written [N·m]
     shaking: Shaking
     sampling: Sampling
 
@@ -156,7 +240,7 @@ def follow(
     positions, quaternions, references = sampling[1], sampling[2], sampling[3]
     senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
-    filters, asymmetric, n = impedance.filter_step < 1.0, plant.asymmetric, q.shape[1]
+    asymmetric, n = plant.asymmetric, q.shape[1]
     feeds, reads_model = compensation.feeds, compensation.reads_model
     substeps, going = plant.substeps, loop.going
     for i in range(first, end):
@@ -186,15 +270,14 @@ def follow(
                     if reads_model[i]:
                         gravity, coriolis = compensation.gravity, compensation.coriolis
                         renew_torques(i, q, dq, model.believed, gravity, coriolis)
-                looks = step[i] % goal_period < hold
                 time = step[i] * CONTROL_DT
-                if looks:
-                    _look_at_goals(i, time, position, quaternion, movement, goals, impedance)
+                if step[i] % goal_period < hold:
+                    accept(i, position[i], quaternion[i], time, goals, movement)
+                    clock = time - goals.begun[i]
+                    write_sample(i, clock, movement, impedance.position[i], impedance.quaternion[i])
+                    write_one_error_matrix(impedance.quaternion[i], impedance.error_matrix[i])
                     if feeds[i]:
-                        clock = time - goals.begun[i]
                         _feed(i, clock, jacobian[i], movement, compensation)
-                if looks or filters:
-                    advance_reference(i, impedance)
                 _shake(i, k, time, dq, shaking)
                 shaken = torque
                 if compensated:
@@ -235,25 +318,6 @@ def _true_state(i: int, plant: PlantArrays) -> tuple[Array, Array, Array]:
     write_links(i, plant.qvel, plant, dq)
     write_joint_torque(i, plant, torque)
     return q, dq, torque
-
-
-@inlined
-def _look_at_goals(
-    i: int,
-    time: float,
-    position: Array,
-    quaternion: Array,
-    movement: Movement,
-    goals: Goals,
-    impedance: Impedance,
-) -> None:
-    """Renew the reference of arm ``i`` at a time since it began to follow [s].
-
-    The arm's pose is position (N, 3) [m], quaternion (N, 4).
-    """
-    accept(i, position[i], quaternion[i], time, goals, movement)
-    target = impedance.position_target[i], impedance.quaternion_target[i]
-    write_sample(i, time - goals.begun[i], movement, target[0], target[1])
 
 
 @compiled

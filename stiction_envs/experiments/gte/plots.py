@@ -29,8 +29,7 @@ from stiction_envs.robots import arm_title
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
-ACCEPTED = "#7b3fa0"
-"""Colour of accepted goals, purple as in the thesis."""
+ACCEPTED = "#7b3fa0"  # Colour of accepted goals, purple as in the thesis
 _COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))
 COLOURS = dict(zip(CASES, chain((WITHOUT, WITH), _COMPENSATED), strict=False))
 """Colours of cases by name; a plot has one or two of the compensations."""
@@ -57,9 +56,6 @@ def _title(run: Run, robot: str, what: str) -> str:
     return f"{arm_title(robot)}, {case_text(run.case)}: {what} ({count})"
 
 
-# ---- paths ---------------------------------------------------------------------------------------
-
-
 def published(run: Run) -> tuple[Array, Array]:
     """Return the reference of the first iteration and its goals, (K, 3), (G, 3) [m].
 
@@ -75,12 +71,9 @@ def published(run: Run) -> tuple[Array, Array]:
 
 
 def plot_path_xy(runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str) -> None:
-    """Draw the paths of one case in the plane of the base's x and y (Figure 4.6).
+    """Draw the paths of one case in the plane of the base's x and y (Figure 4.6) as a PNG.
 
-    Args:
-        runs: of one path and stiffness, `case_name` tells them apart.
-        path: PNG to write.
-        robot: name for the title.
+    `case_name` tells ``runs``, of one path and stiffness, apart.
     """
     figure = Figure(figsize=(7.6, 6.2), layout="constrained")
     draw_path_xy(figure.subplots(), runs)
@@ -93,7 +86,7 @@ def draw_path_xy(
 ) -> None:
     """Draw the paths of one case in the plane of the base's x and y on given axes.
 
-    Each iteration's, or their mean as in the thesis.
+    Draw each iteration's, or their ``mean`` as in the thesis.
     """
     goals = _paths(axes, runs, (0, 1), mean=mean)
     for k, goal in enumerate(goals):
@@ -171,19 +164,13 @@ def path_legend(runs: Sequence[Run]) -> list[Line2D]:
     return entries
 
 
-# ---- errors against time -------------------------------------------------------------------------
-
-
 def plot_errors(
     runs: Sequence[Run], path: str | os.PathLike[str], *, robot: str, orientation: bool = False
 ) -> None:
-    """Draw mean error and standard deviation against time (Figures 4.7, 4.8; F.1, F.2).
+    """Draw mean error and standard deviation against time (Figures 4.7, 4.8; F.1, F.2) as a PNG.
 
-    Args:
-        runs: of one path and stiffness, `case_name` tells them apart.
-        path: PNG to write.
-        robot: name for the title.
-        orientation: roll, pitch and yaw instead of x, y and z.
+    `case_name` tells ``runs``, of one path and stiffness, apart; axes are x, y, z, or roll, pitch
+    and yaw with ``orientation``.
     """
     columns = range(3, 6) if orientation else range(3)
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")

@@ -18,8 +18,7 @@ from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Count, Positive, Share, load_settings, override
 from stiction_envs.robots import Arm
 
-Stiffness = tuple[float, float, float]
-"""Translational [N/m], rotational and nullspace [N·m/rad]."""
+Stiffness = tuple[float, float, float]  # Translational [N/m], rotational and nullspace [N·m/rad]
 _TOML = File(__file__).with_name("gte.toml")
 AXES = ("x", "y", "z", "roll", "pitch", "yaw")
 PATHS: dict[str, Callable[[], Path]] = {"triangle": triangle, "pentagon": pentagon}
@@ -32,36 +31,24 @@ FLAGS = ("singular", "saturated", "near_limit")
 class GTEProtocol:
     """Numbers of the experiment; `gte.toml` has their sources."""
 
-    iterations: Count
-    """Runs per case."""
-    window: Positive
-    """Half the window of Table 4.11 [s]."""
-    sample_rate: Positive
-    """Rate at which errors are sampled [Hz]."""
-    model_steps: Count
-    """Control steps between two updates of the controller's model."""
-    return_distance: Positive
-    """How far joints are from the start before they are brought back [rad]."""
-    tail: Positive
-    """Time after the last goal is reached or given up [s]."""
+    iterations: Count  # Runs per case
+    window: Positive  # Half the window of Table 4.11 [s]
+    sample_rate: Positive  # Rate at which errors are sampled [Hz]
+    model_steps: Count  # Control steps between two updates of the controller's model
+    return_distance: Positive  # Distance of joints from the start before their return [rad]
+    tail: Positive  # Time after the last goal is reached or given up [s]
     patience: Positive
     """Time a path may take beyond its movements and the generator's own patience before it is
     given up: counts only where that is inf (`MotionLimits.patience`) [s]."""
-    vibration_low: Positive
-    """Lowest frequency that counts as vibration [Hz]."""
-    vibration_lever: Positive
-    """How much translation a vibration of 1 rad counts as [m]."""
+    vibration_low: Positive  # Lowest frequency that counts as vibration [Hz]
+    vibration_lever: Positive  # How much translation a vibration of 1 rad counts as [m]
 
     def __post_init__(self) -> None:
         if self.tail < self.window:
             raise StictionError(f"protocol tail: {self.tail} s ends before the window does")
 
     def replace(self, **changes: float) -> GTEProtocol:
-        """Return a copy with some numbers changed.
-
-        Raises:
-            StictionError: an unknown name, or a number out of range.
-        """
+        """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
 
 
@@ -74,18 +61,9 @@ def load_gte_protocol() -> GTEProtocol:
 class EpisodeSettings:
     """What is drawn for an episode of the environment."""
 
-    stiffness: tuple[Stiffness, ...]
-    """Stiffnesses of the triangle and the pentagon."""
-    random_paths: Count
-    """How many are drawn from."""
-    undithered_iterations: Count
-    """Iterations of a random path whose mean is the unit of the reward."""
-
-    @property
-    def unit(self) -> tuple[float, float]:
-        """Stiffness that is observed as 1, the largest: [N/m], [N·m/rad]."""
-        translational, rotational, _ = np.max(self.stiffness, axis=0)
-        return float(translational), float(rotational)
+    stiffness: tuple[Stiffness, ...]  # Stiffnesses of the triangle and the pentagon
+    random_paths: Count  # How many are drawn from
+    undithered_iterations: Count  # Iterations of a random path whose mean is the unit of the reward
 
 
 def episode_settings() -> EpisodeSettings:
@@ -97,16 +75,11 @@ def episode_settings() -> EpisodeSettings:
 class GTERewardSettings:
     """Weights of the environment's reward, and the unit of its shaking."""
 
-    settling_weight: Share
-    """Weight of the error left at the goals; the rest, to 1, is the weight of tracking [-]."""
-    power_weight: Positive
-    """Weight of the mean of (A / A_max)² [-]."""
-    torque_rate_weight: Positive
-    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
-    shaking_weight: Positive
-    """Weight of the vibration [-]."""
-    shaking_unit: Positive
-    """Unit of the vibration [m]."""
+    settling_weight: Share  # Weight of the error left at the goals; that of tracking is 1 less it
+    power_weight: Positive  # Weight of the mean of (A / A_max)² [-]
+    torque_rate_weight: Positive  # Weight of the mean of (2πfA / torque rate limit)² [-]
+    shaking_weight: Positive  # Weight of the vibration [-]
+    shaking_unit: Positive  # Unit of the vibration [m]
 
 
 def gte_reward_settings() -> GTERewardSettings:
@@ -118,13 +91,10 @@ def gte_reward_settings() -> GTERewardSettings:
 class Case:
     """One path at one stiffness with one dither and one compensation."""
 
-    trajectory: str
-    """Name of the path."""
+    trajectory: str  # Name of the path
     stiffness: Stiffness
-    dither: tuple[AmplitudeRow, ...] = ()
-    """Dither of each dithered joint; empty is none."""
-    compensation: Compensation | None = None
-    """Compensation of the joints' friction; None is none."""
+    dither: tuple[AmplitudeRow, ...] = ()  # Dither of each dithered joint; empty is none
+    compensation: Compensation | None = None  # Compensation of the joints' friction; None is none
 
     def __post_init__(self) -> None:
         if len(self.stiffness) != 3 or not all(0 <= k < np.inf for k in self.stiffness):
@@ -139,10 +109,7 @@ class Case:
 
 
 def pose_error(actual: Array, reference: Array) -> Array:
-    """Return actual less reference, (..., 6) poses x, y, z [m], roll, pitch, yaw [rad].
-
-    Angles are in (−π, π].
-    """
+    """Return actual less reference, (..., 6) poses [m, rad]; angles are in (−π, π]."""
     error: Array = actual - reference
     error[..., 3:] = np.angle(np.exp(1j * error[..., 3:]))
     return error
@@ -153,25 +120,17 @@ class Run:
     """All iterations of one case; K samples at the sample rate, from the first goal on."""
 
     case: Case
-    time: Array
-    """(K,) [s]."""
-    reference: Array
-    """(iterations, K, 6) pose of the reference: x, y, z [m], roll, pitch, yaw [rad]."""
-    actual: Array
-    """(iterations, K, 6) measured pose of the tool point, oriented as the hand."""
-    accepted: Array
-    """(iterations, goals) times at which goals were accepted [s]; NaN where never."""
-    reached: Array
-    """(iterations, goals) times at which goals were reached [s]; NaN where never."""
+    time: Array  # (K,) [s]
+    reference: Array  # (iterations, K, 6) reference: x, y, z [m], roll, pitch, yaw [rad]
+    actual: Array  # (iterations, K, 6) measured pose of the tool point, oriented as the hand
+    accepted: Array  # (iterations, goals) times at which goals were accepted [s]; NaN where never
+    reached: Array  # (iterations, goals) times at which goals were reached [s]; NaN where never
     mean_square: Array
     """(iterations, K, 6) mean square above `vibration_low` within each sample: of the position,
     then of turns about x, y, z times `vibration_lever` [m²]."""
-    dither_power: Array
-    """(iterations, K) mean of |dither torque · motor speed|, summed over joints [W]."""
-    torque_rate: Array
-    """(iterations, n) largest change of torque on each joint [N·m/s]."""
-    flags: dict[str, Bools]
-    """(iterations,) of each of :data:`FLAGS`: whether it was ever raised."""
+    dither_power: Array  # (iterations, K) mean of |dither torque · motor speed| of all joints [W]
+    torque_rate: Array  # (iterations, n) largest change of torque on each joint [N·m/s]
+    flags: dict[str, Bools]  # (iterations,) of each of :data:`FLAGS`: whether it was ever raised
 
     @property
     def error(self) -> Array:
@@ -180,11 +139,7 @@ class Run:
 
 
 def read_trajectory(text: str | File) -> Path | None:
-    """Return the path of a CSV file; None for a path by name.
-
-    Raises:
-        StictionError: neither a name nor a CSV that can be read.
-    """
+    """Return the path of a CSV file; None for a path by name; raise for anything else."""
     if str(text) in TRAJECTORIES:
         return None
     if not str(text).lower().endswith(".csv"):
@@ -195,8 +150,7 @@ def read_trajectory(text: str | File) -> Path | None:
 def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
     """Return the joint angles (n,) [rad] at which arms start, the rest pose for None.
 
-    Raises:
-        StictionError: not n numbers, or one that is not within the limits.
+    Raise a StictionError for other than n numbers, or one that is not within the limits.
     """
     expected = f"{arm.n} angles in rad, one per joint of {arm.name}"
     q = checked_array(arm.rest if start is None else start, "start", (arm.n,), expected=expected)
@@ -210,14 +164,9 @@ def start_angles(arm: Arm, start: ArrayLike | None) -> Array:
 
 
 def read_dither(table: str | File, arm: Arm) -> tuple[AmplitudeRow, ...]:
-    """Return the rows of an amplitude table that an arm can take.
+    """Return the rows of an amplitude table.
 
-    Args:
-        table: the file.
-        arm: says how strong and fast a dither it takes.
-
-    Raises:
-        StictionError: a table that cannot be read, that dithers no joint, or too much.
+    Raise a StictionError for an unreadable table, no dithered joint, or more than the arm takes.
     """
     rows = read_amplitudes(
         table,
@@ -237,14 +186,7 @@ def with_and_without(
     *,
     compensation: Compensation | None = None,
 ) -> list[Case]:
-    """Return the case without anything, then those with dither, with compensation, with both.
-
-    Args:
-        trajectory: name of the path.
-        stiffness: translational [N/m], rotational [N·m/rad], nullspace [N·m/rad].
-        dither: of each dithered joint; empty for none.
-        compensation: of the joints' friction; None for none.
-    """
+    """Return the case without anything, then those with dither, with compensation, with both."""
     cases = [Case(trajectory=trajectory, stiffness=stiffness)]
     if dither:
         cases.append(dataclasses.replace(cases[0], dither=tuple(dither)))

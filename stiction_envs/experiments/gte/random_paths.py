@@ -35,42 +35,24 @@ KIND = "random_paths"
 class RandomPathSettings:
     """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
 
-    fewest_goals: Count
-    """Least number of goals of a path."""
-    most_goals: Count
-    """Largest number of goals of a path."""
-    smallest: Positive
-    """Half the length of the box [m]."""
-    largest: Positive
-    """Half the length of the box [m]."""
-    flatness: Share
-    """Height of the box over its length [-]."""
-    steepest: Positive
-    """Largest slope of the box [rad]."""
-    shortest_side: Share
-    """Least distance of two goals that follow, over half the length of the box [-]."""
-    slowest: Share
-    """Least pace [-]."""
-    stiffness_translation: Positive
-    """The least [N/m]."""
-    stiffness_rotation: Positive
-    """The least [N·m/rad]."""
-    stiffness_range: Positive
-    """Largest stiffness over the least [-]."""
-    limit_margin: Positive
-    """Distance of the joints from their limits [rad]."""
-    least_dexterity: Share
-    """Smallest singular value of the Jacobian over that at the start [-]."""
-    length: Positive
-    """How much translation a turn of 1 rad counts as [m]."""
-    out_of_reach: Positive
-    """What the inverse kinematics may miss by [m]."""
-    step: Positive
-    """Between two points of a line that are checked [m]."""
-    damping: Positive
-    """Damping of the inverse kinematics [m]."""
-    attempts: Count
-    """Most draws of one path; after them the arm can follow none."""
+    fewest_goals: Count  # Least number of goals of a path
+    most_goals: Count  # Largest number of goals of a path
+    smallest: Positive  # Half the length of the box [m]
+    largest: Positive  # Half the length of the box [m]
+    flatness: Share  # Height of the box over its length [-]
+    steepest: Positive  # Largest slope of the box [rad]
+    shortest_side: Share  # Least distance of two goals over half the box's length [-]
+    slowest: Share  # Least pace [-]
+    stiffness_translation: Positive  # The least [N/m]
+    stiffness_rotation: Positive  # The least [N·m/rad]
+    stiffness_range: Positive  # Largest stiffness over the least [-]
+    limit_margin: Positive  # Distance of the joints from their limits [rad]
+    least_dexterity: Share  # Smallest singular value of the Jacobian over that at the start [-]
+    length: Positive  # How much translation a turn of 1 rad counts as [m]
+    out_of_reach: Positive  # What the inverse kinematics may miss by [m]
+    step: Positive  # Between two points of a line that are checked [m]
+    damping: Positive  # Damping of the inverse kinematics [m]
+    attempts: Count  # Most draws of one path; after them the arm can follow none
 
 
 @cache
@@ -84,8 +66,7 @@ class RandomPath:
     """A path with the stiffness at which it is followed."""
 
     path: Path
-    stiffness: tuple[float, float, float]
-    """Translational [N/m], rotational and nullspace [N·m/rad]."""
+    stiffness: tuple[float, float, float]  # Translational [N/m], rotational and nullspace [N·m/rad]
 
 
 def path_number(name: str) -> int | None:
@@ -97,7 +78,7 @@ def path_number(name: str) -> int | None:
 def random_paths(
     sticking: StickingModel, start: Array, tool: Array, numbers: Iterable[int]
 ) -> dict[int, RandomPath]:
-    """Return the random paths of an arm by number; which others are asked for does not matter.
+    """Return the random paths of an arm by number (from 0), whichever others are asked for.
 
     Args:
         sticking: the arm; friction and payload make no difference.
@@ -187,7 +168,7 @@ def can_follow(
     """Return which paths (P,) of constant orientation an arm can follow from its start.
 
     From point to point of every line the joint angles take steps of damped least squares towards
-    the next pose, as an arm without nullspace stiffness does. Arguments as in `random_paths`.
+    the next pose, as an arm without nullspace stiffness does. See `random_paths`.
     """
     offsets = [_points(path, s.step) for path in paths]
     longest = max(len(o) for o in offsets)

@@ -33,11 +33,9 @@ class TrackingErrors(Result):
     """Tracking errors of an arm on its paths."""
 
     robot: str
-    runs: tuple[tuple[Run, Measures], ...]
-    """One per case."""
+    runs: tuple[tuple[Run, Measures], ...]  # One per case
     provenance: Provenance
-    note: str = ""
-    """Stands at the top of the report."""
+    note: str = ""  # Stands at the top of the report
 
     @property
     def rows(self) -> list[ErrorRow]:
@@ -63,11 +61,7 @@ class TrackingErrors(Result):
         }
 
     def write(self, folder: Path) -> None:
-        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report.
-
-        Args:
-            folder: an existing one.
-        """
+        """Write ``errors.csv``, ``runs.csv``, ``points.csv``, ``trace.csv``, plots and report."""
         from stiction_envs.experiments.gte import plots
 
         runs = [r for r, _ in self.runs]

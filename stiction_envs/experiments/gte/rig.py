@@ -17,16 +17,13 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
-from stiction_envs.control.impedance import CartesianImpedance
+from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
 from stiction_envs.control.sensing import CommandLine, Senses, Sensing
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
-from stiction_envs.experiments.base import Experiment
-from stiction_envs.experiments.gte.controller_model import ControllerModel
-from stiction_envs.experiments.gte.loop import Arms, Sampling, Shaking, follow
+from stiction_envs.experiments.gte.loop import Arms, ControllerModel, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
-from stiction_envs.experiments.rig import Rig, minimum_jerk
+from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
@@ -58,27 +55,19 @@ class GTERig(Rig):
         capacity: int,
         parameters: FrictionParameters | None = None,
     ) -> None:
-        """Make the rig; every arm has to `begin`.
+        """Make the rig of ``nsim`` arms, with ``capacity`` goals at most; every arm has to `begin`.
 
-        Args:
-            setup: the experiment.
-            nsim: number of arms.
-            capacity: most goals of a path.
-            parameters: friction of one arm or of each simulation, None for the model's.
+        ``parameters`` is the friction of one arm or of each; None for the model's.
         """
         super().__init__(
             setup, nsim, approach=setup.approach, parameters=parameters, closed_loop=True
         )
-        sticking, arm, settings, motion = (
-            setup.sticking,
-            setup.sticking.arm,
-            setup.settings,
-            setup.motion,
-        )
+        sticking, settings, motion = setup.sticking, setup.settings, setup.motion
+        arm = sticking.arm
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
         # compiled code takes the arrays of senses also where there are none
-        nothing = Sensing.ideal()
+        nothing = Sensing()
         self._measured = self.senses or Senses(nothing, nsim, self.n)
         self._sent = self._line or CommandLine(nothing, nsim, self.n)
         self._measured_end_effector = MeasuredEndEffector(sticking, self._measured.q, setup.tool)
@@ -95,31 +84,25 @@ class GTERig(Rig):
         )
         self.sequencer = GoalSequencer(nsim, motion, capacity)
         self._inertia = self._servos.inertia(self.start[None])
-        self.start_position, self.start_quaternion = self._nominal()
+        self.plant.reset(np.arange(nsim), np.broadcast_to(self.start, (nsim, self.n)))
+        self.end_effector.read()
+        self.start_position = self.end_effector.position[0].copy()
+        self.start_quaternion = self.end_effector.quaternion[0].copy()
         self.applied, self._added = np.zeros((2, nsim, self.n))
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
         threads = setup.threads or os.cpu_count() or 1
         if threads > 1:
-            self._share = Threads(threads).run
-
-    def _nominal(self) -> tuple[Array, Array]:
-        """Return the pose of tool point and hand, (3,), (4,), at the start angles."""
-        self.plant.reset(np.arange(self.nsim), np.broadcast_to(self.start, (self.nsim, self.n)))
-        self.end_effector.read()
-        return self.end_effector.position[0].copy(), self.end_effector.quaternion[0].copy()
+            self._share = TaskPool(threads).run
 
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]
     ) -> None:
-        """Bring arms to the start, against their friction, and give them their goals.
+        """Bring arms ``ids`` (M,), sorted, to the start, against their friction; give them goals.
 
-        Args:
-            ids: (M,) sorted simulations.
-            paths: of each, with no more goals than the capacity.
-            stiffness: (M, 3) translational, rotational, nullspace.
-            keys: seed the scatter of each.
+        Paths have at most the capacity's goals; ``stiffness`` (M, 3) is translational, rotational,
+        nullspace; ``keys`` seed the scatter of each arm.
         """
         p, m = self.approach_numbers, len(ids)
         target = np.tile(self.start, (m, 1))
@@ -171,24 +154,18 @@ class GTERig(Rig):
     def undithered_torque(self) -> Array:
         """(N, n) torque that controller and compensation asked for in the last cycle, before the
         limits and without dither; 0 before the first [N·m]."""
-        wanted, after = self.controller.wanted, self.controller.settings.dither_after_saturation
-        return wanted.copy() if after else wanted - self.dither_torque
+        return self.controller.wanted - self.dither_torque
 
     def advance(self, steps: int, sampling: Sampling | None = None) -> None:
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
-        arms, row = self._arms(steps, sampling), 0
-        parts = [
+        arms, row, batch = self._arms(steps, sampling), 0, self.plant.loop_batch
+        loops = [
             (part.start, part.stop, self._model.arrays(k), loop)
-            for k, (part, loop) in enumerate(self.plant.loops)
+            for k, (part, loop) in enumerate(zip(batch.parts, batch.loops, strict=True))
         ]
         for block in self.plant.blocks(steps):
-            self._share(
-                [
-                    partial(follow, first, end, row, block, arms, model, loop)
-                    for first, end, model, loop in parts
-                ]
-            )
+            self._share([partial(follow, a, b, row, block, arms, m, c) for a, b, m, c in loops])
             row += block
 
     def _arms(self, steps: int, sampling: Sampling) -> Arms:
@@ -262,15 +239,15 @@ def blank_sampling(
     )
 
 
-class Threads:
+class TaskPool:
     """Some threads that do tasks, begun with the first of them."""
 
     def __init__(self, count: int) -> None:
         self._count = count
         self._pool: ThreadPoolExecutor | None = None
 
-    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
-        return Threads, (self._count,)
+    def __reduce__(self) -> tuple[type[TaskPool], tuple[int]]:
+        return TaskPool, (self._count,)
 
     def run(self, tasks: Sequence[Callable[[], None]]) -> None:
         """Do tasks, in any order; the first error is raised when all are done."""

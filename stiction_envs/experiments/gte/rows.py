@@ -33,14 +33,10 @@ class CaseRow:
 
     robot: str
     trajectory: str
-    stiffness_translation: float
-    """[N/m]."""
-    stiffness_rotation: float
-    """[N·m/rad]."""
-    stiffness_nullspace: float
-    """[N·m/rad]."""
-    case: str
-    """One of :data:`CASES`."""
+    stiffness_translation: float  # [N/m]
+    stiffness_rotation: float  # [N·m/rad]
+    stiffness_nullspace: float  # [N·m/rad]
+    case: str  # One of :data:`CASES`
 
 
 @dataclass(frozen=True)
@@ -48,24 +44,14 @@ class ErrorRow(CaseRow):
     """One axis of one case, means over iterations; NaN where an iteration has no such number."""
 
     axis: str
-    unit: str
-    """Unit of all errors of the row: ``m`` or ``rad``; window sums are in unit times samples."""
-    window_sum: float
-    """Sum of the absolute error over the window, as in Table 4.11."""
-    window_sum_std: float
-    """Standard deviation of the window sum over iterations; NaN for one."""
-    window_sum_of_mean: float
-    """The window sum in its other reading: sum of the absolute mean error."""
-    mean: float
-    """Mean absolute error over the motion."""
-    rms: float
-    """Root mean square over the motion: of each iteration, then their mean."""
-    max: float
-    """Largest absolute error of any iteration."""
-    corner: float
-    """Mean absolute error when a new goal was accepted; NaN for a path of one goal."""
-    settling: float
-    """Mean absolute error left at the last goal, after the protocol's tail."""
+    unit: str  # ``m`` or ``rad``, of all errors; window sums are in unit times samples
+    window_sum: float  # Sum of the absolute error over the window, as in Table 4.11
+    window_sum_std: float  # Standard deviation of the window sum over iterations; NaN for one
+    mean: float  # Mean absolute error over the motion
+    rms: float  # Root mean square over the motion: of each iteration, then their mean
+    max: float  # Largest absolute error of any iteration
+    corner: float  # Mean absolute error when a new goal was accepted; NaN for a path of one goal
+    settling: float  # Mean absolute error left at the last goal, after the protocol's tail
     iterations: int
 
 
@@ -73,29 +59,20 @@ class ErrorRow(CaseRow):
 class RunRow(CaseRow):
     """What one case did as a whole, means over iterations."""
 
-    duration_s: float
-    """When the last goal was reached; NaN if an iteration never did."""
-    vibration_x_m: float
-    """Root mean square above the protocol's `vibration_low`; the next two likewise."""
+    duration_s: float  # When the last goal was reached; NaN if an iteration never did
+    vibration_x_m: float  # Root mean square above the protocol's `vibration_low`
     vibration_y_m: float
     vibration_z_m: float
-    vibration_turning_m: float
-    """Vibration of turns about all axes, times the protocol's `vibration_lever`."""
-    vibration_m: float
-    """All four together."""
-    vibration_at_rest_m: float
-    """The same after the last goal was reached."""
+    vibration_turning_m: float  # Turns about all axes times the protocol's `vibration_lever`
+    vibration_m: float  # All four together
+    vibration_at_rest_m: float  # The same after the last goal was reached
     dither_energy_j: float
-    peak_torque_rate_nm_s: float
-    """The largest of all iterations and joints."""
-    singular: int
-    """Iterations in which the controller raised this flag; the next two likewise."""
+    peak_torque_rate_nm_s: float  # The largest of all iterations and joints
+    singular: int  # Iterations in which the controller raised this flag; the next two likewise
     saturated: int
     near_limit: int
-    goals_missed: int
-    """Goals of all iterations that the arm was not near when its time there was over."""
-    unfinished: int
-    """Iterations that never reached their last goal."""
+    goals_missed: int  # Goals of all iterations that the arm left beyond the tolerance
+    unfinished: int  # Iterations that never reached their last goal
     iterations: int
 
 
@@ -119,7 +96,6 @@ def error_rows(run: Run, measures: Measures, robot: str) -> list[ErrorRow]:
     columns = {
         "window_sum": m.window_sum.mean(axis=0),
         "window_sum_std": spread,
-        "window_sum_of_mean": m.window_sum_of_mean,
         "mean": m.mean.mean(axis=0),
         "rms": m.rms.mean(axis=0),
         "max": m.maximum.max(axis=0),
@@ -197,12 +173,11 @@ def write_trace(path: str | os.PathLike[str], runs: Iterable[Run]) -> None:
     write_lines(path, TRACE_COLUMNS, lines)
 
 
-# ---- the thesis ----------------------------------------------------------------------------------
-
-
 def thesis_stiffness() -> list[tuple[float, float, float]]:
     """Return the stiffnesses of Table 4.11, in its order."""
-    return list(dict.fromkeys(_stiffness(row) for row in thesis_table("4.11")))
+    names = [f"stiffness_{x}" for x in ("translation", "rotation", "nullspace")]
+    found = [[float(str(row[name])) for name in names] for row in thesis_table("4.11")]
+    return list(dict.fromkeys((kt, kr, kn) for kt, kr, kn in found))
 
 
 def thesis_final_dither() -> tuple[AmplitudeRow, ...]:
@@ -212,10 +187,3 @@ def thesis_final_dither() -> tuple[AmplitudeRow, ...]:
         AmplitudeRow(joint, float(row["frequency_Hz"]), float(row["tau_final_Nm"]))
         for joint, row in sorted(rows.items())
     )
-
-
-def _stiffness(row: dict[str, object]) -> tuple[float, float, float]:
-    kt, kr, kn = (
-        float(str(row[f"stiffness_{name}"])) for name in ("translation", "rotation", "nullspace")
-    )
-    return kt, kr, kn

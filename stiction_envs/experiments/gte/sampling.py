@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.rotation import to_rpy
-from stiction_envs.experiments.gte.accumulator import Accumulator
+from stiction_envs.experiments.gte.measures import Accumulator
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run, pose_error
 from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
@@ -32,10 +32,8 @@ class Samples:
     actual: Array
     """(N, S, 6) pose at the first control step of each sample: x, y, z of the tool point [m], roll,
     pitch, yaw of the hand's frame [rad]."""
-    error: Array
-    """(N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]."""
-    reference: Array
-    """(N, S, 6) pose of the reference then."""
+    error: Array  # (N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]
+    reference: Array  # (N, S, 6) pose of the reference then
     mean_square: Array
     """(N, 6, S) mean square, over the control steps of each sample, of what is above the protocol's
     `vibration_low`: the tool point's position, then the hand's turns about x, y, z times the
@@ -50,14 +48,11 @@ class Sampler:
     ) -> None:
         """Prepare for blocks of ``steps`` control steps, a multiple of those of a sample.
 
-        All arms have just begun to follow; `start` says so of some. ``detailed`` is that of
-        `Sampling`.
+        All arms have just begun to follow. ``detailed`` is that of `Sampling`.
         """
         self._rig, nsim = rig, rig.nsim
-        self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))
-        """Control steps of a sample."""
-        self.size = steps // self.stride
-        """Samples S of a block."""
+        self.stride = round(1.0 / (protocol.sample_rate * CONTROL_DT))  # Control steps of a sample
+        self.size = steps // self.stride  # Samples S of a block
         self._band = butterworth_highpass(protocol.vibration_low, 1.0 / CONTROL_DT)
         self._lever = protocol.vibration_lever
         self._state = np.zeros((len(self._band), nsim, 6, 2))
@@ -110,8 +105,7 @@ def _add_motion(
 
     Positions (K, N, 3) [m] and quaternions (K, N, 4) are those of K control steps. Turns (angle ·
     axis in the base frame) of single control steps are small, so their sum ``turned`` (N, 3) [rad],
-    changed, is smooth wherever the path turns to; ``before`` (N, 4) is the orientation of the last
-    step, changed.
+    changed, is smooth wherever the path turns; ``before`` (N, 4) is the last orientation, changed.
     """
     for s in range(position.shape[0]):
         for i in range(position.shape[1]):
@@ -172,8 +166,7 @@ class RunLog(Sampler):
     def end(self, horizon: Array) -> Array:
         """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
 
-        Args:
-            horizon: (N,) when each is given up [s].
+        ``horizon`` (N,) is when each is given up [s].
         """
         reached, finished = self._sequencer.reached_at, self._sequencer.finished
         last = np.nanmax(reached, axis=1, where=np.isfinite(reached), initial=0)
@@ -210,14 +203,10 @@ class RunLog(Sampler):
 class PathTrace:
     """One path, kept to be drawn; lists of one array per step."""
 
-    time: list[Array] = field(default_factory=list)
-    """(S,) of the samples [s]."""
-    error: list[Array] = field(default_factory=list)
-    """(S, 6) [m, rad]."""
-    position: list[Array] = field(default_factory=list)
-    """(S, 3) of the flange [m]."""
-    amplitude: list[Array] = field(default_factory=list)
-    """(1, n) of the step's dither [N·m]."""
+    time: list[Array] = field(default_factory=list)  # (S,) of the samples [s]
+    error: list[Array] = field(default_factory=list)  # (S, 6) [m, rad]
+    position: list[Array] = field(default_factory=list)  # (S, 3) of the flange [m]
+    amplitude: list[Array] = field(default_factory=list)  # (1, n) of the step's dither [N·m]
 
 
 class Recorder(Accumulator):
@@ -226,14 +215,9 @@ class Recorder(Accumulator):
     def __init__(
         self, rig: GTERig, protocol: GTEProtocol, *, steps: int, capacity: int, record: bool
     ) -> None:
-        """Prepare for environment steps of ``steps`` control steps.
+        """Prepare for environment steps of ``steps`` control steps, a multiple of a sample's.
 
-        Args:
-            rig: the arms.
-            protocol: says what is sampled and when a run is over.
-            steps: a multiple of the control steps of a sample.
-            capacity: most goals of a path.
-            record: whether traces are kept.
+        Paths have at most ``capacity`` goals; with ``record`` traces are kept.
         """
         super().__init__(
             rig.nsim,

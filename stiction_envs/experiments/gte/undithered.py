@@ -22,8 +22,7 @@ from stiction_envs.experiments.gte.protocol import (
 from stiction_envs.experiments.gte.random_paths import path_number
 from stiction_envs.precomputed import store
 
-Key = tuple[str, Stiffness]
-"""Trajectory and stiffness."""
+Key = tuple[str, Stiffness]  # Trajectory and stiffness
 KIND, RANDOM_KIND = "undithered", "undithered_random"
 
 
@@ -31,16 +30,11 @@ KIND, RANDOM_KIND = "undithered", "undithered_random"
 class Undithered:
     """Means over the iterations of one trajectory at one stiffness, without dither."""
 
-    total: Array
-    """(6,) absolute error summed over the samples of an episode [m, rad]."""
-    window: Array
-    """(6,) the same within the window of Table 4.11 [m, rad]."""
-    duration: float
-    """From the start to the end of the tail [s]."""
-    left: Array
-    """(G, 2) error left when the arm's time at each goal is over [m, rad]."""
-    shaking: float
-    """Vibration, turns included, root mean square over the motion [m]."""
+    total: Array  # (6,) absolute error summed over the samples of an episode [m, rad]
+    window: Array  # (6,) the same within the window of Table 4.11 [m, rad]
+    duration: float  # From the start to the end of the tail [s]
+    left: Array  # (G, 2) error left when the arm's time at each goal is over [m, rad]
+    shaking: float  # Vibration, turns included, root mean square over the motion [m]
 
 
 def fingerprint(
@@ -64,12 +58,10 @@ def undithered(
 ) -> dict[Key, Undithered]:
     """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
 
-    It is the mean over the protocol's iterations (10), as `stiction gte` runs them, on random paths
-    over the first `EpisodeSettings.undithered_iterations`; without scatter they are all alike. What
-    is not in the store is computed in one batch; a result does not depend on it.
-
-    Raises:
-        StictionError: an arm that never comes to the end of the path.
+    Results are means over the protocol's iterations (10), as `stiction gte` runs them; on random
+    paths over the first `EpisodeSettings.undithered_iterations`; without scatter iterations are
+    alike. What is not in the store is computed in one batch, on which no result depends. Raise a
+    StictionError for an arm that never comes to the end of the path.
     """
     of = fingerprint(experiment, compensation)
     out: dict[Key, Undithered] = {}
@@ -90,7 +82,10 @@ def undithered(
             pairs = zip(missing, runs, strict=True)
             store.keep(kind, of, {names[key]: _summary(experiment, run) for key, run in pairs})
             known = store.recall(kind, of)
-        out |= {key: _of_store(known[name]) for key, name in names.items()}
+        for key, name in names.items():
+            kept: store.Values = known[name]
+            arrays = {k: np.array(x) for k, x in kept.items() if isinstance(x, list)}
+            out[key] = Undithered(**(kept | arrays))
     return out
 
 
@@ -101,11 +96,6 @@ def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
     if path_number(trajectory) is not None:
         of.append(store.digest(experiment.path(trajectory))[:8])
     return " ".join([*of, *(repr(float(k)) for k in stiffness)])
-
-
-def _of_store(values: store.Values) -> Undithered:
-    known: store.Values = {k: np.array(x) if isinstance(x, list) else x for k, x in values.items()}
-    return Undithered(**known)
 
 
 def _summary(experiment: GeneratedTrajectoryExperiment, run: Run) -> store.Values:

@@ -27,27 +27,19 @@ from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import DIRECTIONS, LOADS, POSES
 from stiction_envs.friction.model import build
-from stiction_envs.friction.parameters import (
-    FrictionParameters,
-    dump_friction,
-    friction_sources,
-)
+from stiction_envs.friction.parameters import FrictionParameters, dump_friction, friction_sources
 from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import aligned, joints, percent
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots.tables import read_toml
 
-TOLERANCE = 0.002
-"""Rounds end when every base torque agrees this well, relative [-]; assumed."""
-CONVERGED = 5.0
-"""Largest error of the best round, over the tolerance [-]; assumed."""
-ROUNDS = 10
-"""Most rounds of simulate and correct [-]; assumed."""
+TOLERANCE = 0.002  # Rounds end when every base torque agrees this well, relative [-]; assumed
+CONVERGED = 5.0  # Largest error of the best round, over the tolerance [-]; assumed
+ROUNDS = 10  # Most rounds of simulate and correct [-]; assumed
 FAR = 0.5
 """Above this relative error the table is a better start than the arm's friction [-]; assumed."""
-LEAST_FRICTION = 0.05
-"""Least stiction over the table's friction [-]; assumed."""
+LEAST_FRICTION = 0.05  # Least stiction over the table's friction [-]; assumed
 SAME_LOAD = 1e-6
 """Loads of two poses that differ by less cannot explain different friction [N·m]; source: rounding
 of float64."""
@@ -58,14 +50,11 @@ class Calibration:
     """Identified friction, and how well it reproduces the table."""
 
     parameters: FrictionParameters
-    simulated: Array
-    """(n, 2, 2) base torques with these parameters, scatter off [N·m]."""
+    simulated: Array  # (n, 2, 2) base torques with these parameters, scatter off [N·m]
     measured: BaseTable
-    error: float
-    """Largest |simulated − measured| / |measured| [-]."""
+    error: float  # Largest |simulated − measured| / |measured| [-]
     rounds: int
-    negative_load: tuple[int, ...]
-    """Joints (1..n) whose friction was *smaller* under load: not what load does to friction."""
+    negative_load: tuple[int, ...]  # Joints (1..n) whose friction was *smaller* under load
 
     def to_json(self) -> dict[str, object]:
         """Return JSON values: every base torque measured and simulated."""
@@ -92,18 +81,20 @@ class Calibration:
         *,
         base: str | Path | FrictionParameters | None,
         table: Path,
-        provenance: Mapping[str, object],
+        provenance: Mapping[str, Any],
     ) -> None:
-        """Write the friction TOML, provenance inside.
+        """Write the friction TOML, provenance of the run inside; its folder is made.
 
-        Args:
-            path: of the TOML; its folder is made.
-            base: friction that the calibration began with (robot, TOML or parameters): quantities
-                that it does not find keep the sources they have there.
-            table: file of the measured base torques.
-            provenance: of the run.
+        ``base`` is the friction that the calibration began with, ``table`` the file of the torques.
         """
-        strings = _provenance_strings(provenance)
+        inputs = {k: v["sha256"] for k, v in provenance["inputs"].items()}
+        strings = {
+            "arguments_sha256": provenance["arguments_sha256"],
+            "git_commit": provenance["git_commit"] or "none: not run from a checkout",
+            "seed": str(provenance["seed"]),
+            **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
+            "versions": ", ".join(f"{k} {v}" for k, v in provenance["versions"].items()),
+        }
         text = calibrated_toml(self, base, table.name, table.read_bytes(), strings)
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text_atomic(path, text)
@@ -132,13 +123,9 @@ class Calibration:
 def with_levels(
     parameters: FrictionParameters, poses: Poses, friction: Array, offset: Array
 ) -> FrictionParameters:
-    """Return parameters whose law passes through both poses of every joint.
+    """Return parameters of one arm whose law passes through both poses of every joint.
 
-    Args:
-        parameters: of one arm; all but dry friction and offset are kept.
-        poses: where the two poses are, and their loads.
-        friction: (n, 2) stiction in the load and the no-load pose [N·m].
-        offset: (n, 2) offset there [N·m].
+    ``friction`` and ``offset`` (n, 2) are those in the load and the no-load pose [N·m].
     """
     high, low = poses.load[:, 0], poses.load[:, 1]
 
@@ -177,8 +164,7 @@ def calibrate(
         tolerance: rounds end when every base torque agrees this well, relative [-].
 
     Raises:
-        StictionError: table of another number of joints, friction that is not positive, or joints
-            under position servos: base torques are torques of a ramp.
+        StictionError: another number of joints, friction ≤ 0, or joints under position servos.
         ExperimentError: no convergence (the message names the worst cell).
     """
     n = experiment.n
@@ -189,10 +175,12 @@ def calibrate(
     if (table.friction <= 0).any():
         raise StictionError("base table: friction (half-difference of + and −) must be positive")
     poses = experiment.poses
-    friction, offset = _levels(experiment)
+    own = experiment.sticking.parameters
+    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
+    offset = own.offset[:, None] + own.gravity_error[:, None] * poses.signed
     best: Calibration | None = None
     for round_ in range(1, ROUNDS + 1):
-        parameters = with_levels(experiment.sticking.parameters, poses, friction, offset)
+        parameters = with_levels(own, poses, friction, offset)
         sticking = build(experiment.sticking.arm, parameters, timestep=experiment.sticking.timestep)
         trial = experiment.replace(sticking=sticking, scatter=False)
         simulated = trial.base_torques().tau
@@ -236,13 +224,6 @@ def calibrate(
     return best
 
 
-def _levels(experiment: SingleJointExperiment) -> tuple[Array, Array]:
-    """Return friction and offset (n, 2) an arm has in its load and no-load pose [N·m]."""
-    own, poses = experiment.sticking.parameters, experiment.poses
-    friction = np.stack([own.stiction_at(load).mean(axis=1) for load in poses.load.T], axis=1)
-    return friction, own.offset[:, None] + own.gravity_error[:, None] * poses.signed
-
-
 def calibrated_toml(
     result: Calibration,
     base: str | Path | FrictionParameters | None,
@@ -250,15 +231,10 @@ def calibrated_toml(
     table_text: bytes,
     run: Mapping[str, str] | None = None,
 ) -> str:
-    """Return the friction TOML of a calibration: old sources and position servos kept,
-    new sources stated.
+    """Return the friction TOML of a calibration that began with friction ``base``.
 
-    Args:
-        result: the calibration.
-        base: friction that it began with: robot, TOML or parameters.
-        table_name: of the measured table.
-        table_text: its bytes.
-        run: what else its provenance says.
+    What was not found keeps its sources, and servos are kept. ``table_text`` are the bytes of the
+    measured table; ``run`` is what else the provenance says.
     """
     sources, meta = friction_sources(base)
     found = f"calibrated: `stiction calibrate` on {table_name}"
@@ -289,15 +265,3 @@ def calibrated_toml(
         return text
     servo = read_toml(Path(base)).get("servo")
     return text if servo is None else text + "\n" + toml_text({"servo": servo})
-
-
-def _provenance_strings(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return a run's provenance as the strings that a friction TOML holds."""
-    inputs = {k: v["sha256"] for k, v in found["inputs"].items()}
-    return {
-        "arguments_sha256": found["arguments_sha256"],
-        "git_commit": found["git_commit"] or "none: not run from a checkout",
-        "seed": str(found["seed"]),
-        **{f"{k}_sha256": inputs[k] for k in ("friction", "robot") if k in inputs},
-        "versions": ", ".join(f"{k} {v}" for k, v in found["versions"].items()),
-    }

@@ -19,6 +19,7 @@ from stiction_envs.experiments.episodes import (
     Outcome,
     ScatterKey,
 )
+from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.experiments.observation import (
     DITHER,
     TORQUE,
@@ -26,11 +27,8 @@ from stiction_envs.experiments.observation import (
     Group,
     largest_stiction,
     named_options,
-    observed_action,
-    pack,
 )
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.experiments.sje.oscillation import Oscillation
 from stiction_envs.experiments.sje.protocol import (
     Configuration,
     configurations,
@@ -43,8 +41,66 @@ from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
 
-OPTIONS = ("joint", "load", "direction")
-"""Names of the reset options."""
+
+class Oscillation:
+    """Root mean square of the joints' angles above a corner frequency, step by step.
+
+    Angles of all joints are added as a vector. A high-pass of fourth order (twice the Butterworth
+    of second order) keeps out the joint that speeds up when it breaks away. Once the joint under
+    test has moved by more than ``far`` from where its ramp found it, nothing counts any more.
+    """
+
+    def __init__(self, nsim: int, n: int, *, corner: float, far: float) -> None:
+        """Prepare ``nsim`` arms of n joints; `start` each.
+
+        At ``corner`` each of the two high-passes has the gain 1/√2 [Hz].
+        """
+        self._band = np.repeat(butterworth_highpass(corner, 1.0 / CONTROL_DT), 2, axis=0)
+        self._far = far
+        self._state = np.zeros((len(self._band), nsim, n, 2))
+        self._rest = np.zeros((nsim, n))
+        self._joint = np.zeros(nsim, dtype=np.int64)
+        self._gone = np.zeros(nsim, dtype=bool)
+        self._squares, self._count = np.zeros((2, nsim))
+        self._all_squares, self._all_count = np.zeros((2, nsim))
+
+    def start(self, ids: Index, angle: Array, joint: Index) -> None:
+        """Restart arms ``ids`` that rest at ``angle`` (M, n) [rad]; tested is ``joint``."""
+        self._state[:, ids], self._rest[ids], self._joint[ids] = 0.0, angle, joint
+        self._gone[ids] = False
+        for total in (self._squares, self._count, self._all_squares, self._all_count):
+            total[ids] = 0.0
+
+    def begin_step(self, ids: Index) -> None:
+        """Begin an environment step of arms ``ids``."""
+        self._squares[ids] = self._count[ids] = 0.0
+
+    def add(self, ids: Index, angle: Array) -> None:
+        """Take the next angles (M, K, n) of arms ``ids``, one per control step [rad]."""
+        moved = np.ascontiguousarray((angle - self._rest[ids][:, None]).transpose(0, 2, 1))
+        mine = np.abs(moved[np.arange(len(ids)), self._joint[ids]])
+        state = np.ascontiguousarray(self._state[:, ids])
+        filter_sections(self._band, moved, state)
+        self._state[:, ids] = state
+        gone = np.logical_or.accumulate(mine >= self._far, axis=1) | self._gone[ids][:, None]
+        self._gone[ids] = gone[:, -1]
+        squares = np.where(gone, 0.0, (moved**2).sum(axis=1)).sum(axis=1)
+        count = (~gone).sum(axis=1)
+        self._squares[ids] += squares
+        self._count[ids] += count
+        self._all_squares[ids] += squares
+        self._all_count[ids] += count
+
+    def step_mean_square(self, ids: Index) -> Array:
+        """Return (M,) mean square of the last step, 0 where nothing counted [rad²]."""
+        return self._squares[ids] / np.maximum(self._count[ids], 1.0)
+
+    def episode_rms(self, ids: Index) -> Array:
+        """Return (M,) root mean square since the start [rad]."""
+        return np.sqrt(self._all_squares[ids] / np.maximum(self._all_count[ids], 1.0))
+
+
+OPTIONS = ("joint", "load", "direction")  # Names of the reset options
 GROUPS = (
     Group("displacement", -5.0, 5.0, "threshold", "link angle minus the pose", per_joint=True),
     Group("velocity", -50.0, 50.0, "threshold/s", "link speed", per_joint=True),
@@ -64,16 +120,11 @@ GROUPS = (
 class RampTrace:
     """Samples of one ramp, one per block of control steps, kept to be drawn."""
 
-    time: list[float] = field(default_factory=list)
-    """Since the ramp started [s]."""
-    torque: list[float] = field(default_factory=list)
-    """Commanded torque of the tested joint, dither excluded [N·m]."""
-    amplitude: list[float] = field(default_factory=list)
-    """Dither amplitude of the tested joint [N·m]."""
-    frequency: list[float] = field(default_factory=list)
-    """Dither frequency of the tested joint [Hz]."""
-    displacement: list[float] = field(default_factory=list)
-    """Angle of the tested joint since its ramp started [rad]."""
+    time: list[float] = field(default_factory=list)  # Since the ramp started [s]
+    torque: list[float] = field(default_factory=list)  # Of the tested joint, without dither [N·m]
+    amplitude: list[float] = field(default_factory=list)  # Of the tested joint [N·m]
+    frequency: list[float] = field(default_factory=list)  # Of the tested joint [Hz]
+    displacement: list[float] = field(default_factory=list)  # Of the tested joint [rad]
 
 
 class SJEEpisodes(Episodes[Configuration, float]):
@@ -117,10 +168,20 @@ class SJEEpisodes(Episodes[Configuration, float]):
         self._level = np.zeros(self.num_envs)
         self.trace = [RampTrace() for _ in range(self.num_envs)] if self._traced else None
 
-    # ---- episodes ----------------------------------------------------------------------------
-
     def _check_options(self, options: Options | None) -> Checked:
-        return check_sje_options(options, self.n)
+        expected: dict[str, tuple[object, ...]] = {
+            "joint": tuple(range(1, self.n + 1)),
+            "load": LOADS,
+            "direction": DIRECTIONS,
+        }
+        out: Checked = {}
+        for name, value in named_options(options, OPTIONS).items():
+            kinds = (int, np.integer) if name == "joint" else (str,)
+            fits = isinstance(value, kinds) and not isinstance(value, bool)
+            if not fits or value not in expected[name]:
+                raise unknown(name, value, expected[name])
+            out[name] = int(value) if name == "joint" else value
+        return out
 
     def _draw(self, rng: np.random.Generator, options: Checked) -> tuple[Configuration, ScatterKey]:
         drawn = configurations(self.n)[int(rng.integers(4 * self.n))]
@@ -217,15 +278,12 @@ class SJEEpisodes(Episodes[Configuration, float]):
             "time_s": float(measures["time"]),
         }
 
-    # ---- what is seen ------------------------------------------------------------------------
-
     def torque(self, ids: Index) -> Array:
         """Return (M,) commanded torque of the tested joints, dither excluded, now [N·m]."""
         last = np.maximum(self.rig.step[ids] - 1, 0)
         return self.rig.ramp_torque(ids, last[:, None])[:, 0]
 
-    def observe(self, ids: Index) -> NDArray[np.float32]:
-        """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
+    def _observed(self, ids: Index) -> dict[str, Array]:
         rig, rows = self.rig, np.arange(len(ids))
         threshold = rig.protocol.threshold
         base = np.abs(self.tau_base[ids])
@@ -233,8 +291,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
         asked[rows, rig.joint[ids]] = torque
         tested = np.zeros((len(ids), self.n))
         tested[rows, rig.joint[ids]] = 1.0
-        amplitude, frequency = observed_action(self.action[ids], self._low, self._high)
-        values = {
+        return {
             "displacement": (rig.seen_position[ids] - rig.pose[ids]) / threshold,
             "velocity": rig.seen_velocity[ids] / threshold,
             "progress": rig.sign[ids] * rig.displacement()[ids] / threshold,
@@ -244,11 +301,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
             "tested": tested,
             "load": np.array([float(self.configuration[i].load == "load") for i in ids]),
             "direction": rig.sign[ids],
-            "amplitude": amplitude,
-            "frequency": frequency,
         }
-        space = self.observation_space
-        return pack(GROUPS, values, len(ids), space.low, space.high)
 
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Return joint (from 1), load and direction of the episodes of ``ids``."""
@@ -263,33 +316,9 @@ class SJEEpisodes(Episodes[Configuration, float]):
         assert self.trace is not None
         torque, moved = self.torque(ids), self.rig.displacement()[ids]
         for row, i in enumerate(ids):
-            k = self.rig.joint[i]
-            sample = {
-                "time": float(self.rig.step[i] * CONTROL_DT),
-                "torque": float(torque[row]),
-                "amplitude": float(self.action[i, k]),
-                "frequency": float(self.action[i, self.n + k]),
-                "displacement": float(moved[row]),
-            }
-            for name, value in sample.items():
-                getattr(self.trace[i], name).append(value)
-
-
-def check_sje_options(options: Mapping[str, object] | None, n: int) -> Checked:
-    """Return valid reset options of an arm of ``n`` joints.
-
-    Raises:
-        StictionError: an option or a value that does not exist.
-    """
-    expected: dict[str, tuple[object, ...]] = {
-        "joint": tuple(range(1, n + 1)),
-        "load": LOADS,
-        "direction": DIRECTIONS,
-    }
-    out: Checked = {}
-    for name, value in named_options(options, OPTIONS).items():
-        kinds = (int, np.integer) if name == "joint" else (str,)
-        if isinstance(value, bool) or not isinstance(value, kinds) or value not in expected[name]:
-            raise unknown(name, value, expected[name])
-        out[name] = int(value) if name == "joint" else value
-    return out
+            k, trace = self.rig.joint[i], self.trace[i]
+            trace.time.append(float(self.rig.step[i] * CONTROL_DT))
+            trace.torque.append(float(torque[row]))
+            trace.amplitude.append(float(self.action[i, k]))
+            trace.frequency.append(float(self.action[i, self.n + k]))
+            trace.displacement.append(float(moved[row]))

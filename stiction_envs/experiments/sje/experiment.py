@@ -37,15 +37,13 @@ from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
 from stiction_envs.friction.from_file import friction_note
-from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.provenance import provenance
 
-Dither = str | Path | Sequence[AmplitudeRow]
-"""An amplitude table, or its rows."""
+DitherTable = str | Path | Sequence[AmplitudeRow]  # An amplitude table, or its rows
 MAX_SIMULATIONS = 384
 """Simulations run at once (assumed): more cost memory and gain nothing on a few cores."""
 
@@ -92,7 +90,14 @@ class SingleJointExperiment(SJESetup):
                 poses.
         """
         sticking = sticking_model(robot, friction, timestep=timestep)
-        servos = _servos_of(sticking, drive)
+        if drive not in (None, "torque", "position"):
+            raise unknown("drive", drive, ("torque", "position"))
+        servos = None if drive == "torque" else sticking.servos
+        if drive == "position" and servos is None:
+            raise StictionError(
+                "drive position: expected a friction TOML with a table [servo], as a diagnosis of "
+                "servo logs writes it"
+            )
         if servos is not None:
             sticking = dataclasses.replace(sticking, model=copy.copy(sticking.model))
             put_under_servos(sticking, servos)
@@ -117,7 +122,7 @@ class SingleJointExperiment(SJESetup):
         *,
         loads: Sequence[str] = LOADS,
         directions: Sequence[str] = DIRECTIONS,
-        dither: Dither | None = None,
+        dither: DitherTable | None = None,
     ) -> list[Job]:
         """Return undithered jobs, then those with the dither of a table.
 
@@ -153,7 +158,7 @@ class SingleJointExperiment(SJESetup):
             if (row := rows.get(job.configuration.joint)) is not None
         ]
 
-    def _rows(self, dither: Dither, tested: list[int]) -> dict[int, AmplitudeRow]:
+    def _rows(self, dither: DitherTable, tested: list[int]) -> dict[int, AmplitudeRow]:
         """Return the row of each joint that is dithered and tested."""
         where = "dither"
         if isinstance(dither, str | Path):
@@ -245,19 +250,12 @@ class SingleJointExperiment(SJESetup):
             file=file,
         )
 
-    def base_torques(
-        self, *, iterations: int | None = None, progress: Callable[[float], None] | None = None
-    ) -> BreakawayTorques:
-        """Measure the torque at which every joint breaks away without dither.
+    def base_torques(self) -> BreakawayTorques:
+        """Measure the torque at which every joint breaks away without dither; see `measure`.
 
-        Args:
-            iterations: repeats, None for the protocol's.
-            progress: called with the simulated seconds of every block, summed over simulations.
-
-        Returns:
-            Rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
+        The result has rows as in ``base.csv``, and (n, 2, 2) `BreakawayTorques.tau` [N·m].
         """
-        return self.measure(self.jobs(), iterations=iterations, progress=progress, file="base.csv")
+        return self.measure(self.jobs(), file="base.csv")
 
     def run(
         self,
@@ -265,7 +263,6 @@ class SingleJointExperiment(SJESetup):
         *,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
-        simulations: int = MAX_SIMULATIONS,
     ) -> Iterator[Measurement]:
         """Run jobs, yielding each as it is done: a simulation that is free takes the next job.
 
@@ -273,7 +270,6 @@ class SingleJointExperiment(SJESetup):
             jobs: what to measure; the result of one does not depend on the others.
             iterations: repeats, None for the protocol's.
             progress: called with the simulated seconds of every block, summed over simulations.
-            simulations: most at once.
 
         Raises:
             ExperimentError: an arm that cannot be held in its pose.
@@ -283,7 +279,7 @@ class SingleJointExperiment(SJESetup):
         repeats = int(self.protocol.iterations) if iterations is None else iterations
         # the longest first: the last to finish should not be the last to start
         queue = deque(sorted(jobs, key=self.expected, reverse=True))
-        rig = self.rig(min(len(jobs), simulations))
+        rig = self.rig(min(len(jobs), MAX_SIMULATIONS))
         logs: dict[int, RampLog] = {}
         free = list(range(rig.nsim))
         while queue or logs:
@@ -339,23 +335,11 @@ class SingleJointExperiment(SJESetup):
             logs[i].trace.append(a)
 
 
-def _servos_of(sticking: StickingModel, drive: str | None) -> PositionServos | None:
-    """Return the servos that drive the joints; None for torques."""
-    if drive not in (None, "torque", "position"):
-        raise unknown("drive", drive, ("torque", "position"))
-    if drive == "position" and sticking.servos is None:
-        raise StictionError(
-            "drive position: expected a friction TOML with a table [servo], as a diagnosis of "
-            "servo logs writes it"
-        )
-    return None if drive == "torque" else sticking.servos
-
-
 class RampLog:
     """Results of the ramps of one job."""
 
     def __init__(self, job: Job) -> None:
-        self.job, self.deviation = job, 0.0
+        self.job = job
         self.ramps: list[tuple[float, float, float, float]] = []
         self.trace: list[float] = []
         self.traces: list[NDArray[np.float32]] = []
@@ -364,7 +348,6 @@ class RampLog:
         """End one iteration."""
         start = rig.start_angle[i] - rig.pose[i, rig.joint[i]]
         self.ramps.append((rig.tau[i], start, rig.start_torque[i], rig.shaken_speed[i]))
-        self.deviation = max(self.deviation, float(rig.deviation[i]))
         self.traces.append(np.array(self.trace, dtype=np.float32))
         self.trace = []
 
@@ -377,7 +360,6 @@ class RampLog:
             start=start,
             start_torque=start_torque,
             shaken_speed=shaken_speed,
-            deviation=self.deviation,
             traces=tuple(self.traces),
             trace_dt=BLOCK * CONTROL_DT,
         )

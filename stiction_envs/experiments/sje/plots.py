@@ -34,8 +34,7 @@ from stiction_envs.robots.registry import arm_title
 
 MAPS = {"+": "YlOrRd", "-": "GnBu"}
 WITHOUT, WITH = "0.45", "#d1701a"
-MOST_NAMED = 2
-"""Settings of one joint that a title and a legend have room for."""
+MOST_NAMED = 2  # Settings of one joint that a title and a legend have room for
 
 
 def plain_axes(axes: Axes, *, grid: Literal["both", "x"] = "both") -> None:
@@ -56,9 +55,7 @@ def dither_text(job: Job) -> str:
 def ramps(m: Measurement, ramp_rate: float) -> list[tuple[Array, Array]]:
     """Return per iteration the torque along the ramp [N·m] and the displacement [rad], (K,) each.
 
-    Args:
-        m: the measurement; its traces may be thinned.
-        ramp_rate: growth of the commanded torque [N·m/s].
+    Traces may be thinned; ``ramp_rate`` is that of the commanded torque [N·m/s].
     """
     sign = m.job.configuration.sign
     out = []
@@ -76,13 +73,9 @@ def plot_sje(
     robot: str,
     protocol: Protocol,
 ) -> None:
-    """Draw one joint in one pose: iterations above, mean and standard deviation below.
+    """Draw one joint in one pose, in one or both directions, as a PNG.
 
-    Args:
-        measurements: one or both directions of one joint and pose.
-        path: PNG to write.
-        robot: name for the title.
-        protocol: by which they were measured.
+    Iterations are above, their mean and standard deviation below.
     """
     figure = Figure(figsize=(8.6, 7.4), layout="constrained")
     draw_sje(figure, measurements, protocol)
@@ -101,7 +94,7 @@ def in_direction(measurements: Sequence[Measurement]) -> list[Measurement]:
 def draw_sje(
     figure: Figure | SubFigure, measurements: Sequence[Measurement], protocol: Protocol
 ) -> None:
-    """Draw one joint in one pose into a figure or a part of one; arguments as `plot_sje`."""
+    """Draw one joint in one pose into a figure or a part of one, as `plot_sje`."""
     threshold, ramp_rate = protocol.threshold, protocol.ramp_rate
     upper, lower = figure.subplots(2, 1, sharex=True, sharey=True)
     for m in in_direction(measurements):
@@ -202,10 +195,7 @@ def _mean(axes: Axes, m: Measurement, ramp_rate: float) -> None:
 def plot_torques(rows: Sequence[SJERow], path: str | os.PathLike[str], *, robot: str) -> None:
     """Draw every breakaway torque, a configuration in a line: without dither a ring, with it a dot.
 
-    Args:
-        rows: of ``sje.csv``, at least one.
-        path: PNG to write.
-        robot: name for the title.
+    ``rows`` are those of ``sje.csv``, at least one; the title names the robot.
     """
     lines = list(dict.fromkeys((r.joint, r.load, r.direction) for r in rows))
     figure = Figure(figsize=(8.6, 1.3 + 0.26 * len(lines)), layout="constrained")

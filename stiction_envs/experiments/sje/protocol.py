@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.base import joint_number
+from stiction_envs.experiments.rig import joint_number
 from stiction_envs.experiments.servos import Approach
 from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
 from stiction_envs.robots.registry import ARMS
+from stiction_envs.robots.tables import read_toml
 
-POSES = {"load": "load pose", "no_load": "no-load pose"}
-"""As pages write loads."""
+POSES = {"load": "load pose", "no_load": "no-load pose"}  # As pages write loads
 SIGNS = {"+": "+", "-": "−"}
 _TOML = Path(__file__).with_name("sje.toml")
 
@@ -27,56 +27,31 @@ _TOML = Path(__file__).with_name("sje.toml")
 class Protocol(Approach):
     """Numbers of the experiment; `sje.toml` has their sources."""
 
-    ramp_rate: Positive
-    """Growth of the commanded torque [N·m/s]."""
-    threshold: Positive
-    """The joint has broken away when it is this far from where the ramp found it [rad]."""
-    iterations: Positive
-    """Repeats per configuration."""
+    ramp_rate: Positive  # Growth of the commanded torque [N·m/s]
+    threshold: Positive  # Angle from the ramp's start at which a joint has broken away [rad]
+    iterations: Positive  # Repeats per configuration
     start_tolerance: NotNegative
     """Largest distance of any joint from the pose when a ramp starts [rad]."""
-    rest_speed: NotNegative
-    """Fastest joint speed that counts as rest; a ramp starts from rest [rad/s]."""
-    patience: NotNegative
-    """A ramp starts after this many times the planned approach, at rest or not [-]."""
-    averaged_start_torque: NotNegative
-    """1: the ramp starts at the averaged external torque (iiwa), 0: at zero (Panda)."""
-    averaging_time: NotNegative
-    """Time over which that torque is averaged [s]."""
-    give_up_factor: NotNegative
-    """A ramp ends as stuck at this multiple of stiction plus offset [-]."""
-    torque_noise: NotNegative
-    """Standard deviation of a torque reading [N·m]."""
+    rest_speed: NotNegative  # Fastest joint speed at a ramp's start [rad/s]
+    patience: NotNegative  # A ramp starts after this many approaches, at rest or not [-]
+    averaged_start_torque: NotNegative  # 1: from the averaged torque (iiwa), 0: from zero (Panda)
+    averaging_time: NotNegative  # Time over which that torque is averaged [s]
+    give_up_factor: NotNegative  # A ramp ends as stuck at this multiple of stiction plus offset [-]
+    torque_noise: NotNegative  # Standard deviation of a torque reading [N·m]
 
     def replace(self, **changes: float) -> Protocol:
-        """Return a copy with some numbers changed.
-
-        Raises:
-            StictionError: an unknown name, or a number out of range.
-        """
+        """Return a copy with some numbers changed; raise for an unknown name or a bad number."""
         return override(self, changes)
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnderServos:
-    """Numbers that differ where position servos drive the joints."""
-
-    threshold: Positive
-    """See `Protocol` [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SJERewardSettings:
     """Weights of the environment's penalties, and the least frequency of shaking."""
 
-    power_weight: Positive
-    """Weight of the mean of (A / A_max)² [-]."""
-    torque_rate_weight: Positive
-    """Weight of the mean of (2πfA / torque rate limit)² [-]."""
-    shaking_weight: Positive
-    """Weight of (oscillation / threshold)² [-]."""
-    shaking_corner: Positive
-    """Joints oscillate above this frequency [Hz]; see `Oscillation`."""
+    power_weight: Positive  # Weight of the mean of (A / A_max)² [-]
+    torque_rate_weight: Positive  # Weight of the mean of (2πfA / torque rate limit)² [-]
+    shaking_weight: Positive  # Weight of (oscillation / threshold)² [-]
+    shaking_corner: Positive  # Joints oscillate above this frequency [Hz]; see `Oscillation`
 
 
 def sje_reward_settings() -> SJERewardSettings:
@@ -87,16 +62,13 @@ def sje_reward_settings() -> SJERewardSettings:
 def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
     """Return the protocol of a registered arm: `sje.toml`, and what its TOML says otherwise.
 
-    Args:
-        robot: name of the arm.
-        position: whether position servos drive its joints.
-
-    Raises:
-        StictionError: an arm's ``[experiments.sje.NAME]`` that is no number of the protocol.
+    ``position`` is whether position servos drive its joints. Raise a StictionError for an arm's
+    ``[experiments.sje.NAME]`` that is no number of the protocol.
     """
     protocol, arm = load_settings(Protocol, _TOML, "default"), ARMS.get(str(robot))
     if position:
-        protocol = protocol.replace(threshold=load_settings(UnderServos, _TOML, "servos").threshold)
+        servos = read_toml(_TOML)["servos"]
+        protocol = protocol.replace(**{name: entry["value"] for name, entry in servos.items()})
     own = {} if arm is None else arm.table.get("experiments", {}).get("sje", {})
     try:
         return override(protocol, own)
@@ -108,12 +80,9 @@ def load_protocol(robot: str | None, *, position: bool = False) -> Protocol:
 class Configuration:
     """A joint, its pose and the direction of the ramp."""
 
-    joint: int
-    """1..n, counted from the base."""
-    load: str
-    """``load`` or ``no_load``."""
-    direction: str
-    """``+`` or ``-``."""
+    joint: int  # 1..n, counted from the base
+    load: str  # ``load`` or ``no_load``
+    direction: str  # ``+`` or ``-``
 
     def __post_init__(self) -> None:
         if self.load not in LOADS:
@@ -133,11 +102,7 @@ class Configuration:
 
 
 def configurations(n: int, joints: list[int] | None = None) -> list[Configuration]:
-    """Return the 4n configurations of an arm, or those of some joints (1..n).
-
-    Raises:
-        StictionError: a joint outside 1..n.
-    """
+    """Return the 4n configurations of an arm, or those of some joints (1..n)."""
     for joint in joints or []:
         joint_number(joint, n)
     chosen = sorted(set(joints)) if joints else list(range(1, n + 1))
@@ -154,8 +119,7 @@ class Job:
     waveform: str = DEFAULT_WAVEFORM
     offset_nm: float = 0.0
     gate_velocity: float = float("inf")
-    replica: int = 0
-    """Repeats of the same job with scatter of their own."""
+    replica: int = 0  # Repeats of the same job with scatter of their own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -163,20 +127,12 @@ class Measurement:
     """Results of the iterations of one job."""
 
     job: Job
-    tau: Array
-    """(iterations,) signed commanded torque, dither excluded, at the threshold [N·m]."""
-    start: Array
-    """(iterations,) angle of the joint when its ramp started, relative to the pose [rad]."""
-    start_torque: Array
-    """(iterations,) torque at which the ramp started [N·m]."""
-    shaken_speed: Array
-    """(iterations,) root mean square speed of the joint before it broke away [rad/s]."""
-    deviation: float
-    """Largest distance of any other joint from the pose during the ramps [rad]."""
-    traces: tuple[NDArray[np.float32], ...]
-    """Per iteration, the joint's angle relative to the pose every `trace_dt` of its ramp [rad]."""
-    trace_dt: float
-    """Sampling time of the traces [s]."""
+    tau: Array  # (iterations,) signed commanded torque, dither excluded, at the threshold [N·m]
+    start: Array  # (iterations,) angle of the joint from the pose at its ramp's start [rad]
+    start_torque: Array  # (iterations,) torque at which the ramp started [N·m]
+    shaken_speed: Array  # (iterations,) RMS speed of the joint before breakaway [rad/s]
+    traces: tuple[NDArray[np.float32], ...]  # Angle from the pose every `trace_dt` [rad]
+    trace_dt: float  # Sampling time of the traces [s]
 
     @property
     def mean(self) -> float:

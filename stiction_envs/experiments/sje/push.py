@@ -17,8 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.experiments.base import Experiment, joint_number
-from stiction_envs.experiments.rig import Rig, dither_arrays
+from stiction_envs.experiments.rig import Experiment, Rig, dither_arrays, joint_number
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.measured import AmplitudeRow
@@ -46,13 +45,8 @@ class Push(Rig):
     ) -> None:
         """Put the arm at its rest pose, joint 1 free, nothing pushed, dither off.
 
-        Args:
-            sticking: the model.
-            dither: of each dithered joint, when it is the one that is pushed and dither is on.
-            seed: of a dither's waveform that is drawn.
-
-        Raises:
-            StictionError: dither of a joint that the arm lacks.
+        ``dither`` has the dither of a joint, for when that joint is pushed and dither is on.
+        ``seed`` is that of a waveform that is drawn.
         """
         protocol = load_protocol(sticking.arm.registered_name)
         super().__init__(Experiment(sticking, threads=1), 1, approach=protocol)
@@ -61,26 +55,19 @@ class Push(Rig):
             joint_number(row.joint, self.n)
         self.rows = {row.joint: row for row in dither if row.amplitude_nm > 0}
         """Dither of each joint that has one."""
-        self.threshold = protocol.threshold
-        """Distance after which the joint has let go [rad]."""
+        self.threshold = protocol.threshold  # Distance after which the joint has let go [rad]
         # whole controller cycles, none longer than the plant leaves its friction alone
         self.block = max(1, SLOW_STEPS // self.interface.hold_steps) * self.interface.hold_steps
         """Control steps that `advance` counts in."""
-        self.joint = 1
-        """The one that is pushed, from 1."""
-        self.dithered = False
-        """Whether dither is on."""
-        self.slips = False
-        """Whether the joint has let go and still moves."""
-        self.start = 0.0
-        """Where the joint last rested [rad]."""
+        self.joint = 1  # The one that is pushed, from 1
+        self.dithered = False  # Whether dither is on
+        self.slips = False  # Whether the joint has let go and still moves
+        self.start = 0.0  # Where the joint last rested [rad]
         self.torque = self.target = 0.0
         """The push now, dither excluded, and where it is going [N·m]."""
         self.let_go: float | None = None
         """Torque at which the joint last let go [N·m]; None since the last choice."""
         self.reset()
-
-    # ---- what a person does ------------------------------------------------------------------
 
     def reset(self) -> None:
         """Bring the arm back to its rest pose; joint and dither stay as they are."""
@@ -89,11 +76,7 @@ class Push(Rig):
         self.choose(self.joint)
 
     def choose(self, joint: int) -> None:
-        """Push another joint (from 1); all are held where they are, with no push on any.
-
-        Raises:
-            StictionError: a joint that the arm lacks.
-        """
+        """Push another joint (from 1); all are held where they are, with no push on any."""
         self.joint = joint_number(joint, self.n) + 1
         stiffness, damping = self._servos_of(_ARM, *self._servos.inertia(self.plant.position))
         stiffness[0, joint - 1] = damping[0, joint - 1] = 0.0
@@ -117,8 +100,6 @@ class Push(Rig):
         self.dithered = not self.dithered
         self._set_dither()
 
-    # ---- what the joint does -----------------------------------------------------------------
-
     @property
     def angle(self) -> float:
         """Angle of the joint since it last rested [rad]."""
@@ -130,13 +111,10 @@ class Push(Rig):
         return self.rows.get(self.joint) if self.dithered else None
 
     def holds_up_to(self, direction: float) -> float:
-        """Return the torque's magnitude up to which the joint holds without dither [N·m].
+        """Return the torque's size up to which the joint holds without dither in a direction [N·m].
 
         Stiction at the present load, and the torque that balances the arm beyond its gravity
-        compensation.
-
-        Args:
-            direction: of the push: from 0 positive, else negative.
+        compensation. A ``direction`` from 0 is positive.
         """
         j, side, sign = self.joint - 1, int(direction < 0), -1.0 if direction < 0 else 1.0
         plant = self.plant
@@ -145,14 +123,8 @@ class Push(Rig):
         stiction = float(plant.stiction[0, j] * levels[side] / levels.mean())
         return stiction + sign * float(plant.offset[0, j])
 
-    # ---- stepping ----------------------------------------------------------------------------
-
     def advance(self, seconds: float) -> None:
-        """Let time pass, in blocks of `block` control steps.
-
-        Raises:
-            ExperimentError: a simulation that the engine stopped.
-        """
+        """Let time pass, in blocks of `block` control steps."""
         blocks = max(1, round(seconds / (self.block * CONTROL_DT)))
         for _ in range(blocks):
             self._advance_block()
@@ -188,8 +160,7 @@ class Push(Rig):
         cycle = -(-step // self.interface.hold_steps) * self.interface.hold_steps
         away = self.target - self.torque
         grown = np.minimum(rate * CONTROL_DT * cycle, abs(away))
-        out: Array = self.torque + np.sign(away) * grown
-        return out
+        return self.torque + np.sign(away) * grown
 
     def _is_still(self) -> bool:
         """Whether the joint has stopped, however it is shaken."""

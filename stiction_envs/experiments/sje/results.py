@@ -12,20 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import ExperimentError
-from stiction_envs.experiments.sje.protocol import (
-    POSES,
-    SIGNS,
-    Measurement,
-    Protocol,
-)
+from stiction_envs.experiments.sje.protocol import POSES, SIGNS, Measurement, Protocol
 from stiction_envs.measured import BaseTable, SJERow, write_sje
 from stiction_envs.reporting.markdown import aligned, number, percent, signed, table_text
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots.registry import arm_title
 
-Row = Mapping[str, Any]
-"""A row of the table: `SJERow` as a dict."""
+Row = Mapping[str, Any]  # A row of the table: `SJERow` as a dict
 
 
 def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
@@ -38,15 +32,10 @@ def in_order(measurements: Iterable[Measurement]) -> list[Measurement]:
 
 
 def sje_rows(measurements: Iterable[Measurement], robot: str) -> list[SJERow]:
-    """Return one row per measurement, in order; those with a stuck iteration have none.
+    """Return one row per measurement without a stuck iteration, in order.
 
-    Args:
-        measurements: base and dithered ones.
-        robot: name for the robot column.
-
-    Returns:
-        Rows; `reduction` is 1 − |τ|/|τ_base| of the same configuration, 0 for a base row, NaN where
-        no base torque is known. `std_nm` is NaN after a single iteration: it is not known.
+    `reduction` is 1 − |τ|/|τ_base| of the same configuration, 0 for a base row, NaN where no base
+    torque is known. `std_nm` is NaN after a single iteration.
     """
     ordered = in_order(measurements)
     base = {m.job.configuration: m for m in ordered if m.is_base}
@@ -79,18 +68,13 @@ class BreakawayTorques(Result):
     """Breakaway torques of an experiment, with and without dither."""
 
     robot: str
-    n: int
-    """Joints of the arm."""
+    n: int  # Joints of the arm
     protocol: Protocol
-    measurements: tuple[Measurement, ...]
-    """By joint, pose and direction, base before dithered."""
+    measurements: tuple[Measurement, ...]  # By joint, pose and direction, base before dithered
     provenance: Provenance
-    file: str = "sje.csv"
-    """Name of the table that `write` makes."""
-    note: str = ""
-    """Stands at the top of the report."""
-    servo_stiffness: NDArray[np.float64] | None = None
-    """(n,) of the position servos that drove the joints [N·m/rad]; None for torques."""
+    file: str = "sje.csv"  # Name of the table that `write` makes
+    note: str = ""  # Stands at the top of the report
+    servo_stiffness: NDArray[np.float64] | None = None  # (n,) of servos [N·m/rad]
 
     @property
     def rows(self) -> list[SJERow]:
@@ -108,11 +92,7 @@ class BreakawayTorques(Result):
 
     @property
     def base(self) -> BaseTable:
-        """The base torques as `tune` and `calibrate` take them.
-
-        Raises:
-            StictionError: one of them is not known.
-        """
+        """Base torques as `tune` and `calibrate` take them; StictionError if one is not known."""
         return BaseTable(self.robot, self.tau)
 
     @property
@@ -150,12 +130,8 @@ class BreakawayTorques(Result):
     ) -> None:
         """Write the table, a plot per joint, pose and kind, ``report.md`` and ``report.html``.
 
-        Args:
-            folder: an existing one.
-            progress: called with "plots", plots drawn and their number.
-
-        Raises:
-            ExperimentError: everything was stuck; nothing is written.
+        ``progress`` is called with "plots", plots drawn and their number. Raise an ExperimentError
+        where everything was stuck; nothing is written then.
         """
         from stiction_envs.experiments.sje.plots import plot_sje
 

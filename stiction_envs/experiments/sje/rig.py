@@ -17,15 +17,13 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.dither import add_sines
 from stiction_envs.errors import ExperimentError
-from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.poses import Poses
-from stiction_envs.experiments.rig import Rig, minimum_jerk
+from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.experiments.sje.protocol import Configuration, Protocol
 from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 
 IDLE, APPROACH, RAMP = 0, 1, 2
-BLOCK = SLOW_STEPS
-"""Control steps of one `advance`."""
+BLOCK = SLOW_STEPS  # Control steps of one `advance`
 STICKING = 0.2
 """A joint still sticks until it has moved by this part of the threshold [-]; assumed: past it the
 joint runs away, and its speed is no longer the dither's."""
@@ -46,12 +44,9 @@ class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
     def __init__(self, setup: SJESetup, nsim: int, *, dither_all: bool = False) -> None:
-        """Make the rig; all simulations are idle.
+        """Make the rig; all ``nsim`` simulations are idle.
 
-        Args:
-            setup: the experiment; its scatter has one stream per configuration and iteration.
-            nsim: number of simulations.
-            dither_all: whether every joint is dithered (the environments) or the tested one.
+        With ``dither_all`` every joint is dithered (the environments), else the tested one.
         """
         super().__init__(setup, nsim, approach=setup.protocol, columns=None if dither_all else 1)
         self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
@@ -70,7 +65,6 @@ class SJERig(Rig):
         self.start_angle = np.zeros(nsim)
         self.noise = np.zeros(nsim)
         self.tau = np.full(nsim, np.nan)
-        self.deviation = np.zeros(nsim)
         self.shaken_speed = np.zeros(nsim)
         """(N,) root mean square speed of the joint under test before it broke away, without what is
         slow against the dither [rad/s]."""
@@ -84,6 +78,8 @@ class SJERig(Rig):
         self._approach_steps = round((protocol.return_time + protocol.settle_time) / CONTROL_DT)
         self._approach_steps = -(-self._approach_steps // BLOCK) * BLOCK
         self._move_steps = max(1, round(protocol.return_time / CONTROL_DT))
+        # control steps in which no command changes
+        self._cycle = 1 if BLOCK % self.interface.hold_steps else self.interface.hold_steps
 
     def place(self, ids: Index, configurations: Sequence[Configuration]) -> None:
         """Put arms into new configurations, displaced as after a ramp in the other direction."""
@@ -91,7 +87,6 @@ class SJERig(Rig):
         load = np.array([c.index[1] for c in configurations])
         self.joint[ids], self.sign[ids] = joint, [c.sign for c in configurations]
         self.pose[ids] = self.poses.q[joint, load]
-        self.deviation[ids] = 0.0
         start = self.pose[ids].copy()
         start[np.arange(len(ids)), joint] -= self.sign[ids] * self.protocol.threshold
         self.plant.reset(ids, start)
@@ -128,6 +123,10 @@ class SJERig(Rig):
         phase = self.dither_phase[ids]
         return phase if self.columns > 1 else phase[np.arange(len(ids)), self.joint[ids]][:, None]
 
+    def _column(self, ids: Index) -> Index:
+        """Return (M,) the column of the joint under test among torques and dithers."""
+        return self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
+
     def _gate_speed(self) -> Array | None:
         speed = super()._gate_speed()
         if speed is None or self.columns > 1:
@@ -137,7 +136,7 @@ class SJERig(Rig):
     def _held_gate_speed(self, ids: Index, step: Index) -> Array | None:
         """Return the speed that the controller of each arm read at the cycle it is in.
 
-        ``step`` (M,) are control steps of the ramps ``ids``; a slow controller holds its reading.
+        ``step`` (M,) are control steps of the ramps ``ids``.
         """
         speed = self._gate_speed()
         if speed is None:
@@ -156,8 +155,7 @@ class SJERig(Rig):
         """(N, n) torque with which servos hold joints, as if none were free [N·m]."""
         lag = self.target - self.plant.motor_position
         speed = self.plant.state[1][:, self.plant.sticking.motor]
-        out: Array = self._hold * lag - self._hold_damping * speed
-        return out
+        return self._hold * lag - self._hold_damping * speed
 
     def ramp_torque(self, ids: Index, step: Index) -> Array:
         """Return (M, K) commanded torque without dither [N·m] at control steps (M, K) of a ramp."""
@@ -180,7 +178,8 @@ class SJERig(Rig):
         every = self.watch is not None or self.senses is not None
         seen = np.empty((m, BLOCK, self.n)) if every else None
         measured = np.empty((len(rows), BLOCK, self.n)) if self.senses is not None else None
-        part = self._steps_at_once(ids[rows])
+        gated = np.isfinite(self.dither.gate_velocity[ids[rows]]).any()
+        part = self._cycle if gated else BLOCK
         for k in range(0, BLOCK, part):
             here = slice(k, k + part)
             torque = np.zeros((m, part, self.n))
@@ -214,19 +213,9 @@ class SJERig(Rig):
         """Advance the plant under torques (M, K, n) [N·m], servos at setpoints (M, K, n) [rad]."""
         return self.plant.run(torque, ids, setpoint=setpoint, joint=joint)
 
-    def _steps_at_once(self, ids: Index) -> int:
-        """Return control steps for which ramps ``ids`` need not look at their speed."""
-        if not np.isfinite(self.dither.gate_velocity[ids]).any():
-            return BLOCK
-        hold = self.interface.hold_steps
-        return hold if BLOCK % hold == 0 else 1
-
     def _add_speeds(self, ids: Index, angle: Array) -> None:
         """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
-        frequency = self.dither.frequency[ids]
-        if self.columns > 1:
-            frequency = np.take_along_axis(frequency, self.joint[ids][:, None], axis=1)
-        corner = HIGHPASS * frequency[:, 0]
+        corner = HIGHPASS * self.dither.frequency[ids, self._column(ids)]
         gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
         sums = self._speeds[ids]
         _add_squares(angle, self.start_angle[ids], far, gain, sums)
@@ -235,21 +224,19 @@ class SJERig(Rig):
     def _command(self, torque: Array, rows: Index, ids: Index, step: Index, ahead: int) -> None:
         """Fill ``torque`` (M, K, n) [N·m] of ramps: command, dither, torque path.
 
-        ``ahead`` is how many control steps of the block came before these.
+        ``ahead`` control steps of the block came before these.
         """
         length = step.shape[1]
         command = np.zeros((len(ids), length, self.columns))
-        mine = self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
-        command[np.arange(len(ids)), :, mine] = self.ramp_torque(ids, step)
+        command[np.arange(len(ids)), :, self._column(ids)] = self.ramp_torque(ids, step)
         if self.dither.sines is not None:
             time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
             add_sines(*self.dither.sines, time, ids, command)
         elif self.dither.amplitude.any() or self.dither.offset.any():
-            speed, hold = self._held_gate_speed(ids, step[:, 0]), self.interface.hold_steps
-            stride = hold if BLOCK % hold == 0 else 1
-            for k in range(0, length, stride):
+            speed = self._held_gate_speed(ids, step[:, 0])
+            for k in range(0, length, self._cycle):
                 shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
-                command[:, k : k + stride] += shaken[:, None]
+                command[:, k : k + self._cycle] += shaken[:, None]
         if self._line is not None:
             self._line.send_block(ids, step, command)
         out = self._path.run(command, ids)
@@ -259,10 +246,7 @@ class SJERig(Rig):
             torque[rows, :, self.joint[ids]] = out[:, :, 0]
 
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
-        """Return (M, K, n) servo setpoints [rad]: a minimum-jerk move back, then held.
-
-        None where all are held.
-        """
+        """Return (M, K, n) setpoints [rad] of a minimum-jerk move back; None where all are held."""
         if ramping.all():
             return None
         x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))
@@ -301,7 +285,7 @@ class SJERig(Rig):
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
         self._release(ids, joint, offset)
         start = np.zeros((len(ids), self.columns))
-        start[rows, joint if self.columns > 1 else 0] = self.start_torque[ids]
+        start[rows, self._column(ids)] = self.start_torque[ids]
         self._path.reset(ids, start)
         if self._line is not None:
             self._line.reset(ids, self._sense_seed[ids], start)
@@ -322,9 +306,6 @@ class SJERig(Rig):
 
     def _finish(self, ids: Index, step: Index, angle: Array) -> Index:
         """Record ramps that reached the threshold or were given up; return their simulations."""
-        others = np.abs(self.plant.position[ids] - self.pose[ids])
-        others[np.arange(len(ids)), self.joint[ids]] = 0.0
-        self.deviation[ids] = np.maximum(self.deviation[ids], others.max(axis=1))
         moved = self.sign[ids][:, None] * (angle - self.start_angle[ids][:, None])
         over = np.greater_equal(moved, self.protocol.threshold)
         reached: Bools = np.any(over, axis=1)
@@ -345,20 +326,16 @@ class SJERig(Rig):
 
         ``torque`` (M, K) is the command's without dither [N·m], ``angle`` (M, K) the joint's [rad].
         """
-        out: Array = torque[np.arange(len(ids)), last]
-        return out
+        return torque[np.arange(len(ids)), last]
 
 
 @compiled
 def _add_squares(angle: Array, start: Array, far: float, gain: Array, sums: Array) -> None:
     """Add the squares of high-passed speeds (first order) until a joint is ``far`` away [rad].
 
-    Args:
-        angle: (M, K + 1), the first is the last of before [rad].
-        start: (M,) where the joint was when its ramp started [rad].
-        far: distance at which the sums end [rad].
-        gain: (M,) of the filter per control step [-].
-        sums: (M, 4) sum of squares [rad²/s²], number, speed, filtered speed [rad/s]; updated.
+    Angles are (M, K + 1) [rad], the first of before, ``start`` (M,) where the ramp started [rad],
+    ``gain`` (M,) the filter's. ``sums`` (M, 4), updated, are sum of squares [rad²/s²], number,
+    speed and filtered speed [rad/s].
     """
     for i in range(angle.shape[0]):
         for k in range(1, angle.shape[1]):

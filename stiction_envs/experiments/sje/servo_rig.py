@@ -66,8 +66,7 @@ class ServoRig(SJERig):
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array:
         x = np.where(ramping[:, None], 1.0, minimum_jerk(step / self._move_steps))[:, :, None]
         origin, target = self._origin[ids][:, None], (self.target + self._sag)[ids][:, None]
-        out: Array = (1.0 - x) * origin + x * target
-        return out
+        return (1.0 - x) * origin + x * target
 
     def _drive(
         self, torque: Array, ids: Index, setpoint: Array | None, joint: Index | None
@@ -84,8 +83,7 @@ class ServoRig(SJERig):
         """Return (M, n) the protocol's, and where friction lets a servo stop short."""
         signed, load = self.plant.load
         short = self._servos.resistance(signed[ids], load[ids]) / self.drive.servos.stiffness
-        out: Array = self.protocol.start_tolerance + short + self.drive.servos.dead_zone
-        return out
+        return self.protocol.start_tolerance + short + self.drive.servos.dead_zone
 
     def _release(self, ids: Index, joint: Index, offset: Array) -> None:
         """Note the torque of the servos beyond gravity; they go on holding all joints."""
@@ -109,8 +107,7 @@ class ServoRig(SJERig):
         moved = angle - self.start_angle[ids][:, None]
         stiffness = self.drive.servos.stiffness[joint]
         lead = self.sign[ids][:, None] * (torque - stiffness[:, None] * moved - grown)
-        frequency = self.dither.frequency[ids]
-        mine = frequency[:, 0] if self.columns == 1 else frequency[rows, joint]
+        mine = self.dither.frequency[ids, self._column(ids)]
         shaken = self.dither.amplitude[ids].any(axis=1)
         gain = np.ones(len(ids))
         x = 2 * np.pi * HIGHPASS * mine[shaken] * CONTROL_DT
@@ -118,19 +115,15 @@ class ServoRig(SJERig):
         state = self._lead[ids]
         _largest_lead(lead, last, gain, state)
         self._lead[ids], self._weight[ids, 1] = state, weight
-        out: Array = self.sign[ids] * state[:, 2]
-        return out
+        return self.sign[ids] * state[:, 2]
 
 
 @compiled
 def _largest_lead(lead: Array, last: Index, gain: Array, state: Array) -> None:
-    """Keep the largest of torques behind two low-passes of first order.
+    """Keep the largest of torques ``lead`` (M, K) [N·m] behind two low-passes of first order.
 
-    Args:
-        lead: (M, K) torque in the direction of the ramp [N·m].
-        last: (M,) the last step that counts.
-        gain: (M,) of each low-pass per control step [-]; 1 is none.
-        state: (M, 3) behind the first, behind both, and the largest [N·m]; updated.
+    Steps count up to ``last`` (M,); ``gain`` (M,) is each filter's, 1 for none. ``state`` (M, 3),
+    updated, is the torque behind the first, behind both, and the largest [N·m].
     """
     for i in range(lead.shape[0]):
         for k in range(last[i] + 1):

@@ -30,10 +30,8 @@ def base_torques(
     τ_base is what an episode of the environment gives without dither and without scatter: the
     first ramp after the arm was put into its pose. (The thesis's mean over repeats, `stiction
     sje`, also holds the later ramps, which start from a joint that has slid before.) What is not
-    in the store is computed in one batch; a result does not depend on the batch.
-
-    Raises:
-        StictionError: a joint that does not break away without dither.
+    in the store is computed in one batch; a result does not depend on the batch. Raise a
+    StictionError for a joint that does not break away without dither.
     """
     names = {c: f"{c.joint} {c.load} {c.direction}" for c in wanted}
     key = fingerprint(experiment)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from stiction_envs.experiments.poses import find_poses
+from stiction_envs.friction.export import plain_mjcf
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
-from stiction_envs.friction.plain_mjcf import plain_mjcf
 from stiction_envs.friction.steady import steady
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import NamedCause

@@ -20,13 +20,12 @@ def measurement(job: Job, tau: float, iterations: int = 3) -> Measurement:
         start=np.zeros(iterations),
         start_torque=np.zeros(iterations),
         shaken_speed=np.zeros(1),
-        deviation=0.0,
         traces=tuple(np.linspace(0, 0.15, 5, dtype=np.float32) for _ in range(iterations)),
         trace_dt=0.01,
     )
 
 
-def run_torques(self, jobs, *, iterations=None, progress=None, simulations=0):
+def run_torques(self, jobs, *, iterations=None, progress=None):
     """Pretend to simulate: base torques as printed, dither takes a tenth of its amplitude."""
     for job in jobs:
         c = job.configuration

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from stiction_envs.control.compensation import KINDS, NUMBERS, Compensation, Compensator, compensate
-from stiction_envs.control.impedance import CartesianImpedance, Impedance
+from stiction_envs.control.impedance import CartesianImpedance, Impedance, ImpedanceSettings
 from stiction_envs.control.laws import LAWS, base, law_torque
-from stiction_envs.control.settings import ImpedanceSettings
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.inertia import mass_matrix
+from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.plant import Plant
@@ -38,9 +37,6 @@ def torque(c: Compensation, state: np.ndarray | None = None, **values: float) ->
 
 def of(kind: str, **numbers: float) -> Compensation:
     return Compensation(kind=kind, **{name: (x,) for name, x in numbers.items()})
-
-
-# ---- the registry ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -93,9 +89,6 @@ def test_numbers_that_do_not_fit_are_refused():
             of(kind, gain=1.0, **numbers)
 
 
-# ---- laws without memory ---------------------------------------------------------------------
-
-
 def test_smooth_sign_and_partial():
     """g tanh(q̇/v) + b q̇; nothing at rest, whatever else is seen."""
     smooth, partial = of("smooth_sign", gain=0.7, speed=0.1), of("partial", gain=0.7, viscous=2.0)
@@ -111,9 +104,6 @@ def test_push_grows_with_the_load():
     free, loaded = torque(c, ERROR=1.0), torque(c, ERROR=1.0, GRAVITY=-20.0)
     assert loaded - free == pytest.approx(2.0, rel=1e-12)
     assert torque(replace(c, load=()), ERROR=1.0, GRAVITY=-20.0) == free
-
-
-# ---- the LuGre observer ----------------------------------------------------------------------
 
 
 def sliding_joint() -> tuple[Plant, Compensation, float]:
@@ -133,12 +123,12 @@ def sliding_joint() -> tuple[Plant, Compensation, float]:
     sticking = build(arm, friction)
     c = Compensation.from_friction("lugre_observer", friction)
     c = replace(c, damping=tuple(sticking.bristle_damping_of(friction)), injection=(0.0,))
-    inertia = mass_matrix(arm, arm.rest[None])[0, JOINT, JOINT] + friction.rotor_inertia[JOINT]
+    inertia = link_inertia(arm, arm.rest[None])[0, JOINT] + friction.rotor_inertia[JOINT]
     return Plant(sticking, 1), c, float(inertia)
 
 
-def observed(c: Compensation, state: np.ndarray, speed: float, error: float = 0.0) -> float:
-    seen = seen_of(SPEED=speed, ERROR=error)
+def observed(c: Compensation, state: np.ndarray, speed: float) -> float:
+    seen = seen_of(SPEED=speed)
     return law_torque(KINDS.index(c.kind), c.packed()[JOINT], seen, state, H)
 
 
@@ -173,9 +163,6 @@ def test_lugre_observer_integrates_the_error_up_to_stiction():
     np.testing.assert_allclose(torques[:400], 2.0 * np.arange(400) * H, atol=1e-12)
     assert torques[-1] == pytest.approx(1.0, rel=1e-12)
     assert state[0] == 1.0 / 1000.0
-
-
-# ---- the momentum observer -------------------------------------------------------------------
 
 
 POSE = np.zeros((1, 3)), np.array([[1.0, 0, 0, 0]]), np.zeros((1, 6, 7))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.experiments.base import Experiment
 from stiction_envs.experiments.episodes import Episodes, Outcome
-from stiction_envs.experiments.observation import DITHER, TORQUE, Group, observed_action, pack
-from stiction_envs.experiments.rig import Rig
+from stiction_envs.experiments.observation import DITHER, TORQUE, Group
+from stiction_envs.experiments.rig import Experiment, Rig
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.plant import CONTROL_DT
@@ -109,17 +108,12 @@ class StillEpisodes(Episodes):
             measures={"moved": moved},
         )
 
-    def observe(self, ids):
-        amplitude, frequency = observed_action(self.action[ids], self._low, self._high)
-        seen = {
+    def _observed(self, ids):
+        return {
             "displacement": self._moved(ids),
             "velocity": self.rig.plant.velocity[ids],
             "torque": np.zeros((len(ids), self.n)),
-            "amplitude": amplitude,
-            "frequency": frequency,
         }
-        space = self.observation_space
-        return pack(self.groups, seen, len(ids), space.low, space.high)
 
     def describe(self, ids):
         return {"pose": np.full(len(ids), "rest", dtype=object)}

@@ -10,6 +10,7 @@ from stiction_envs.control.trajectory import Path
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import FLAGS, Case, Run, load_gte_protocol
 from stiction_envs.experiments.gte.rig import GTERig
+from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.friction.parameters import FrictionParameters, friction_path, load_friction
 from stiction_envs.measured import AmplitudeRow
 
@@ -75,17 +76,18 @@ def following(b: GeneratedTrajectoryExperiment, case: Case, arms: int = 1) -> GT
     rig, ids = b.rig(arms, 2), np.arange(arms)
     stiffness = np.tile(case.stiffness, (arms, 1))
     rig.begin(ids, [b.path(case.trajectory)] * arms, stiffness, [(i,) for i in ids])
-    rig.set_dither(ids, **{k: np.stack([v] * arms) for k, v in b.dither_of(case).items()})
+    dither = dither_arrays(case.dither, b.n)
+    rig.set_dither(ids, **{k: np.stack([v] * arms) for k, v in dither.items()})
     return rig
 
 
-def assert_same(a: Run, b: Run, rows: slice = slice(None)) -> None:
-    """The iterations ``rows`` of both are the same bits, as far as the shorter record goes."""
+def assert_same(a: Run, b: Run) -> None:
+    """Both are the same bits, as far as the shorter record goes."""
     k = min(len(a.time), len(b.time))
     assert k > 100
     for name in ("reference", "actual", "mean_square", "dither_power"):
-        np.testing.assert_array_equal(getattr(a, name)[rows, :k], getattr(b, name)[rows, :k])
+        np.testing.assert_array_equal(getattr(a, name)[:, :k], getattr(b, name)[:, :k])
     for name in ("accepted", "reached", "torque_rate"):
-        np.testing.assert_array_equal(getattr(a, name)[rows], getattr(b, name)[rows])
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     for name in FLAGS:
-        np.testing.assert_array_equal(a.flags[name][rows], b.flags[name][rows])
+        np.testing.assert_array_equal(a.flags[name], b.flags[name])

@@ -65,9 +65,6 @@ def test_more_than_friction_hunts():
     assert moved[0] < 0.1 * moved[1]
 
 
-# ---- friction that the controller does not know ------------------------------------------------
-
-
 def test_each_case_may_have_its_own_friction():
     """Bit for bit what an experiment with that friction gives; None is the model's."""
     nominal = friction()

@@ -6,11 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.gte.controller_model import (
-    ControllerModel,
-    renew_dynamics,
-    renew_torques,
-)
+from stiction_envs.experiments.gte.loop import ControllerModel, renew_dynamics, renew_torques
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.robots import Arm, load_arm
 

@@ -12,10 +12,7 @@ from stiction_envs.control.impedance import renew_space
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.gte.measures import measure
-from stiction_envs.experiments.gte.protocol import (
-    Case,
-    load_gte_protocol,
-)
+from stiction_envs.experiments.gte.protocol import Case, load_gte_protocol
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.robots import BUILTIN, load_arm
 from tests.control.movements import Segment
@@ -31,8 +28,6 @@ from tests.experiments.gte.short_paths import (
     one,
 )
 from tests.robots.arms import chain
-
-# ---- without friction ------------------------------------------------------------------------
 
 
 def test_tracking_error_without_friction_is_the_impedance_laws():
@@ -85,9 +80,6 @@ def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stif
         np.testing.assert_allclose(apart[:2], turn[:2], atol=5e-4)
 
 
-# ---- with friction ---------------------------------------------------------------------------
-
-
 def test_friction_leaves_a_standing_error():
     """Larger than without, and within what the joints' stiction can hold.
 
@@ -136,8 +128,6 @@ def test_dither_reduces_the_standing_error_and_shakes():
     assert np.all(d.dither_energy > 0)
 
 
-# ---- the same bits ----------------------------------------------------------------------------
-
 GATED = tuple(dataclasses.replace(row, gate_rad_s=0.5) for row in DITHER)
 SHAKEN = Case(trajectory="corner", stiffness=STIFF, dither=GATED)
 
@@ -165,9 +155,6 @@ def test_case_does_not_depend_on_the_others():
 def test_phases_are_drawn_for_every_joint_and_iteration():
     case = Case(trajectory="there", stiffness=STIFF, dither=DITHER)
     assert len(np.unique(following(bench(), case, 2).dither.phase)) == 14
-
-
-# ---- other robots, bad input --------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("robot", BUILTIN)
@@ -198,9 +185,6 @@ def test_bad_cases(tmp_path):
         bench(controller_model=other)
     with pytest.raises(StictionError, match=r"window is 0.0: expected .* > 0"):
         load_gte_protocol().replace(window=0.0)
-
-
-# ---- steered from outside ----------------------------------------------------------------------
 
 
 def test_steering_that_sets_a_constant_dither_is_that_dither():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.control.settings import ImpedanceSettings
+from stiction_envs.control.impedance import ImpedanceSettings
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rig import blank_sampling
 from stiction_envs.measured import AmplitudeRow
@@ -30,14 +30,13 @@ def test_iiwa_holds_its_command_for_5_ms():
 
 
 HEAVY = load_arm("panda", payload=(1, 0, 0, 0.1))
-MIXED = ImpedanceSettings(rate_hz=1000.0, dither_after_saturation=True)
 SENSES = {"sensing": "robot", "controller_model": HEAVY, "timestep": 5e-4}
 
 
 @pytest.mark.parametrize(
     ("robot", "kind", "options"),
     [
-        ("panda", None, {"settings": MIXED} | SENSES),
+        ("panda", None, SENSES),
         ("iiwa14", "push", {}),
         ("panda", "feedforward", {}),
         ("iiwa7", "momentum_observer", {"sensing": "robot"}),

@@ -11,13 +11,7 @@ import pytest
 from stiction_envs.control.sensing import Sensing
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.plant import CONTROL_DT
-from tests.experiments.gte.short_paths import (
-    DITHER,
-    SOFT,
-    bench,
-    following,
-    one,
-)
+from tests.experiments.gte.short_paths import DITHER, SOFT, bench, following, one
 
 STILL = Case(trajectory="there", stiffness=SOFT)
 GATED = tuple(dataclasses.replace(row, gate_rad_s=0.3) for row in DITHER)

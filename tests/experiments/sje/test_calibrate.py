@@ -87,13 +87,7 @@ def test_hidden_friction_and_offset_are_found(experiment, hidden):
     assert result.negative_load == (2,)
 
 
-@pytest.mark.parametrize(
-    ("tau", "message"),
-    [
-        (np.tile([[[1.0, -1.0], [1.0, -1.0]]], (7, 1, 1)), "7 joints"),
-        (np.array([[[1.0, -1.0], [1.0, -1.0]]]), "1 joints"),
-    ],
-)
-def test_bad_tables(experiment, tau, message):
-    with pytest.raises(StictionError, match=message):
+def test_a_table_of_another_arm_is_refused(experiment):
+    tau = np.tile([[[1.0, -1.0], [1.0, -1.0]]], (7, 1, 1))
+    with pytest.raises(StictionError, match="7 joints"):
         calibrate(BaseTable(robot="small", tau=tau), experiment)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.sje.oscillation import Oscillation
+from stiction_envs.experiments.sje.episodes import Oscillation
 
 TIME = np.arange(1, 4001) * 1e-3
 IDS = np.arange(2)

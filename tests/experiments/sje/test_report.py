@@ -1,6 +1,5 @@
 """A Single Joint Experiment's report, of made torques."""
 
-import math
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +9,7 @@ from stiction_envs.experiments.sje.results import write_report
 from stiction_envs.measured import SJERow
 
 
-def row(joint, tau, *, amplitude=0.0, reduction=0.0, iterations=4):
+def row(joint, tau, *, amplitude=0.0, reduction=0.0):
     return SJERow(
         robot="panda",
         joint=joint,
@@ -19,19 +18,19 @@ def row(joint, tau, *, amplitude=0.0, reduction=0.0, iterations=4):
         frequency_hz=15.0 if amplitude else 0.0,
         amplitude_nm=amplitude,
         tau_nm=tau,
-        std_nm=0.01 if iterations > 1 else math.nan,
-        iterations=iterations,
+        std_nm=0.01,
+        iterations=4,
         reduction=reduction,
     )
 
 
 @pytest.fixture
 def report(tmp_path):
-    def write(rows, stuck=""):
+    def write(rows):
         protocol = load_protocol("panda")
         result = SimpleNamespace(
             **{"rows": rows, "robot": "panda", "protocol": protocol, "note": ""},
-            **{"servo_stiffness": None, "describe_stuck": lambda: stuck},
+            **{"servo_stiffness": None, "describe_stuck": lambda: ""},
         )
         write_report(tmp_path, result, ["torques.png"])
         return (tmp_path / "report.md").read_text("utf-8"), (tmp_path / "report.html").read_text()

@@ -31,8 +31,8 @@ def on_bench(arm, friction=None, *, drive=None):
     return e.replace(protocol=e.protocol.replace(ramp_rate=0.2))
 
 
-def measured(e, jobs, iterations=1):
-    return {m.job: m for m in e.run(jobs, iterations=iterations)}
+def measured(e, jobs):
+    return {m.job: m for m in e.run(jobs, iterations=1)}
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +114,7 @@ def test_what_drives_by_torque_says_that_servos_are_in_the_way(tmp_path):
 def test_base_torques_are_calibrated_by_torque_and_the_servos_are_kept(tmp_path):
     arm, path = servo_arm(tmp_path)
     by_torque = SingleJointExperiment(arm, friction=path, drive="torque", scatter=False, threads=1)
-    tau = 1.2 * by_torque.base_torques(iterations=1).tau
+    tau = 1.2 * by_torque.measure(by_torque.jobs(), iterations=1).tau
     rows = [
         f"arm,{j + 1},{load},{direction},0,0,{tau[j, k, d]},0,1,0"
         for j in range(2)
