@@ -331,7 +331,7 @@ class Problem:
         root, failed = dpotrf(a, lower=True)  # scipy's wrappers take longer than the work
         if failed:
             raise np.linalg.LinAlgError("the posterior precision is not positive definite")
-        c, _ = dpotrs(root, b, lower=True)
+        c = dpotrs(root, b, lower=True)[0] if len(b) else b
         each = [self._bounds[t] for t in terms]
         low, high = (np.concatenate([x[k] for x in each] or [np.empty(0)]) / sd for k in (0, 1))
         if ((c < low) | (c > high)).any():
