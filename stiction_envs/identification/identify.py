@@ -300,7 +300,7 @@ def identify(
             f"{seen} independent torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
-    predictor = fit_predictor(data, signals)
+    predictor = fit_predictor(data)
     terms, stacked = terms_of(predictor), all_columns(predictor)
     found = fit_base(predictor, stacked[:, :, base.kept])
     say("fitting", 0.2)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion, held_integral
-from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 

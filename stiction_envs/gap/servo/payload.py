@@ -22,7 +22,7 @@ from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 

@@ -1,7 +1,5 @@
 """A joint whose angle differs from the model's: it turns the other way, or its zero is elsewhere.
 
-    angle_error(q, dq, ddq, tau, arm, others) -> AngleError | None
-
 Where gravity and inertia along the logged angles do not explain the torques, nor does a body on the
 flange, each joint in turn is turned round, or shifted by steps over a whole turn. All joints'
 torques are fitted with each load, as in `loads`. The joint with the least Σ log(error) is named, if
@@ -24,6 +22,8 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
+LEAST_LOAD = 0.5
+"""Least load that shows factor, sign and angle, root mean square [N·m]; assumed."""
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
@@ -64,7 +64,6 @@ def angle_error(
     tau: Array,
     others: Sequence[Array],
     arm: Arm,
-    least: float,
     rows: float,
 ) -> AngleError | None:
     """Return the joint whose angle is not the model's; None without a clear one.
@@ -74,7 +73,6 @@ def angle_error(
         tau: (T, n) torques [N·m].
         others: (T, k) columns of each joint that may explain its torque, beside the load.
         arm: the nominal arm.
-        least: load that shows anything [N·m].
         rows: number of independent rows.
     """
     step = max(1, len(tau) // MOST_ROWS)
@@ -100,7 +98,7 @@ def angle_error(
     x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
     left = (y - x @ np.linalg.lstsq(x, y, rcond=None)[0]).reshape(arm.n, -1).std(axis=1)
     now = np.minimum(now, np.hypot(left * now, floor))
-    loaded = load.std(axis=0) > least
+    loaded = load.std(axis=0) > LEAST_LOAD
     if not (now[loaded] > UNEXPLAINED * load[:, loaded].std(axis=0)).any():
         return None
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,13 +50,14 @@ class FrictionState:
 
     @classmethod
     def unknown(cls, recording: Recording) -> FrictionState:
-        """Return the state for a rigid body without friction."""
+        """Return the state for an arm without friction; its file may state rotors."""
         none = np.zeros(recording.n)
+        in_front = recording.torque == "motor"  # behind the gear no rotor is seen
         return cls(
             presliding_distance=presliding_distances(recording, recording.tau - recording.rigid),
             level=none,
             bristle_lead_time=none,
-            rotor=none,
+            rotor=recording.arm.stated.armature * in_front,
             in_nominal=False,
         )
 
@@ -65,10 +65,10 @@ class FrictionState:
 def friction_torque(
     recording: Recording, friction: FrictionParameters, state: FrictionState
 ) -> Array:
-    """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m].
+    """Return (T, n) torque of a nominal friction along a recording, filtered like it [N·m].
 
-    It is our friction in steady sliding, with the direction of bristles, warm-up since the session
-    began, ripple, rotor inertia (seen in front of the gear) and offset.
+    The torque is our friction in steady sliding, with the direction of bristles, warm-up since the
+    session began, ripple, rotor inertia (seen in front of the gear) and offset.
     """
     path = recording.reversal_path
     direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
@@ -105,21 +105,14 @@ def _of_side(x: Array, speed: Array, shape: tuple[int, ...]) -> Array:
     return np.take_along_axis(np.broadcast_to(x, shape), side, axis=-1)[..., 0]
 
 
-def presliding_distances(
-    recording: Recording, residual: Array, logged: Callable[[Array], Array] = lambda x: x
-) -> Array:
+def presliding_distances(recording: Recording, residual: Array) -> Array:
     """Return (n,) the presliding distances with which friction explains most of a residual [rad].
 
-    They delay the sign change of friction by some milliseconds, which affects other causes.
-
-    Args:
-        recording: of the logs.
-        residual: (T, n) measured less nominal torque [N·m].
-        logged: turns a torque (T,) into the logged torque.
+    They delay the sign change of friction by some milliseconds, which affects other causes. The
+    residual (T, n) is measured less nominal torque [N·m].
     """
-    dq, ddq = recording.dq, recording.ddq
+    dq, ddq, runs = recording.dq, recording.ddq, recording.path_runs
     out, distances = np.empty(recording.n), np.array([PRESLIDING_DISTANCES])
-    runs = recording.path_runs
     for j in range(recording.n):
         path = recording.reversal_path[:, [j]]
         zeta = recording.smooth(bristles(path, runs, distances)[:, 0])
@@ -129,7 +122,6 @@ def presliding_distances(
         for k in range(len(PRESLIDING_DISTANCES)):
             # friction's fall with speed may show apart from when it turns
             x = np.column_stack([common, zeta[:, k], zeta[:, k] * falls])
-            x = np.stack([logged(column) for column in x.T], axis=1)
             r = residual[:, j]
             xx = x.T @ x
             c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]

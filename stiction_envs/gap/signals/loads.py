@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.signals.angles import AngleError, angle_error
+from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED, TRAVEL_SPAN
@@ -49,8 +49,6 @@ LEAST_NOISE = 1e-4
 """Least error of a fit [N·m]; assumed."""
 FREE = 1e6
 """Prior standard deviation of what is free, over its column's size [N·m]; assumed."""
-LEAST_LOAD = 0.5
-"""Least load that shows factor and sign, root mean square [N·m]; assumed."""
 CLEAR = 5.0
 """Standard deviations from zero at which a coefficient has a sign [-]; assumed."""
 CORRELATED = 0.9
@@ -206,7 +204,7 @@ def loads(signals: Signals, log: int, arm: Arm) -> Loads:
     q, dq, ddq, tau, apart = rows
     others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
     independent = len(tau) * min(1.0, apart / APART)
-    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD, independent)
+    error = angle_error((q, dq, ddq), tau, others, arm, independent)
     if error is None:
         return found
     sign, shift = np.ones(arm.n), np.zeros(arm.n)
@@ -322,12 +320,9 @@ def _signs(
 ) -> tuple[NDArray[np.int64], Flags]:
     """Return (n,) signs, and where a load that changes shows them.
 
-    Args:
-        loaded: (n,) factor of the load over its standard deviation.
-        changing: (n,) whether the joint's load changes and shows a sign.
-        resisting: (n,) what friction and inertia resist over its standard deviation.
-        held: (n,) whether the joint's load is only held.
-        fits: of the joints.
+    ``loaded`` and ``resisting`` are the factor of the load and the resistance of friction and
+    inertia over their standard deviations; a joint's load is ``changing``, so that it shows a sign,
+    or ``held``.
     """
     sign = np.zeros(len(loaded), dtype=np.int64)
     wrong = changing & (loaded < 0)
@@ -381,14 +376,15 @@ def _direction(fits: Sequence[_Fit], sign: NDArray[np.int64], down: Array) -> Ar
 
 def _rows(signals: Signals, log: int) -> tuple[Array, Array, Array, Array, float]:
     """Return angles, speeds, accelerations and torques of evenly spaced rows, and their time."""
-    parts = [s for s in signals.segments if s.log == log]
-    step = max(1, -(-sum(len(s.t) for s in parts) // MOST_ROWS))
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(s, name)[::step] for s in parts])
-        for name in ("q", "dq", "ddq", "tau")
-    )
-    poses = all(s.static for s in parts) or not np.isfinite(signals.dt)
-    return q, dq, ddq, tau, APART if poses else signals.dt * step
+    rows = np.flatnonzero(signals.log == log)
+    step = max(1, -(-len(rows) // MOST_ROWS))
+    ends = np.flatnonzero(np.diff(signals.segment[rows])) + 1
+    poses = len(ends) == len(rows) - 1  # each is a segment
+    parts = [rows] if poses else np.split(rows, ends)
+    rows = np.concatenate([part[::step] for part in parts])
+    still = signals.static[rows].all() or not np.isfinite(signals.dt)
+    motion = signals.q[rows], signals.dq[rows], signals.ddq[rows]
+    return *motion, signals.tau[rows], APART if still else signals.dt * step
 
 
 def _pulls(arm: Arm, q: Array) -> Array:

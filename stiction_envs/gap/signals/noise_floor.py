@@ -29,33 +29,28 @@ LEAST_PAIRS = 10
 """Least number of pairs of equal poses for an estimate of their scatter [-]; assumed."""
 
 
-def noise_floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
+def noise_floor(recording: Recording, residual: Array) -> Array:
     """Return (n,) noise of a residual [N·m]; for joints that never move it includes their creep.
 
-    Args:
-        recording: of the logs.
-        noise_tau: (n,) noise of the filtered torques [N·m]; NaN for poses alone.
-        residual: (T, n) measured less nominal torque [N·m].
+    The residual (T, n) is measured less nominal torque [N·m].
     """
-    return np.maximum(_floor(recording, noise_tau, residual), _creep(recording, residual))
+    moving = np.all(np.isfinite(recording.noise_tau))
+    floor = _floor(recording, residual) if moving else _scatter(recording.q, residual)
+    return np.maximum(floor, _creep(recording, residual))
 
 
-def scatter(q: Array, residual: Array) -> Array | None:
-    """Return (n,) scatter of a residual (T, n) between equal poses [N·m]; None without enough.
-
-    Args:
-        q: (T, n) [rad].
-        residual: measured less nominal torque [N·m].
-    """
+def _scatter(q: Array, residual: Array) -> Array:
+    """Return (n,) scatter of a residual (T, n) between poses (T, n) that are equal [N·m]."""
+    least = np.full(q.shape[1], LEAST)
     if len(q) < 2:
-        return None
+        return least
     distance, nearest = cKDTree(q).query(q, k=2)
     first = np.flatnonzero(distance[:, 1] < SAME_POSE)
     pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
     if len(pairs) < LEAST_PAIRS:
-        return None
+        return least
     difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
-    return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2))
+    return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2) + least)
 
 
 def _creep(recording: Recording, residual: Array) -> Array:
@@ -69,19 +64,15 @@ def _creep(recording: Recording, residual: Array) -> Array:
     return out
 
 
-def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
-    """Return (n,) noise of the residual [N·m]: that of the torque, and that of the acceleration.
+def _floor(recording: Recording, residual: Array) -> Array:
+    """Return (n,) noise of the residual along a motion [N·m]: of torque and acceleration.
 
-    The latter grows with frequency: the upper half of the filter's band contains all of it and half
-    of the torque's. Medians over windows ignore the few that contain a jump of friction.
+    The acceleration's noise grows with frequency: the upper half of the filter's band contains all
+    of it and half of the torque's. Medians over windows ignore the few that contain a jump of
+    friction.
     """
-    least = LEAST
     q, dq, ddq, runs = recording.q, recording.dq, recording.ddq, recording.runs
-    torque = np.asarray(noise_tau)
-    if not np.all(np.isfinite(torque)):
-        poses = scatter(q, residual)
-        return np.full(q.shape[1], least) if poses is None else poses + least
-    torque = np.maximum(torque, least)
+    torque = np.maximum(recording.noise_tau, LEAST)
     distances = np.full((q.shape[1], 1), PRESLIDING_DISTANCE)
     direction = recording.smooth(recording.bristles(distances)[..., 0])
     longest = max(runs, key=lambda r: r.stop - r.start)
@@ -95,5 +86,5 @@ def _floor(recording: Recording, noise_tau: Array, residual: Array) -> Array:
         )
         high = (f > 0.5 * recording.cutoff) & (f < 1.5 * recording.cutoff)
         upper = float(power[high].sum() * f[1])
-        out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + least
+        out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + LEAST
     return out

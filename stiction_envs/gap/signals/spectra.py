@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
+from stiction_envs.gap.signals.filters import ORDER
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.motion import MOVER_RATIO
 
 Array = NDArray[np.float64]
-ORDER = 4
-"""Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
-at the cutoff."""
 ACCURATE_ABSOLUTE = 0.05
 """Least acceleration of an arm that accelerates [rad/s²]; assumed: 0.05 N·m at 1 kg·m²."""
 PERIODS = 6.0
@@ -50,9 +49,7 @@ STRETCHES = 6
 class Spectra:
     """Spectra of angles and torques over all segments of some logs."""
 
-    def __init__(
-        self, logs: Sequence[JointLog], steps: Sequence[float], mover_ratio: float
-    ) -> None:
+    def __init__(self, logs: Sequence[JointLog], steps: Sequence[float]) -> None:
         self.rate = 1 / max(steps)
         self.effective = effective_rate(logs)
         self.n = logs[0].n
@@ -97,7 +94,7 @@ class Spectra:
         for array in (self.q, self.tau):
             array /= max(total, 1.0)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q, mover_ratio, MOTION_SHARE)
+        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q)
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
@@ -238,12 +235,11 @@ def _spread_power(v: Array, rate: float) -> tuple[Array, Array]:
 
 
 def _motion(
-    pieces: Sequence[tuple[Array, Array]], most: Sequence[float], mover_ratio: float, share: float
+    pieces: Sequence[tuple[Array, Array]], most: Sequence[float]
 ) -> tuple[NDArray[np.int64], float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
-    Each joint counts up to the frequency in ``most``, Hz, where its noise begins; below the end
-    lies this ``share`` of their speeds' power.
+    Each joint counts up to the frequency in ``most`` [Hz], where its noise begins.
     """
     if not pieces:
         return np.arange(len(most)), 0.0, np.zeros(len(most))
@@ -253,7 +249,7 @@ def _motion(
     each = power.sum(axis=0)
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
-    movers = np.flatnonzero(each >= mover_ratio**2 * each.max())
-    end = float(f[order][np.searchsorted(total, share * total[-1])])
+    movers = np.flatnonzero(each >= MOVER_RATIO**2 * each.max())
+    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

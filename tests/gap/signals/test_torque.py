@@ -14,7 +14,7 @@ from stiction_envs.gap.signals.dataset import NOT_MEASURED, assemble
 from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
-from stiction_envs.gap.signals.torque_lag import correct_torques, torque_lag
+from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
@@ -82,7 +82,7 @@ def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0
 def test_a_right_sign_is_left_alone(good: JointLog) -> None:
     signals = prepare([good])
     logs, same = correct_sign([good], signals, ARM)
-    assert same.segments is signals.segments
+    assert same.tau is signals.tau
     assert (same.torque_sign, same.findings) == (1, ())
     assert logs[0] is good
     assert set(loads(signals, 0, ARM).sign) <= {0, 1}
@@ -95,7 +95,7 @@ def test_torques_of_the_opposite_sign_are_inverted_and_told(good: JointLog) -> N
     assert kinds(log) == ["sign"]
     assert "opposite sign" in log.corrections[0].text
     right = prepare([good])
-    np.testing.assert_allclose(signals.segments[0].tau, right.segments[0].tau, atol=1e-12)
+    np.testing.assert_allclose(signals.tau, right.tau, atol=1e-12)
 
 
 def wrist_only(sign: float = 1.0, noise: float = 0.02) -> JointLog:
@@ -263,16 +263,14 @@ def test_late_torques_are_brought_forward(good: JointLog, delay: float, lowpass:
     (log,), signals = correct_torques([delayed(good, delay, lowpass)], ARM, prepare)
     assert kinds(log) == ["lag"]
     assert "later than the angles" in log.corrections[0].text
-    found = torque_lag(prepare([delayed(good, delay, lowpass)]), ARM)
-    assert found is not None
-    assert found.delay + found.lowpass == pytest.approx(delay + lowpass, abs=0.015)
+    assert log.corrections[0].lag is not None
+    assert sum(log.corrections[0].lag) == pytest.approx(delay + lowpass, abs=0.015)
     # what is left of the delay is noise
-    s = signals.segments[0]
-    truth = prepare([good]).segments[0]
+    truth = prepare([good])
     inner = slice(100, -100)
     for j in (1, 3):
-        right = np.interp(s.t, truth.t, truth.tau[:, j])
-        left = (s.tau[:, j] - right)[inner].std()
+        right = np.interp(signals.t, truth.t, truth.tau[:, j])
+        left = (signals.tau[:, j] - right)[inner].std()
         assert left < 0.15 * right.std()
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.reversal_path import reversal_path, zigzag
+from stiction_envs.gap.signals.filters import lowpass, reversal_path, zigzag
 
 RATE = 500.0
 T = np.arange(0, 6, 1 / RATE)
@@ -26,7 +25,7 @@ def turns(x: np.ndarray) -> int:
 def test_noise_at_rest_makes_few_turns_and_hardly_any_way() -> None:
     rng = np.random.default_rng(1)
     q = 5e-6 * rng.normal(size=T.shape)
-    path = reversal_path(q, RATE, 10.0, lowpass)
+    path = reversal_path(q, RATE, 10.0)
     assert turns(path) < 0.5 * turns(lowpass(q, RATE, 30.0))
     assert np.abs(np.diff(path)).sum() < 0.04 * np.abs(np.diff(q)).sum()
 
@@ -35,5 +34,5 @@ def test_a_stop_overshoots_less_than_through_the_filter_of_all_signals() -> None
     """A joint that stops from 0.5 rad/s within 0.1 s."""
     v = 0.5 * np.clip((3.0 - T) / 0.1, 0, 1)
     q = np.cumsum(v) / RATE
-    over = reversal_path(q, RATE, 10.0, lowpass).max() - q[-1]
+    over = reversal_path(q, RATE, 10.0).max() - q[-1]
     assert over < 0.2 * (lowpass(q, RATE, 10.0).max() - q[-1])
