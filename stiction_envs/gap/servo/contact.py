@@ -32,17 +32,14 @@ def suspected(motion: JointMotion) -> Rows:
     They would bend a fit to all rows, and are judged by one to the others.
     """
     stretched = np.abs(motion.command - motion.q)
-    usual = np.percentile(stretched, USUAL)
-    return np.asarray(stretched > SUSPECT * usual)
+    return np.asarray(stretched > SUSPECT * np.percentile(stretched, USUAL))
 
 
 def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
     """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
 
-    Args:
-        motion: of the joint.
-        error: (T,) measured angle less that of a model fitted without suspected rows [rad].
-        resolution: step of the measured angle [rad].
+    ``error`` (T,) is the measured angle less that of a model fitted without suspected rows [rad],
+    ``resolution`` the step of the measured angle [rad].
     """
     usual = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), resolution)
     stretched = np.abs(motion.command - motion.q)
@@ -73,11 +70,9 @@ def _runs(rows: Rows) -> list[tuple[int, int]]:
 
 
 def pushing(current: Array, rows: Rows) -> Rows:
-    """Return those of the rows in contact in which the motor pushes: its current is the witness.
+    """Return which rows (T,) in contact the motor pushes in: its current is the witness.
 
-    Args:
-        current: (T,) size of the motor's current [any unit]; NaN where it was not logged.
-        rows: (T,) in contact.
+    ``current`` (T,) is the size of the motor's current [any unit]; NaN where it was not logged.
     """
     if np.isnan(current).all() or not rows.any() or rows.all():
         return rows

@@ -75,10 +75,6 @@ class Coordinates:
         ratio = np.log(np.where(self.ratio, x, 1.0) / np.where(self.ratio, self.centre, 1.0))
         return np.where(self.ratio, ratio, x - self.centre) / self.size
 
-    def slope(self, z: Array) -> Array:
-        """Return (F,) change of each parameter per unit of its coordinate."""
-        return np.where(self.ratio, self.size * self.parameters(z[None])[0, self.at], self.size)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
@@ -111,11 +107,6 @@ class Fit:
         return float(
             self.log_likelihood - 0.5 * self.z @ self.z - 0.5 * np.linalg.slogdet(self.precision)[1]
         )
-
-    def covariance(self) -> Array:
-        """Return (F, F) covariance of the free parameters in SI units."""
-        slope = self.coordinates.slope(self.z)
-        return np.linalg.inv(self.precision) * np.outer(slope, slope)
 
     def __getitem__(self, name: str) -> float:
         """Return a parameter by its name."""

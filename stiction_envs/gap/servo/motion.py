@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion, held_integral
+from stiction_envs.gap.servo.joint import JointMotion, command_nodes
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
@@ -33,32 +33,29 @@ def joint_motions(
 ) -> list[JointMotion]:
     """Return the motion of each joint along all segments of the logs.
 
-    Args:
-        arm: the rigid arm; gravity acts on it.
-        logs: of it.
-        zeros: (n,) offsets of the logged angles [rad], at which the arm is not where they say.
+    The arm is rigid, and gravity acts on it. ``zeros`` (n,) are offsets of the logged angles [rad].
     """
     parts = [(logs[k], s) for k, s in segments(logs)]
-    of = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
-    bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
+    torques = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
+    t = [log.t[s] for log, s in parts]
+    bounds = np.concatenate([[0], np.cumsum([len(x) for x in t])])
     out = []
     for j in range(arm.n):
-        times, integral = [], []
-        for log, s in parts:
-            t = log.t[s]
-            times.append(np.concatenate([[t[0] - OUTSIDE], t, [t[-1] + OUTSIDE]]))
-            integral.append(held_integral(times[-1], log.q_cmd[s, j]))
+        commands = [log.q_cmd[s, j] for log, s in parts]
+        nodes = [
+            command_nodes(x, command, x[0] - OUTSIDE, x[-1] + OUTSIDE)
+            for x, command in zip(t, commands, strict=True)
+        ]
         gravity, slope, inertia, coupling = (
-            np.concatenate([torques[i][:, j] for torques in of]) for i in range(4)
+            np.concatenate([x[i][:, j] for x in torques]) for i in range(4)
         )
         out.append(
             JointMotion(
-                t=np.concatenate([log.t[s] for log, s in parts]),
+                t=np.concatenate(t),
                 q=np.concatenate([log.q[s, j] for log, s in parts]),
-                command=np.concatenate([log.q_cmd[s, j] for log, s in parts]),
+                command=np.concatenate(commands),
                 bounds=bounds,
-                command_times=np.concatenate(times),
-                command_integral=np.concatenate(integral),
+                nodes=np.concatenate(nodes, axis=1),
                 gravity=gravity,
                 slope=slope,
                 inertia=inertia,

@@ -91,12 +91,9 @@ def proposed(
 ) -> Tip | None:
     """Return the body at the flange that the servos' torques suggest; None if there is none.
 
-    Args:
-        arm: the rigid arm.
-        motions: of its joints.
-        nominal: (n, P) parameters of the simulation that is judged; the servos' stiffness is known.
-        rows: (T,) without contact.
-        shifted: joints (from 0) whose zero seems to be off.
+    ``nominal`` are (n, P) parameters of the simulation that is judged, in which the servos'
+    stiffness is known. ``rows`` (T,) are those without contact; ``shifted`` are joints (from 0)
+    whose zero seems to be off.
     """
     every = motions[0].rows_in(ROW_SECONDS)
     kept = np.flatnonzero(rows)[::every]
@@ -141,13 +138,11 @@ def proposed(
     cost = _cost(found / usual, covariance / np.outer(usual, usual))
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
+    half = quantile * float(deviation[0])
     return Tip(
         mass=mass,
         com=com,
-        mass_ci95=(
-            mass - quantile * float(deviation[0]),
-            mass + quantile * float(deviation[0]),
-        ),
+        mass_ci95=(mass - half, mass + half),
         com_ci95=(com - wide, com + wide),
         torque=torque_of_it,
         cost=cost,
@@ -175,16 +170,16 @@ def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[A
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
     nuisance = np.stack(columns, axis=1)
-    prior = np.array([np.inf, np.inf, np.inf, np.inf, LINKS_OFF, ZERO_OFF])
+    prior = np.array([np.inf] * 4 + [LINKS_OFF, ZERO_OFF])
     return torque[kept], nuisance[kept], prior
 
 
 def _without(
     torque: Array, nuisance: Array, prior: Array, own: Array
 ) -> tuple[Array, Array, Array]:
-    """Return a joint's torque and the body's columns less what its nuisances explain.
+    """Return a joint's torque and the body's columns less what nuisances explain.
 
-    And what is left likewise of the torques of nuisances with a prior, each of its usual size.
+    The torques of nuisances with a prior follow, likewise reduced, each of its usual size.
     """
     scale = max(1.4826 * float(np.median(np.abs(torque - np.median(torque)))), 1e-6)
     ridge = (scale / prior) ** 2 * np.ones(len(prior))

@@ -1,10 +1,11 @@
-"""What is asked about each joint: what is known of its servo, what its motion could show."""
+"""What is asked about each joint: what is known of its servo, what its motion could show, notes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -47,6 +49,14 @@ PASSED = 3
 """Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS = 10.0
 """Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
+
+EARLY = 0.025
+"""Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
+angles of a bus of six servos are 20 ms younger than their stamps."""
+AHEAD = np.arange(0.0, 0.2, 0.002)
+"""Such times that are tried [s]; assumed."""
+EARLY_LEAVES = 0.25
+"""Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,14 +127,9 @@ def always_fitted(
 ) -> dict[str, float]:
     """Return what is fitted and no cause, with the usual size of its change [SI].
 
-    Small errors of stamps, links, bristles and stated gains; unknown damping, whose size is NaN.
-
-    Args:
-        servo: what is known.
-        motion: of the joint.
-        links: (2,) as of `links_off`.
-        damping: of the servo, as it is stated [N·m·s/rad].
-        scaled: whether gravity scales its servo's torque.
+    These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
+    unknown damping, whose size is NaN. ``damping`` is the stated one [N·m·s/rad]; ``scaled`` says
+    whether gravity scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
@@ -143,11 +148,8 @@ def possible_causes(
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
-    Args:
-        servo: what is known.
-        motion: of the joint.
-        resolution: step of its angle [rad].
-        scaled: whether gravity scales its servo's torque.
+    ``resolution`` is the step of the angle [rad]; ``scaled`` says whether gravity scales the
+    servo's torque.
     """
     least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
@@ -268,3 +270,31 @@ def shown(motion: JointMotion, resolution: float) -> Index:
     k = int(np.argmax(totals > most))
     head = int((most - heads[:k].sum()) / (len(heads) - k))
     return np.minimum(lengths, max(head, 1))
+
+
+def notes_of(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
+    """Return notes on the model's limits and springs, and on commands that come late."""
+    q = np.concatenate([log.q for log in logs])
+    out = ["springs of the robot's file are left out"] if arm.stated.stiffness.any() else []
+    turns = arm.limits.assumed("position")
+    for j, (low, high) in enumerate(arm.limits.position):
+        least, most = float(q[:, j].min()), float(q[:, j].max())
+        if not turns[j] and (least < low or most > high):
+            out.append(
+                f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
+                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
+            )
+    for log in logs:
+        left = np.zeros((len(AHEAD), log.n))
+        for s in log.segments:
+            for j in range(log.n):
+                t, command, q = log.t[s], log.q_cmd[s, j], log.q[s, j]
+                left[:, j] += [np.sum(np.square(np.interp(t + x, t, command) - q)) for x in AHEAD]
+        late = AHEAD[np.argmin(left, axis=0)]
+        early = 1e3 * late[(late > EARLY) & (left.min(axis=0) < EARLY_LEAVES * left[0])]
+        if len(early):
+            out.append(
+                f"{Path(log.source).name}: the command comes {early.min():.0f} to "
+                f"{early.max():.0f} ms after the motion of {len(early)} joints: check the stamps"
+            )
+    return out

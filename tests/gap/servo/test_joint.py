@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import step
 
-from stiction_envs.gap.servo.joint import STEP, held_integral
+from stiction_envs.gap.servo.joint import STEP, command_nodes
 from stiction_envs.gap.servo.questions import passed_speed
 from tests.gap.servo.small_arm import motion, parameters
 
@@ -112,8 +112,7 @@ def test_a_clock_that_jitters_does_not_make_a_joint_creep() -> None:
     m = motion(np.where(np.arange(6000) < 10, 0.0, 0.02))  # 0.4 N·m against 0.8
     late = 2e-3 * np.random.default_rng(0).uniform(-1.0, 1.0, len(m.t))
     t = m.t + late
-    times = np.concatenate([[t[0] - 1.0], t, [t[-1] + 1.0]])
-    jitters = replace(m, t=t, command_times=times, command_integral=held_integral(times, m.command))
+    jitters = replace(m, t=t, nodes=command_nodes(t, m.command, t[0] - 1.0, t[-1] + 1.0))
     # heavy friction of a light joint, whose bristle is as stiff as a step allows
     got = jitters.simulate(parameters(damping=0.5, stiction=0.8, bristle=2e-4)[None])[0]
     assert abs(got[-1] - got[1000]) < 1e-6  # 50 s
