@@ -7,10 +7,12 @@ many: what takes the burst off gains the logarithm of its size only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stiction_envs.gap.servo.joint import JointMotion
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -41,12 +43,13 @@ class Noise:
     """Error that every model leaves [rad]."""
     step: float
     """Time between rows [s]."""
-    last: float = LEAST_LAST
+    last: float
     """Time for which errors last [s]."""
 
     @classmethod
-    def of(cls, t: Array, bounds: Index, counts: Rows, floor: float, step: float) -> Noise:
-        """Cut time into blocks; errors last as long as `LEAST_LAST`."""
+    def of(cls, motion: JointMotion, counts: Rows, floor: float, last: float = LEAST_LAST) -> Noise:
+        """Cut the time of a motion into blocks."""
+        t, bounds = motion.t, motion.bounds
         segment = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
         since = t - t[bounds[segment]]
         keys = np.stack([segment, since // BLOCK])[:, counts]
@@ -54,13 +57,15 @@ class Noise:
         _, number = np.unique(keys, axis=1, return_inverse=True)
         block[counts] = number.ravel()
         rows = np.maximum(np.bincount(block[counts]), 1).astype(np.float64)
-        made = cls(block=block, counts=counts, rows=rows, observations=rows, floor=floor, step=step)
-        return made.lasting(LEAST_LAST)
-
-    def lasting(self, seconds: float) -> Noise:
-        """Return the noise whose errors last for some time."""
-        observations = self.rows * self.step / (2.0 * seconds)
-        return replace(self, observations=observations, last=seconds)
+        return cls(
+            block=block,
+            counts=counts,
+            rows=rows,
+            observations=rows * motion.step / (2.0 * last),
+            floor=floor,
+            step=motion.step,
+            last=last,
+        )
 
     def squares(self, errors: Array) -> Array:
         """Return (C, B) mean squares of the blocks of errors (C, T), with what no model has."""

@@ -8,7 +8,6 @@ that is far below, and no other joint comes near.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
+from stiction_envs.measured.motion import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
@@ -59,25 +59,28 @@ class AngleError:
         )
 
 
+def others_of(dq: Array, ddq: Array) -> list[Array]:
+    """Return by joint (T, 4) rotor, dry and viscous friction, and offset beside its load."""
+    return [
+        np.column_stack([a, np.tanh(v / REVERSAL_SPEED), v, np.ones(len(v))])
+        for v, a in zip(dq.T, ddq.T, strict=True)
+    ]
+
+
 def angle_error(
-    motion: tuple[Array, Array, Array],
-    tau: Array,
-    others: Sequence[Array],
-    arm: Arm,
-    rows: float,
+    motion: tuple[Array, Array, Array], tau: Array, arm: Arm, rows: float
 ) -> AngleError | None:
     """Return the joint whose angle is not the model's; None without a clear one.
 
     Args:
         motion: (T, n) angles, speeds and accelerations.
         tau: (T, n) torques [N·m].
-        others: (T, k) columns of each joint that may explain its torque, beside the load.
         arm: the nominal arm.
         rows: number of independent rows.
     """
     step = max(1, len(tau) // MOST_ROWS)
     q, dq, ddq = (x[::step] for x in motion)
-    tau, others, model = tau[::step], [x[::step] for x in others], arm.pinocchio()
+    tau, others, model = tau[::step], others_of(dq, ddq), arm.pinocchio()
     floor = FLOOR * np.sqrt(np.mean(np.square(tau), axis=0)) + 1e-9
 
     def errors(sign: Array, shift: Array) -> tuple[Array, Array]:

@@ -1,7 +1,5 @@
 """Logged torques against gravity and inertia: factor and sign of each joint, gravity's direction.
 
-    loads(signals, log, arm) -> Loads;  Loads.findings -> sentences
-
 With everything free that a log may have wrong, the torque of a joint is
 
     τ = c I + r q̈ + Σ_k γ_k g_k(q) + offset + d sign(q̇) + v q̇,
@@ -27,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error
+from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED, TRAVEL_SPAN
@@ -202,9 +200,7 @@ def loads(signals: Signals, log: int, arm: Arm) -> Loads:
     if found.elsewhere:
         return found
     q, dq, ddq, tau, apart = rows
-    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
-    independent = len(tau) * min(1.0, apart / APART)
-    error = angle_error((q, dq, ddq), tau, others, arm, independent)
+    error = angle_error((q, dq, ddq), tau, arm, len(tau) * min(1.0, apart / APART))
     if error is None:
         return found
     sign, shift = np.ones(arm.n), np.zeros(arm.n)
@@ -218,11 +214,6 @@ def loads(signals: Signals, log: int, arm: Arm) -> Loads:
     return replace(found, angle=error)
 
 
-def _others(dq: Array, ddq: Array) -> Array:
-    """Return (T, 4) rotor, dry and viscous friction, and offset of a joint."""
-    return np.column_stack([ddq, np.tanh(dq / REVERSAL_SPEED), dq, np.ones(len(dq))])
-
-
 def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     """Return what rows (`_rows`) show, if their angles are the model's."""
     q, dq, ddq, tau, apart = rows
@@ -232,7 +223,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
     offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
     sides = np.tanh(dq / REVERSAL_SPEED)
-    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
+    others = others_of(dq, ddq)
 
     def fit(columns: Array, j: int) -> _Fit:
         return _Fit(np.column_stack([columns, others[j]]), tau[:, j], float(offset[j]), apart)
@@ -246,21 +237,20 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
     factor, width = _factors(usual)
-    due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
-    moves = np.ptp(q, axis=0) > TRAVEL_SPAN
-    measured = ~(silent & due)
+    large = load.std(axis=0) > LEAST_LOAD
+    measured = ~(silent & large & (np.abs(factor) + width < SURE))
     if not measured.all():
-        measured &= ~(silent & moves)
+        measured &= ~(silent & (np.ptp(q, axis=0) > TRAVEL_SPAN))
     measured |= ~measured.any()  # noise alone is no log of which a part is missing
-    shown = measured & (load.std(axis=0) > LEAST_LOAD)
+    shown = measured & large
     pulled = np.array([f.clear(np.r_[down, np.zeros(5)]) for f in free])
     loaded = np.array([f.clear(np.eye(5)[0]) for f in usual])
     loaded = np.where(_sure(pulled, free), pulled, loaded)
     resisting = np.array(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
-    held = ~shown & measured
-    sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, held, free)
+    changing = shown & _sure(loaded, free)
+    sign, by_load = _signs(loaded, changing, resisting, ~shown & measured, free)
     side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)
@@ -281,18 +271,17 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         and np.abs(resisting).max() > CLEAR
         and not elsewhere
     )
-    best = there if elsewhere else usual
     if elsewhere:
         clear = np.array([f.clear(np.eye(5)[0]) for f in there])
         by_load = shown & _sure(clear, there)
         sign = np.where(by_load, np.sign(clear), 0).astype(np.int64)
-    needed = rest + pulls @ (found if elsewhere else down)
-    factor, width = _factors(best)
+        load = rest + pulls @ found
+        factor, width = _factors(there)
     return Loads(
         arm=arm,
         factor=factor,
         width=width,
-        needed=_rms(needed),
+        needed=_rms(load),
         logged=_rms(tau),
         sign=sign,
         by_load=by_load,

@@ -1,7 +1,5 @@
 """Torque lag: a log's torques come after its angles, or were low-passed by the driver.
 
-    correct_torques(logs, arm, prepare) -> logs, signals
-
 An actuator acts after its command, and a measurement never comes before the action. Where measured
 torque follows the rigid-body torque n of the logged motion by a delay δ, smoothed by a first-order
 low-pass T, the log's channels are not synchronous:
@@ -130,7 +128,7 @@ def correct_torques(
     known_lag: Lag | None = None,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Correct torques of the opposite sign, in another unit, and that lag.
+    """Return logs and signals after torques were corrected: their sign, unit and lag.
 
     Args:
         logs: of one robot.
@@ -139,9 +137,6 @@ def correct_torques(
         known_sign: as in `correct_sign`.
         known_lag: by an earlier diagnosis of the robot; None for none.
         known_unit: as in `correct_sign`.
-
-    Returns:
-        Logs and their signals; each change is recorded as a correction.
 
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.

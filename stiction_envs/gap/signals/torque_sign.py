@@ -34,20 +34,17 @@ def correct_sign(
     known: int = 0,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, convert those in another unit, and say so.
+    """Return logs and signals after torques of another sign or unit were corrected.
 
-    Channels that are not measured are left out.
+    Each change is recorded as a correction; channels that are not measured are left out.
 
     Args:
         logs: of one robot, with one convention.
-        signals: made of them.
+        signals: made of the logs.
         arm: the nominal rigid arm.
         known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
             that changes overrides it.
-        known_unit: likewise, (n,) what 1 N·m is in the unit of the torques; None for 1.
-
-    Returns:
-        Logs, with notes on corrections, and signals; unchanged where nothing is wrong.
+        known_unit: (n,) what 1 N·m is in the unit of the torques, likewise; None for 1.
 
     Raises:
         StictionError: a joint's torque has the opposite sign in one log, and not in another.

@@ -41,7 +41,7 @@ def kinds(log: JointLog) -> list[str]:
     return [c.kind for c in log.corrections]
 
 
-def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0) -> JointLog:
+def sweeps(speeds, distance: float) -> JointLog:
     """Joint 7 to and fro at constant speeds, a run each: friction of 0.3 N·m and no load."""
     rng = np.random.default_rng(0)
     parts, breaks, start = [], [], 0.0
@@ -55,8 +55,8 @@ def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0
         for k in range(1, len(t)):
             # Dahl's bristle of a distance
             way = q[k] - q[k - 1]
-            side[k] = side[k - 1] + (way - abs(way) * side[k - 1]) / max(distance, 2e-3)
-        tau = np.interp(t - lag, t, 0.3 * side + 0.05 * v)
+            side[k] = side[k - 1] + (way - abs(way) * side[k - 1]) / distance
+        tau = 0.3 * side + 0.05 * v
         parts.append((t + start, q, tau))
         start += 13.0
         breaks.append(len(t))
@@ -71,7 +71,7 @@ def sweeps(speeds, *, lag: float = 0.0, distance: float = 0.0, sign: float = 1.0
         t=t,
         q=q + 1e-6 * rng.normal(size=q.shape),
         dq=None,
-        tau=sign * (tau + 0.005 * rng.normal(size=q.shape)),
+        tau=tau + 0.005 * rng.normal(size=q.shape),
         breaks=tuple(np.cumsum(breaks)[:-1]),
     )
 
