@@ -23,8 +23,7 @@ from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.links import nearest_links
 from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.friction_state import presliding_distances
-from stiction_envs.gap.signals.noise_floor import noise_floor
+from stiction_envs.gap.signals.friction_state import noise_floor, presliding_distances
 from stiction_envs.identification.base_parameters import columns_of
 from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.robots.regressor import inertial_parameters

@@ -12,14 +12,11 @@ Rows = NDArray[np.bool_]
 FAR_OFF = 8.0
 """Least error of the fitted model in contact, over its usual size [-]; assumed."""
 STRETCHED, ELSEWHERE = 1.3, 99.0
-"""Least distance from the command in contact over the largest elsewhere [-], and the percentile
-that counts as the largest [%]; assumed."""
+"""Least distance from the command in contact over this percentile [%] elsewhere [-]; assumed."""
 SUSPECT, USUAL = 3.0, 85.0
-"""Distance from the command that is suspected over the usual one [-], and the percentile that
-counts as usual [%]; assumed."""
+"""Distance from the command that is suspected over this percentile [%] of all [-]; assumed."""
 STALLED, MOVING = 0.1, 75.0
-"""Largest speed in contact over the mean of the fastest [-], and the percentile above which speeds
-are these [%]; assumed."""
+"""Largest speed in contact over the mean of those above this percentile [%] [-]; assumed."""
 AROUND = 0.5
 """Time left out before and after a contact [s]; assumed."""
 MOST = 0.4

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.servo.evidence import LEAST_LAST, Noise
-from stiction_envs.gap.servo.fit import TURN, Coordinates, Fit, fit
+from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS, of_cause
 from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
@@ -57,8 +56,7 @@ class Question:
     nominal: Array
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
     always: Mapping[str, float]
-    """Parameters that are fitted and no cause, with the usual size of their change [SI]: small
-    errors, and of the cause's size (NaN) what is unknown."""
+    """Usual size [SI] of changes that are fitted and no cause; NaN (the cause's) if unknown."""
     candidates: tuple[str, ...]
     """Causes that this motion could show."""
     hypotheses: int

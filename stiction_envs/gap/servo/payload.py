@@ -28,13 +28,11 @@ from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
 ROW_SECONDS, BLOCK = 0.1, 4.0
-"""Time between the rows of the regression, and blocks whose scatter gives the interval [s];
-assumed."""
+"""Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
 SLOW = 0.02
 """Speed at which dry friction is nearly its level [rad/s]; assumed."""
 LINKS_OFF, ZERO_OFF = 0.08, 0.02
-"""Usual error of a joint's gravity because links are a little off [-], and of its zero [rad];
-assumed."""
+"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 CARRIES = 1 / 3
 """Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
 LOOKS_LIKE = 0.03
@@ -55,25 +53,14 @@ class Tip:
     """[kg]."""
     com: Array
     """(3,) centre of mass in the flange's frame [m]."""
-    mass_ci95: tuple[float, float]
-    """[kg]."""
-    com_ci95: tuple[Array, Array]
-    """Lower and upper ends [m]."""
+    parameters: dict[str, Estimate]
+    """Both with their intervals, as in ``diagnosis.json``."""
     torque: Array
     """(n,) root mean square of its gravity on each joint [N·m]."""
     cost: float
     """Log evidence that it costs against no body: by how much it narrows its prior [nats]."""
     nats: float
     """Log evidence for a usual body against links that are a little off [nats]."""
-
-    @property
-    def parameters(self) -> dict[str, Estimate]:
-        """As in ``diagnosis.json``."""
-        axes = [[float(a), float(b)] for a, b in zip(*self.com_ci95, strict=True)]
-        return {
-            "mass_kg": Estimate(value=self.mass, ci95=self.mass_ci95, on_bound=False),
-            "com_m": Estimate(value=self.com.tolist(), ci95=axes, on_bound=False),
-        }
 
     def part(self, level: int) -> Part:
         """Return the cause of ``model.toml``, found by a diagnosis of this number."""
@@ -131,7 +118,6 @@ def proposed(
     variance = np.diag(covariance)  # rounding may leave less than none where nothing is shown
     deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
     mass, moment = float(found[0]), found[1:]
-    torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it
         return None
     little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
@@ -139,12 +125,15 @@ def proposed(
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
     half = quantile * float(deviation[0])
+    axes = np.stack([com - wide, com + wide], axis=1).tolist()
     return Tip(
         mass=mass,
         com=com,
-        mass_ci95=(mass - half, mass + half),
-        com_ci95=(com - wide, com + wide),
-        torque=torque_of_it,
+        parameters={
+            "mass_kg": Estimate(value=mass, ci95=(mass - half, mass + half), on_bound=False),
+            "com_m": Estimate(value=com.tolist(), ci95=axes, on_bound=False),
+        },
+        torque=np.sqrt(np.mean((body @ found) ** 2, axis=0)),
         cost=cost,
         nats=_cost(found / little, covariance / np.outer(little, little)) - cost,
     )

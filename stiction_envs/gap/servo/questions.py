@@ -25,8 +25,7 @@ SERVO_LAG = "servo_lag"
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
-"""Least sag of a joint by gravity over the angle's resolution that scales its servo's stiffness
-[-]; assumed."""
+"""Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
 """Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
 LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
@@ -41,8 +40,7 @@ every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
-"""Rows for which a command rests where the angle's noise is taken, and the least number of such
-rows that show it; assumed."""
+"""Rows for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3

@@ -17,9 +17,9 @@ from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
     FrictionState,
     friction_torque,
+    noise_floor,
     presliding_distances,
 )
-from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join
 from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
@@ -41,8 +41,6 @@ class Data:
     """(T, n) torque of the nominal model without friction, which the gears transmit [N·m]."""
     carried: Array | None = None
     """(T, n) torque of causes in ``rigid`` that ``nominal`` lacks: payload, tilt [N·m]."""
-    diagnosed: bool = False
-    """Whether the nominal model contains causes of an earlier diagnosis."""
     gravity_found: tuple[float, ...] = ()
     """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
     found: Recording | None = None
@@ -51,8 +49,7 @@ class Data:
     noise: Array
     """(n,) noise floor of the residual torque [N·m]."""
     unit: Array = field(default_factory=lambda: np.ones(1))
-    """(n,) what 1 N·m is in the unit that logged torques had, and the nominal model does not know
-    of; (1,) alike for all."""
+    """(n,) or (1,) what 1 N·m is in the logged unit, as far as the nominal model has another."""
 
     def __post_init__(self) -> None:
         for x in (self.nominal, self.rigid, self.carried):
@@ -215,7 +212,6 @@ class Data:
             nominal=self.nominal + torque,
             carried=None,
             found=None,
-            diagnosed=True,
             friction=state,
         )
 

@@ -39,8 +39,7 @@ MOST_ROWS = 2000
 APART = 0.25
 """Time between independent rows [s]; assumed."""
 OFFSET = 0.05
-"""Usual offset of a torque, or friction of a joint that only holds, over what the joint can bear
-[-]; assumed."""
+"""Usual offset of a torque, or friction of a joint that holds, over its limit [-]; assumed."""
 ROUNDING = 1e-10
 """Part of a column's information that is added to it, against rounding [-]."""
 LEAST_NOISE = 1e-4

@@ -105,15 +105,13 @@ class Signals:
     torque_sign: int = 0
     """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
     torque_unit: Array = field(default_factory=lambda: np.ones(1))
-    """(n,) what 1 N·m is in the unit of the logged torques, which were divided by it; (1,) alike
-    for all."""
+    """(n,) what 1 N·m is in the unit of the logged torques; (1,) where it is the same for all."""
     measured: NDArray[np.bool_] | None = None
     """(n,) whether each torque is a measurement; None for all."""
     findings: tuple[str, ...] = ()
     """What is wrong with units, channels and mounting, one sentence each."""
     set_up: bool = False
-    """Whether the arm is mounted otherwise, or a joint turns the other way: nothing else can be
-    named then."""
+    """Whether the arm is mounted otherwise, or a joint turns the other way: no cause is named."""
     zero_off: AngleError | None = None
     """A joint whose zero is far from the model's."""
 

@@ -43,8 +43,7 @@ class Recording(Signals):
     since_log: Array
     """(T,) time since the log's first row [s]; the number of a pose."""
     since_session: Array
-    """(T,) time since the first row of the log's session [s]; since that of the log where the
-    clocks do not show sessions."""
+    """(T,) time since the first row of the log's session [s]; `since_log` without sessions."""
     block: NDArray[np.int64]
     """(T,) number of the block that is held out together, −1 in a guard."""
     link_factor: Array | None = None

@@ -50,8 +50,7 @@ DELAYS = np.arange(0.0, 0.1501, 0.01)
 LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
 """Time constants that are tried [s]; assumed."""
 HINT_LEFT = 0.85
-"""Largest remaining part of the residual at any delay for a search of time constants too [-];
-assumed."""
+"""Part of the residual that some delay leaves at most, for a further search [-]; assumed."""
 LEAST_RUNS = 4
 """Least number of runs that distinguish a time from a distance [-]; assumed."""
 SPEED_RATIO = 3.0

@@ -21,8 +21,7 @@ Array = NDArray[np.float64]
 OF_CHANNELS = ("torque_sign", "torque_unit", "measured", "findings", "set_up", "zero_off")
 """Fields of `Signals` that `correct_sign` fills in."""
 LARGE_UNIT = 10.0
-"""Factor between logged torque and load from which on torques are converted [-]; assumed: masses
-that a model lacks make factors of 2 to 3, and a joint's friction is no load."""
+"""Torque over load from which on torques are converted [-]; assumed: missing masses make 2 to 3."""
 SAME_UNIT = 2.0
 """Factor within which the units of two logs of a robot are the same [-]; assumed."""
 

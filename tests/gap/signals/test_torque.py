@@ -117,12 +117,6 @@ def test_a_load_that_joints_hold_tells_the_sign() -> None:
         np.testing.assert_array_equal(corrected.tau, sign * log.tau)
 
 
-def test_torques_without_gravity_have_no_sign_of_a_held_load() -> None:
-    log = wrist_only()
-    log = with_torque(log, log.tau - log.tau.mean(axis=0))
-    assert correct_sign([log], prepare([log]), ARM)[0][0] is log
-
-
 @pytest.mark.parametrize("known", [-1, 1])
 def test_only_a_changing_load_contradicts_the_sign_that_is_known(good: JointLog, known) -> None:
     still = wrist_only(-known)
@@ -137,7 +131,6 @@ def test_logs_of_different_signs_are_refused(good: JointLog) -> None:
     with pytest.raises(StictionError, match=r"turned\.csv: tau\d has the opposite sign") as error:
         correct_sign([good, wrong], prepare([good, wrong]), ARM)
     assert "\n" not in str(error.value)
-    assert "expected" in str(error.value)
 
 
 @pytest.mark.parametrize("masses", [1.0, 5.0])
@@ -152,12 +145,20 @@ def test_a_joint_of_the_other_sign_is_inverted(good: JointLog, masses: float) ->
     assert "torques of joint 2 have the opposite sign" in log.corrections[0].text
 
 
-def test_a_doubtful_sign_is_left_alone(good: JointLog) -> None:
-    """Torques that are noise for the most part say nothing."""
+def noise_for_the_most_part(good: JointLog) -> JointLog:
     rng = np.random.default_rng(1)
     load = np.convolve(rng.normal(size=len(good.t)), np.ones(100) / 10, "same")
-    tau = -good.tau + 20 * load[:, None]
-    log = with_torque(good, tau)
+    return with_torque(good, -good.tau + 20 * load[:, None])
+
+
+def held_without_gravity(_: JointLog) -> JointLog:
+    log = wrist_only()
+    return with_torque(log, log.tau - log.tau.mean(axis=0))
+
+
+@pytest.mark.parametrize("made", [noise_for_the_most_part, held_without_gravity])
+def test_a_doubtful_sign_is_left_alone(good: JointLog, made) -> None:
+    log = made(good)
     assert correct_sign([log], prepare([log]), ARM)[0][0] is log
 
 
