@@ -15,10 +15,9 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.steady import steady
-from stiction_envs.gap.servo import contact
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.motion import segments
+from stiction_envs.gap.servo.motion import segments, stretches
 from stiction_envs.gap.servo.parameters import FAR, INDEX, NAMES
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -246,7 +245,7 @@ def touching(logs: Sequence[ServoLog], touched: Rows) -> list[list[list[float]]]
     """Return per log the stretches [s] of the rows that were left out."""
     out: list[list[list[float]]] = [[] for _ in logs]
     for k, s, some in _parts(logs, touched):
-        out[k] += contact.stretches(logs[k].t[s], some)
+        out[k] += stretches(logs[k].t[s], some)
     return out
 
 

@@ -14,7 +14,7 @@ from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import arm as whole_arm
-from stiction_envs.gap.servo import contact, questions
+from stiction_envs.gap.servo import motion, questions
 from stiction_envs.gap.servo.findings import (
     named_causes,
     reported_columns,
@@ -30,7 +30,6 @@ from stiction_envs.gap.servo.judged import (
     judge,
     refit,
 )
-from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import Tip, proposed
 from stiction_envs.gap.servo.questions import Servo
@@ -114,7 +113,7 @@ class _Joints:
     ) -> None:
         self.logs, self.arm, self.servo = logs, arm, servo
         self.workers, self.say = workers, say
-        self.motions = joint_motions(arm, logs) if motions is None else motions
+        self.motions = motion.joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([questions.resolution_of(m.q) for m in self.motions])
         self.noise = np.maximum(
@@ -185,16 +184,16 @@ class _Joints:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
-            counts = ~contact.suspected(self.motions[j])[self.shown[j]]
+            counts = ~motion.suspected(self.motions[j])[self.shown[j]]
             rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
         for j, error in enumerate(self.workers.map(error_of, range(self.n))):
-            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]))
+            touches = motion.in_contact(self.motions[j], error, float(self.resolution[j]))
             if touches.any():
                 out[j] = touches
-        many = bool(out) and np.any([*out.values()], axis=0).mean() > contact.MOST
+        many = bool(out) and np.any([*out.values()], axis=0).mean() > motion.MOST_IN_CONTACT
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
@@ -205,8 +204,8 @@ class _Joints:
         )
         out = {}
         for j, touches in contacts.items():
-            out[j] = contact.pushing(currents[:, j], touches)
-            for begin, end in contact.stretches(self.motions[j].t, touches & ~out[j]):
+            out[j] = motion.pushing(currents[:, j], touches)
+            for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
                 self.notes.append(
                     f"joint {j + 1} stands far from its command from {begin:.4g} to {end:.4g} s "
                     "while its motor draws no more current than elsewhere: its servo rests; left "
@@ -321,7 +320,7 @@ def _with_zero(joints: _Joints) -> _Joints:
     for j in joints.with_cause("encoder_offset"):
         zeros = np.zeros(joints.n)
         zeros[j] = joints.found[j].fit["offset"]
-        motions = joint_motions(joints.arm, joints.logs, zeros)
+        motions = motion.joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
         known = joints.again(motions=motions)
         if known.score > best.score:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
 from stiction_envs.gap.judge.search import NAMED
-from stiction_envs.gap.servo import contact
+from stiction_envs.gap.servo import motion
 from stiction_envs.gap.servo.fit import Fit
 from stiction_envs.gap.servo.judged import JointFindings
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
@@ -149,7 +149,7 @@ def named_causes(
     if contacts:
         stretches: dict[int, dict[str, Estimate]] = {}
         for j, rows in contacts.items():
-            spans: Any = contact.stretches(t, rows)
+            spans: Any = motion.stretches(t, rows)
             stretches[j + 1] = {"stretches_s": Estimate(value=spans, ci95=spans, on_bound=False)}
         out.append(
             NamedCause(

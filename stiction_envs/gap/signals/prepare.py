@@ -33,6 +33,7 @@ from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion import REST_SPEED
+from stiction_envs.reporting.markdown import plural
 
 Array = NDArray[np.float64]
 Fields = dict[str, Any]
@@ -199,9 +200,8 @@ def prepare(
             left_out += made is None
             pieces += [(i, made)] if made is not None else []
     if left_out:
-        plural = "s" if left_out > 1 else ""
         notes.append(
-            f"{left_out} segment{plural} shorter than {shortest:.3g} s left out: "
+            f"{plural(left_out, 'segment')} shorter than {shortest:.3g} s left out: "
             "too short for the filter"
         )
     if all(logs[i].static for i, _ in pieces):

@@ -71,7 +71,7 @@ class Spectra:
         self.grain = np.full(self.n, np.inf)
         """Smallest step of each torque, N·m."""
         motion: list[tuple[Array, Array]] = []
-        total, used = 0.0, 0
+        used = 0
         for _, k, rows in pieces:
             if used >= MOST_ROWS:
                 break
@@ -79,7 +79,6 @@ class Spectra:
             if len(t) < 2 * self.length:
                 continue
             used += len(t)
-            total += len(t)
             for j in range(self.n):
                 # Differences keep the strong slow motion from leaking into high frequencies.
                 bend = np.diff(q[:, j], 2)
@@ -90,9 +89,9 @@ class Spectra:
                 if len(change):
                     self.grain[j] = min(self.grain[j], float(np.percentile(change, 1)))
             motion.append(_spread_power(np.diff(q, axis=0) * self.rate, self.rate))
-        self.empty = not total
+        self.empty = not used
         for array in (self.q, self.tau):
-            array /= max(total, 1.0)
+            array /= max(used, 1)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
         self.movers, self.motion_hz, bent = _motion(motion, self.knee_q)
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
@@ -135,9 +134,8 @@ class Spectra:
         """
         sos = butter(ORDER, min(cutoff / self.rate, 0.49), fs=1.0, output="sos")
         gain = np.abs(sosfreqz(sos, 8192)[1]) ** 2
+        rounding, nyquist = self.grain / np.sqrt(12), self.rate / 2
         width = float(np.mean(gain**2)) * self.rate / 2
-        rounding = self.grain / np.sqrt(12)
-        nyquist = self.rate / 2
         inside = np.zeros(self.n)
         for j, knee in enumerate(self.knee_tau if not self.empty else ()):
             # A spectrum that falls to the end hides its noise; the part next to the band bounds it.
