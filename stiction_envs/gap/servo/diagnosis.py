@@ -44,10 +44,10 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServoDiagnosis(Judgement):
-    """What servo logs show about a simulation."""
+    """Findings of servo logs about a simulation."""
 
     servo: Servo
-    """What was known of the servos."""
+    """Knowledge of the servos before the diagnosis."""
     payload: Tip | None
     """A body at the flange that was found."""
     nominal_rms: Array
@@ -141,7 +141,7 @@ class _Joints:
         self.found: dict[int, JointFindings] = {}
 
     def again(self, *, arm: Arm | None = None, motions: list[JointMotion] | None = None) -> _Joints:
-        """Return the causes of another arm, or along other motions; errors last as here."""
+        """Return joints and causes of another arm or other motions; errors last as long as here."""
         other = _Joints(self.logs, arm or self.arm, self.servo, self.workers, self.say, motions)
         other.lasts = {j: r.noise.last for j, r in self.found.items()}
         other.free = self.free
@@ -158,7 +158,7 @@ class _Joints:
         return [j for j, joint in self.found.items() if cause in joint.causes]
 
     def question(self, j: int, counts: Rows) -> Question:
-        """Return what is asked about a joint; ``counts`` are rows of those shown."""
+        """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
@@ -280,10 +280,7 @@ class _Joints:
         return self.workers.map(partial(refit, counts=counts), self.motions, found)
 
     def lost(self, other: _Joints) -> Array:
-        """Return (n,) by how much the causes of another arm leave a larger error on this one.
-
-        In [rad]: the error that a payload takes off.
-        """
+        """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
 
         def one(j: int) -> float:
             chosen, fit = self.chosen[j], other.found[j].fit

@@ -1,4 +1,4 @@
-"""What is said of servo logs: causes by name with their parameters, and the verdict."""
+"""Findings of servo logs: causes by name with their parameters, and the verdict."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ ALIKE = {
     "gravity_compensation_missing": ("servo_stiffness", "payload"),
     "speed_limit": ("torque_limit",),
 }
-"""What positions alone cannot tell apart, or only just, whatever the motion."""
+"""Causes that positions alone cannot tell apart, or only just, whatever the motion."""
 
 
 @dataclass(frozen=True)

@@ -151,12 +151,12 @@ class Coordinates:
     """(F,) highest z."""
 
     def within(self, low: Array, high: Array) -> Coordinates:
-        """Return them with bounds of the parameters (F,)."""
+        """Return the coordinates with bounds of the parameters (F,)."""
         ends = [self._z(x) for x in (low, high)]
         return replace(self, low=ends[0], high=ends[1])
 
     def fixed(self, number: int) -> Coordinates:
-        """Return them without one parameter, if it is free."""
+        """Return the coordinates without one parameter, if it is free."""
         kept = self.at != number
         each = ("at", "centre", "size", "ratio", "low", "high")
         return replace(self, **{name: getattr(self, name)[kept] for name in each})

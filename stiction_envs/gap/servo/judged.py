@@ -50,7 +50,7 @@ Causes = frozenset[str]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Question:
-    """What is asked about one joint."""
+    """Question about one joint, and the data that answer it."""
 
     motion: JointMotion
     nominal: Array
@@ -85,7 +85,7 @@ class Weighed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointFindings:
-    """What was found on one joint."""
+    """Findings on one joint."""
 
     fit: Fit
     """The best model."""
@@ -114,7 +114,7 @@ class JointProblem:
         self.stiffness = float(q.nominal[INDEX["stiffness"]])
         """Stiffness of the nominal simulation [N·m/rad]."""
         self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
-        """About that of the joint."""
+        """Approximate stiffness of the joint's servo [N·m/rad]."""
         stretched = np.abs(m.command - m.q)[q.counts]
         self.error = float(np.sqrt(np.mean(stretched**2)))
         self.reached = {
@@ -130,7 +130,7 @@ class JointProblem:
     # ---- priors ----------------------------------------------------------------------------------
 
     def needs(self, cause: str) -> tuple[str, ...]:
-        """Return what a cause refines, where the nominal simulation does not have it."""
+        """Return the cause that a cause refines, if the nominal simulation does not have it."""
         return ("coulomb_friction",) if cause in LAW and not self.dry else ()
 
     def odds(self, causes: Iterable[str]) -> float:

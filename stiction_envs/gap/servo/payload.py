@@ -36,7 +36,7 @@ LINKS_OFF, ZERO_OFF = 0.08, 0.02
 CARRIES = 1 / 3
 """Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
 LOOKS_LIKE = 0.03
-"""Likewise of one that links a little off look like [-]; assumed."""
+"""Gravity of the body that small errors of links look like, over the same [-]; assumed."""
 REACH = 0.1
 """Usual distance of its centre from the flange [m]; assumed."""
 ROUNDS = 4
@@ -54,7 +54,7 @@ class Tip:
     com: Array
     """(3,) centre of mass in the flange's frame [m]."""
     parameters: dict[str, Estimate]
-    """Both with their intervals, as in ``diagnosis.json``."""
+    """Mass and centre with their intervals, as in ``diagnosis.json``."""
     torque: Array
     """(n,) root mean square of its gravity on each joint [N·m]."""
     cost: float
@@ -146,7 +146,7 @@ def _cost(found: Array, covariance: Array) -> float:
 
 
 def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """Return what the servo's torque leaves [N·m], (R, N) nuisances, and their (N,) priors.
+    """Return the residual of the servo's torque [N·m], (R, N) nuisances, and their (N,) priors.
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
     """

@@ -1,4 +1,4 @@
-"""What is asked about each joint: what is known of its servo, what its motion could show, notes."""
+"""Questions about each joint: knowledge of its servo, causes that its motion could show, notes."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ EARLY = 0.025
 """Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
 angles of a bus of six servos are 20 ms younger than their stamps."""
 AHEAD = np.arange(0.0, 0.2, 0.002)
-"""Such times that are tried [s]; assumed."""
+"""Times by which a command may come after the motion, tried in turn [s]; assumed."""
 EARLY_LEAVES = 0.25
 """Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Servo:
-    """What the simulation that is judged knows of the servos; (n,) each, or None."""
+    """Knowledge of the servos in the simulation that is judged; (n,) each, or None."""
 
     stiffness: Array | None = None
     """[N·m/rad]."""
@@ -123,7 +123,7 @@ def unknown_damping(servo: Servo) -> bool:
 def always_fitted(
     servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
 ) -> dict[str, float]:
-    """Return what is fitted and no cause, with the usual size of its change [SI].
+    """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
     These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
     unknown damping, whose size is NaN. ``damping`` is the stated one [N·m·s/rad]; ``scaled`` says

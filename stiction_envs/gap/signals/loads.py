@@ -183,7 +183,7 @@ class _Fit:
         return float(weights @ self.c / np.sqrt(max(float(weights @ self.cov @ weights), 1e-30)))
 
     def resistance(self, side: Array, dq: Array, ddq: Array, rest: Array) -> float:
-        """Return what inertia and friction resist over its deviation, the larger torque first."""
+        """Return the resistance of inertia and friction over its standard deviation [-]."""
         heavy = float(ddq @ rest) / max(float(ddq @ ddq), 1e-12)
         inertia = np.array([0, 0, 0, heavy, 1, 0, 0, 0])
         rubbing = np.array([0, 0, 0, 0, 0, np.abs(side).mean(), np.abs(dq).mean(), 0])
@@ -193,7 +193,7 @@ class _Fit:
 
 
 def loads(signals: Signals, log: int, arm: Arm) -> Loads:
-    """Return what a log (its number in the signals) shows of its torques."""
+    """Return the findings about the torques of a log, by its number in the signals."""
     rows = _rows(signals, log)
     found = _loads(rows, arm)
     if found.elsewhere:
@@ -214,7 +214,7 @@ def loads(signals: Signals, log: int, arm: Arm) -> Loads:
 
 
 def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
-    """Return what rows (`_rows`) show, if their angles are the model's."""
+    """Return the findings about rows (`_rows`), if their angles are the model's."""
     q, dq, ddq, tau, apart = rows
     model, n = arm.pinocchio(), arm.n
     pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)

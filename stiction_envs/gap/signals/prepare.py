@@ -110,7 +110,7 @@ class Signals:
     measured: NDArray[np.bool_] | None = None
     """(n,) whether each torque is a measurement; None for all."""
     findings: tuple[str, ...] = ()
-    """What is wrong with units, channels and mounting, one sentence each."""
+    """Defects of units, channels and mounting, one sentence each."""
     set_up: bool = False
     """Whether the arm is mounted otherwise, or a joint turns the other way: no cause is named."""
     zero_off: AngleError | None = None

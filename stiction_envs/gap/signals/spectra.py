@@ -205,7 +205,7 @@ def _samples_of(rows: slice) -> list[slice]:
 
 
 def by_column(make: Callable[[Array], Array], x: Array) -> Array:
-    """Return what a function makes of each column of (K, n)."""
+    """Return the results of a function of each column (K,) of (K, n)."""
     return np.stack([make(column) for column in x.T], axis=1)
 
 
