@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.metadata import version
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -52,7 +53,7 @@ class Parts:
 
     def signals(self, logs: list[JointLog], rows: int = MOST_ROWS) -> Signals:
         """Return them through the filter that fits the logs to identify from."""
-        cutoff = prepare(self.fit).cutoff_hz
+        cutoff = prepare(self.fit).cutoff
         still = all(x.static for x in logs)
         return prepare(logs, cutoff_hz=None if still else cutoff, most_samples=rows)
 
@@ -105,8 +106,8 @@ def rms(parts: Parts, torque: Callable[[Array, Array, Array], Array]) -> dict[st
     """Return (n,) what a model leaves of the torques of each part [N·m]."""
     out = {}
     for name in ("fit", "held_out", "check"):
-        segments = parts.signals(getattr(parts, name)).segments
-        left = np.concatenate([torque(s.q, s.dq, s.ddq) - s.tau for s in segments])
+        s = parts.signals(getattr(parts, name))
+        left = torque(s.q, s.dq, s.ddq) - s.tau
         out[name] = np.sqrt(np.mean(np.square(left), axis=0)).tolist()
     return out
 
@@ -140,10 +141,14 @@ def peer(kind: Any) -> Callable[[Parts], dict[str, Any]]:
 
     def run(parts: Parts) -> dict[str, Any]:
         whole = parts.signals(parts.fit)
-        seconds = sum(len(s.t) for s in whole.segments) * whole.dt
-        rows = max(ROWS, int(OVERSAMPLED * whole.cutoff_hz * seconds))
+        rows = max(ROWS, int(OVERSAMPLED * whole.cutoff * (len(whole.t) * whole.dt)))
         given = parts.signals(parts.fit, rows)
-        model = kind(parts.arm, list(given.segments), given.dt)
+        names = ("q", "dq", "ddq", "tau")
+        stretches = [
+            SimpleNamespace(**{name: getattr(given, name)[run] for name in names})
+            for run in given.runs
+        ]
+        model = kind(parts.arm, stretches, given.dt)
         return {"rms": rms(parts, model.torque), **model.says()}
 
     return run

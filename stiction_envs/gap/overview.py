@@ -135,7 +135,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
 
 def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
     """Return what is special about each joint."""
-    speed = np.concatenate([s.dq for s in signals.segments])
+    speed = signals.dq
     moves = np.ptp(log.q, axis=0) > TRAVEL_SPAN
     alike = np.abs(np.atleast_2d(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed))))) > TOGETHER
     out = []
@@ -153,15 +153,13 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
 
 def _thinned(signals: Signals) -> Signals:
     """Return fewer samples of the same signals, `MOST_SAMPLES` or so."""
-    step = max(1, sum(len(s.t) for s in signals.segments) // MOST_SAMPLES)
+    step = max(1, len(signals.t) // MOST_SAMPLES)
     if not np.isfinite(signals.dt):
         return signals
-    segments = tuple(
-        replace(s, **{k: getattr(s, k)[::step].copy() for k in ("t", "q", "dq", "ddq", "tau")})
-        for s in signals.segments
-    )
-    every = signals.every * step
-    return replace(signals, segments=segments, dt=signals.dt * step, every=every)
+    kept = np.concatenate([np.arange(x.start, x.stop, step) for x in signals.runs])
+    names = ("t", "q", "dq", "ddq", "tau", "log", "segment", "static", "path_rows")
+    rows = {name: getattr(signals, name)[kept] for name in names}
+    return replace(signals, **rows, dt=signals.dt * step, every=signals.every * step)
 
 
 def _left(data: Data) -> dict[str, list[float]]:

@@ -26,9 +26,7 @@ from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.links import nearest_links
 from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.gap.signals.friction_state import presliding_distances
-from stiction_envs.gap.signals.noise_floor import noise_floor
-from stiction_envs.gap.signals.prepare import Signals
+from stiction_envs.gap.signals.friction_state import noise_floor, presliding_distances
 from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import (
@@ -159,7 +157,7 @@ def kinds_of(torque: str) -> tuple[str, ...]:
     return tuple(x for x in KINDS if x != "rotor" or torque == "motor")
 
 
-def fit_predictor(data: Data, signals: Signals) -> TorquePredictor:
+def fit_predictor(data: Data) -> TorquePredictor:
     """Return the predictor of the logs' links and friction, with the noise that they leave.
 
     A first fit gives the noise floor and the presliding distances: in the residual of the nominal
@@ -170,7 +168,7 @@ def fit_predictor(data: Data, signals: Signals) -> TorquePredictor:
     torques = predictor.torques(terms, predictor.problem.fit(terms))
     links = torques[terms[0]]
     left = data.residual - np.sum(list(torques.values()), axis=0)
-    noise = noise_floor(data.recording, signals.noise_tau, left)
+    noise = noise_floor(data.recording, left)
     distance = presliding_distances(data.recording, data.residual - links)
     predictor = _predictor(replace(data.with_presliding(distance), noise=noise))
     # the noise is what the whole model leaves

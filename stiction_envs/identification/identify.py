@@ -290,7 +290,7 @@ def identify(
             f"{seen} independent torques after the filter for {base.size} parameters: expected "
             f"{2 * base.size} or more; record for longer"
         )
-    predictor = fits.fit_predictor(data, signals)
+    predictor = fits.fit_predictor(data)
     terms, stacked = fits.terms_of(predictor), fits.all_columns(predictor)
     found = fits.fit_base(predictor, stacked[:, :, base.kept])
     say("fitting", 0.2)

@@ -1,10 +1,10 @@
-"""The whole arm under position servos, simulated by the plant along the commands of logs."""
+"""The whole arm under position servos, simulated by the plant along logs, and its errors."""
 
 from __future__ import annotations
 
-import dataclasses
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,54 +16,82 @@ from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.steady import steady
 from stiction_envs.gap.servo import joint as lone
-from stiction_envs.gap.servo.motion import segments
-from stiction_envs.gap.servo.parameters import FAR, INDEX
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.motion import segments, stretches
+from stiction_envs.gap.servo.parameters import FAR, INDEX, NAMES
+from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
 from stiction_envs.robots.mjcf import numbers
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
 ROOM = 0.2
 """Least distance of the model's joint limits from the logged angles [rad]: zeros may be off."""
+FOLD_SECONDS = 10.0
+"""Length of the blocks of time that are held out in turn [s]; assumed."""
+WORSE = 1.1
+"""Least error of the extended model over the nominal one that is worse [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServoCheck:
+    """The model on logs that took no part."""
+
+    nominal_rms: Array
+    """(n,) [rad]."""
+    extended_rms: Array
+    """(n,) [rad]."""
+    worse_joints: tuple[int, ...]
+
+    @property
+    def verdict(self) -> str:
+        """``holds`` or ``does not hold``."""
+        return "does not hold" if self.worse_joints else "holds"
+
+    def to_json(self) -> dict[str, object]:
+        """Return the entry ``check``."""
+        return {
+            "nominal_rms_rad": self.nominal_rms.tolist(),
+            "extended_rms_rad": self.extended_rms.tolist(),
+            "verdict": self.verdict,
+            "worse_joints": list(self.worse_joints),
+            "not_transferring": [],
+        }
 
 
 def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
-    """Return the friction of an arm from the parameters of its joints.
+    """Return the friction of a rigid arm from (n, P) parameters of its joints.
 
-    Args:
-        arm: the rigid arm.
-        parameters: (n, P), in the order of `parameters.NAMES`.
-        load: (n,) usual size of gravity [N·m], at which the bristles yield where it is said.
+    ``load`` (n,) is the usual size of gravity [N·m], for which the bristles are as stiff as found.
     """
 
-    def of(name: str) -> Array:
-        return np.asarray(parameters[:, INDEX[name]])
+    of, h = dict(zip(NAMES, parameters.T, strict=True)), lone.STEP
 
     def both(values: Array) -> Array:
         return np.stack([values, values], axis=1)
 
-    h = lone.STEP
     at_rest = link_inertia(arm, arm.rest[None])[0]
-    rotor = np.maximum(of("armature"), lone.SLOWEST * h * h * of("stiffness") - at_rest)
+    rotor = np.maximum(of["armature"], lone.SLOWEST * h * h * of["stiffness"] - at_rest)
     rotor = np.maximum(rotor, 0.0)
-    level = np.maximum(of("stiction"), 1e-6)
-    usual = np.maximum(level + of("load") * load, 1e-6)
+    level = np.maximum(of["stiction"], 1e-6)
+    usual = np.maximum(level + of["load"] * load, 1e-6)
     # the joint's inertia at rest bounds the fit; in other poses a step may hold less
-    bristle = np.minimum(usual / of("bristle"), lone.STIFFEST * (rotor + at_rest) / h**2)
+    bristle = np.minimum(usual / of["bristle"], lone.STIFFEST * (rotor + at_rest) / h**2)
     plain = {k: np.full(arm.n, q.default) for k, q in QUANTITIES.items() if q.default is not None}
     found = dict(
         stiction=both(level),
-        coulomb_ratio=both(1.0 - of("drop")),
-        stribeck_velocity=both(of("stribeck_velocity")),
-        viscous=both(of("damping")),
-        load_coefficient=of("load").copy(),
+        coulomb_ratio=both(1.0 - of["drop"]),
+        stribeck_velocity=both(of["stribeck_velocity"]),
+        viscous=both(of["damping"]),
+        load_coefficient=of["load"].copy(),
         bristle_stiffness=np.maximum(bristle, 1e-3),
         bristle_damping_ratio=np.full(arm.n, lone.BRISTLE_DAMPING_RATIO),
         rotor_inertia=rotor,
-        gravity_error=-of("compensation"),
+        gravity_error=-of["compensation"],
     )
     return steady(FrictionParameters(**{**plain, **found}), arm)
 
@@ -71,10 +99,7 @@ def friction_of(arm: Arm, parameters: Array, load: Array) -> FrictionParameters:
 def reaching(arm: Arm, logs: Sequence[ServoLog], offset: Array | float = 0.0) -> Arm:
     """Return the arm with joint limits that leave room around the angles of its logs.
 
-    Args:
-        arm: whose model may end before the robot's stops.
-        logs: of it.
-        offset: (n,) of the logged angles [rad].
+    A model may end before the robot's stops. ``offset`` (n,) is that of the logged angles [rad].
     """
     q = np.concatenate([log.q for log in logs]) - offset
     limits = arm.limits.position.copy()
@@ -89,34 +114,24 @@ def reaching(arm: Arm, logs: Sequence[ServoLog], offset: Array | float = 0.0) ->
         if joint.get("name") in arm.joint_names and joint.get("range"):
             ends = limits[arm.joint_names.index(str(joint.get("name")))]
             joint.set("range", numbers(np.degrees(ends) if degrees else ends))
-    return dataclasses.replace(
+    return replace(
         arm,
         xml=ET.tostring(root, encoding="unicode"),
-        limits=dataclasses.replace(arm.limits, position=limits),
+        limits=replace(arm.limits, position=limits),
     )
-
-
-def servos_of(parameters: Array) -> PositionServos:
-    """Return the servos of joints with (n, P) parameters; a log's commands are late already."""
-    names = ("stiffness", "speed_limit", "torque_limit", "dead_zone")
-    values = {name: np.minimum(parameters[:, INDEX[name]], FAR) for name in names}
-    return PositionServos(delay=np.zeros(len(parameters)), **values)
 
 
 def simulate_arm(
     arm: Arm, logs: Sequence[ServoLog], parameters: Array, load: Array, *, threads: int = 0
 ) -> list[Array]:
-    """Return the simulated angles at the rows of each log's segments.
+    """Return per log the (T, n) simulated angles [rad]; rows of segments of one row are NaN.
 
     Args:
         arm: the rigid arm.
-        logs: of it; every segment starts at rest at its first measured angles.
+        logs: every segment starts at rest at its first measured angles.
         parameters: (n, P) of its joints.
         load: (n,) usual size of gravity [N·m].
         threads: threads, 0 for all processors.
-
-    Returns:
-        Per log, (T, n) angles [rad]; rows of segments of one row are NaN.
 
     Raises:
         ExperimentError: a simulation that the engine stopped.
@@ -126,11 +141,13 @@ def simulate_arm(
     offset = parameters[:, INDEX["offset"]]
     arm = reaching(arm, logs, offset)
     sticking = build(arm, friction_of(arm, parameters, load), timestep=CONTROL_DT)
-    servos, ids = servos_of(parameters), np.arange(len(parts))
+    names = ("stiffness", "speed_limit", "torque_limit", "dead_zone")
+    values = {name: np.minimum(parameters[:, INDEX[name]], FAR) for name in names}
+    servos = PositionServos(delay=np.zeros(arm.n), **values)  # the commands are late already
     put_under_servos(sticking, servos)
     longest = max(float(np.ptp(logs[k].t[s])) for k, s in parts)
     steps = int(np.ceil(longest / CONTROL_DT)) + 1
-    plant = Plant(sticking, len(parts), threads=threads)
+    plant, ids = Plant(sticking, len(parts), threads=threads), np.arange(len(parts))
     drive = ServoDrive(servos, plant)
     start = np.stack([logs[k].q[s.start] - offset for k, s in parts])
     command = np.stack([_late(logs[k], s, parameters, steps) for k, s in parts]) - offset
@@ -153,12 +170,12 @@ def simulate_arm(
 def _late(log: ServoLog, s: slice, parameters: Array, steps: int) -> Array:
     """Return (steps, n) commands at the steps at which they act [rad]."""
     t = log.t[s] - log.t[s.start]
-    nodes = np.concatenate([[-lone.STEP - 1.0], t, [max(t[-1], steps * CONTROL_DT) + 1.0]])
+    after = max(t[-1], steps * CONTROL_DT) + 1.0
     out = np.empty((steps, log.n))
     for j in range(log.n):
-        integral = lone.held_integral(nodes, log.q_cmd[s, j])
+        times, integral = lone.command_nodes(t, log.q_cmd[s, j], -lone.STEP - 1.0, after)
         late = np.arange(steps + 1) * CONTROL_DT - parameters[j, INDEX["delay"]]
-        out[:, j] = np.diff(np.interp(late, nodes, integral)) / CONTROL_DT
+        out[:, j] = np.diff(np.interp(late, times, integral)) / CONTROL_DT
     return out
 
 
@@ -166,12 +183,82 @@ def _preload(plant: Plant, reference: Array, start: Array, parameters: Array) ->
     """Let the bristles of joints at rest carry what they can of servo and gravity."""
     gravity = plant.load[0] * (1.0 - parameters[:, INDEX["compensation"]])
     gravity = np.where(plant.sticking.bearing, 0.0, gravity)
-    error = reference - start
     dead, limit = parameters[:, INDEX["dead_zone"]], parameters[:, INDEX["torque_limit"]]
+    error = reference - start
     error = error - np.clip(error, -dead, dead)
     push = np.clip(parameters[:, INDEX["stiffness"]] * error, -limit, limit) - gravity
-    friction = plant.sticking.parameters
-    level = plant.stiction
-    deflection = np.clip(push, -level, level) / friction.bristle_stiffness
-    model = plant.sticking.model
+    level, model = plant.stiction, plant.sticking.model
+    deflection = np.clip(push, -level, level) / plant.sticking.parameters.bristle_stiffness
     plant.batch.bind("act")[:, model.actuator_actadr[plant.sticking.torque_actuator]] = deflection
+
+
+def folds(motion: JointMotion) -> list[Rows]:
+    """Return two halves of the rows, in alternating blocks of time."""
+    segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
+    since = motion.t - motion.t[motion.bounds[segment]]
+    even = (since // FOLD_SECONDS + segment) % 2 == 0
+    return [even, ~even]
+
+
+def rows(logs: Sequence[ServoLog], angles: Sequence[Array]) -> Array:
+    """Return the rows of all segments, as motions have them."""
+    return np.concatenate([angles[k][s] for k, s in segments(logs)])
+
+
+def _parts(logs: Sequence[ServoLog], some: Rows) -> Iterator[tuple[int, slice, Rows]]:
+    """Yield each segment with its part of (T,) rows as motions have them."""
+    begin = 0
+    for k, s in segments(logs):
+        end = begin + s.stop - s.start
+        yield k, s, some[begin:end]
+        begin = end
+
+
+def held_out(
+    logs: Sequence[ServoLog], of_first: Rows, halves: Sequence[Sequence[Array]]
+) -> list[Array]:
+    """Return per log the angles of the model that was fitted to the other half of the time."""
+    out = [angle.copy() for angle in halves[0]]
+    for k, s, first in _parts(logs, of_first):
+        out[k][s][first] = halves[1][k][s][first]
+    return out
+
+
+def nominal_angles(
+    arm: Arm, logs: Sequence[ServoLog], servo: Servo, nominal: Array, load: Array
+) -> list[Array]:
+    """Return per log the angles of the simulation that is judged [rad]."""
+    if servo.perfect:
+        return [log.q_cmd.copy() for log in logs]
+    return simulate_arm(arm, logs, nominal, load, threads=1)
+
+
+def errors_of(
+    logs: Sequence[ServoLog], angles: Sequence[Array], counts: Rows | slice = slice(None)
+) -> Array:
+    """Return (n,) root mean square error of simulated angles over the rows that count [rad]."""
+    error = rows(logs, [log.q for log in logs]) - rows(logs, angles)
+    return np.asarray(np.sqrt(np.nanmean(error[counts] ** 2, axis=0)))
+
+
+def touching(logs: Sequence[ServoLog], touched: Rows) -> list[list[list[float]]]:
+    """Return per log the stretches [s] of the rows that were left out."""
+    out: list[list[list[float]]] = [[] for _ in logs]
+    for k, s, some in _parts(logs, touched):
+        out[k] += stretches(logs[k].t[s], some)
+    return out
+
+
+def check_model(
+    logs: Sequence[ServoLog], plain: Sequence[Array], model: Sequence[Array], fitted_rms: Array
+) -> ServoCheck:
+    """Return the errors of both models on logs that took no part.
+
+    Per log, ``plain`` and ``model`` are (T, n) angles of the nominal simulation and of the extended
+    model [rad]; ``fitted_rms`` (n,) is the held-out error where the model was fitted [rad].
+    """
+    before, after = errors_of(logs, plain), errors_of(logs, model)
+    worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))
+    return ServoCheck(
+        nominal_rms=before, extended_rms=after, worse_joints=tuple(int(j) + 1 for j in worse)
+    )

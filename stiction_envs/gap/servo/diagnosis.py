@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
-from stiction_envs.gap.servo import contact
-from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.gap.servo import arm as whole_arm
+from stiction_envs.gap.servo import motion, questions
 from stiction_envs.gap.servo.findings import (
     named_causes,
     reported_columns,
@@ -30,51 +30,24 @@ from stiction_envs.gap.servo.judged import (
     judge,
     refit,
 )
-from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.notes import notes_of
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.payload import Tip, proposed
-from stiction_envs.gap.servo.questions import (
-    GRAVITY_SEEN,
-    LEAST_GRAVITY,
-    MOVES,
-    UNKNOWN_STIFFNESS,
-    Servo,
-    always_fitted,
-    links_off,
-    nominal_parameters,
-    possible_causes,
-    resolution_of,
-    rest_noise,
-    sag_of,
-    sags,
-    shown,
-    unmodelled,
-)
-from stiction_envs.gap.servo.whole_arm import (
-    WORSE,
-    ServoCheck,
-    check_model,
-    folds,
-    held_out,
-    nominal_angles,
-    rms,
-    rows,
-    touching,
-)
+from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
+Progress = Callable[[str, float], None]
+"""Called with a stage and its part done."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ServoDiagnosis(Judgement):
-    """What servo logs show about a simulation."""
+    """Findings of servo logs about a simulation."""
 
     servo: Servo
-    """What was known of the servos."""
+    """Knowledge of the servos before the diagnosis."""
     payload: Tip | None
     """A body at the flange that was found."""
     nominal_rms: Array
@@ -95,7 +68,7 @@ class ServoDiagnosis(Judgement):
     touching: tuple[list[list[float]], ...]
     """Per log, the stretches that were left out [s]."""
     notes: tuple[str, ...]
-    check: ServoCheck | None = None
+    check: whole_arm.ServoCheck | None = None
 
     @property
     def gain_percent(self) -> float:
@@ -127,7 +100,7 @@ class ServoDiagnosis(Judgement):
 
 
 class _Joints:
-    """The joints of one arm along its logs, and what is asked about each."""
+    """The joints of one arm along its logs, what is asked about each, and what was found."""
 
     def __init__(
         self,
@@ -135,67 +108,74 @@ class _Joints:
         arm: Arm,
         servo: Servo,
         workers: ThreadPoolExecutor,
+        say: Progress,
         motions: list[JointMotion] | None = None,
     ) -> None:
-        self.logs, self.arm = logs, arm
-        self.servo, self.workers = servo, workers
-        self.motions = joint_motions(arm, logs) if motions is None else motions
+        self.logs, self.arm, self.servo = logs, arm, servo
+        self.workers, self.say = workers, say
+        self.motions = motion.joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
-        self.resolution = np.array([resolution_of(m.q) for m in self.motions])
+        self.resolution = np.array([questions.resolution_of(m.q) for m in self.motions])
         self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [rest_noise(m) for m in self.motions]
+            self.resolution / np.sqrt(12.0), [questions.rest_noise(m) for m in self.motions]
         )
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
-        currents = [
-            np.full_like(log.q, np.nan) if log.current is None else log.current for log in logs
-        ]
-        self.currents = rows(logs, currents)
-        self.nominal = nominal_parameters(servo, self.motions)
+        self.nominal = questions.nominal_parameters(servo, self.motions)
         self.scaled = [
-            sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
+            questions.sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
             for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
         ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
-            self.nominal[j, INDEX["stiffness"]] = 1.0 / sag_of(self.motions[j])
-        self.links = links_off(arm, self.motions)
-        heads = [shown(m, float(r)) for m, r in zip(self.motions, self.resolution, strict=True)]
+            self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
+        self.links = questions.links_off(arm, self.motions)
         # rows on which each joint's causes are chosen
-        self.shown = [m.rows_of_heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.chosen = [m.heads(k) for m, k in zip(self.motions, heads, strict=True)]
-        self.notes = notes_of(arm, logs)
+        heads = [
+            m.heads(questions.shown(m, float(r)))
+            for m, r in zip(self.motions, self.resolution, strict=True)
+        ]
+        self.chosen, self.shown = [m for m, _ in heads], [some for _, some in heads]
+        self.notes = questions.notes_of(arm, logs)
         self.lasts: dict[int, float] = {}
+        self.free = np.ones(len(self.motions[0].t), dtype=bool)
+        """(T,) rows without contact."""
+        self.found: dict[int, JointFindings] = {}
 
-    def with_other(
-        self,
-        found: Mapping[int, JointFindings],
-        arm: Arm | None = None,
-        motions: list[JointMotion] | None = None,
-    ) -> _Joints:
-        """Return the joints of another arm, or along other motions; errors last as in ``found``."""
-        other = _Joints(self.logs, arm or self.arm, self.servo, self.workers, motions)
-        other.lasts = {j: r.noise.last for j, r in found.items()}
+    def again(self, *, arm: Arm | None = None, motions: list[JointMotion] | None = None) -> _Joints:
+        """Return joints and causes of another arm or other motions; errors last as long as here."""
+        other = _Joints(self.logs, arm or self.arm, self.servo, self.workers, self.say, motions)
+        other.lasts = {j: r.noise.last for j, r in self.found.items()}
+        other.free = self.free
+        other.choose()
         return other
 
+    @property
+    def score(self) -> float:
+        """Log evidence and log prior odds of all joints, less what every name must bring."""
+        return sum(joint.score - NAMED * len(joint.causes) for joint in self.found.values())
+
+    def with_cause(self, cause: str) -> list[int]:
+        """Return the joints (from 0) on which a cause was found."""
+        return [j for j, joint in self.found.items() if cause in joint.causes]
+
     def question(self, j: int, counts: Rows) -> Question:
-        """Return what is asked about a joint; ``counts`` are rows of those shown."""
+        """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
         causes = [
-            possible_causes(self.servo, x, float(r), of_gravity)
+            questions.possible_causes(self.servo, x, float(r), of_gravity)
             for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
         m = self.chosen[j]
+        damping = float(nominal[INDEX["damping"]])
         return Question(
             motion=m,
             nominal=nominal,
-            always=always_fitted(
-                self.servo, m, self.links[j], float(nominal[INDEX["damping"]]), scaled
-            ),
+            always=questions.always_fitted(self.servo, m, self.links[j], damping, scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
-            floor=float(np.hypot(self.noise[j], unmodelled(m, counts))),
+            floor=float(np.hypot(self.noise[j], questions.unmodelled(m, counts))),
             last=self.lasts.get(j),
             perfect=perfect,
         )
@@ -204,24 +184,28 @@ class _Joints:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
-            counts = ~contact.suspected(self.motions[j])[self.shown[j]]
+            counts = ~motion.suspected(self.motions[j])[self.shown[j]]
             rough, _ = JointProblem(self.question(j, counts)).rough()
             return self.motions[j].q - self.motions[j].simulate(rough.parameters[None])[0]
 
         out = {}
         for j, error in enumerate(self.workers.map(error_of, range(self.n))):
-            touches = contact.in_contact(self.motions[j], error, float(self.resolution[j]))
+            touches = motion.in_contact(self.motions[j], error, float(self.resolution[j]))
             if touches.any():
                 out[j] = touches
-        many = bool(out) and np.any([*out.values()], axis=0).mean() > contact.MOST
+        many = bool(out) and np.any([*out.values()], axis=0).mean() > motion.MOST_IN_CONTACT
         return {} if many else out
 
     def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
         """Return the contacts in which the motor pushes; of others the notes say that it rests."""
+        currents = whole_arm.rows(
+            self.logs,
+            [np.full_like(x.q, np.nan) if x.current is None else x.current for x in self.logs],
+        )
         out = {}
         for j, touches in contacts.items():
-            out[j] = contact.pushing(self.currents[:, j], touches)
-            for begin, end in contact.stretches(self.motions[j].t, touches & ~out[j]):
+            out[j] = motion.pushing(currents[:, j], touches)
+            for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
                 self.notes.append(
                     f"joint {j + 1} stands far from its command from {begin:.4g} to {end:.4g} s "
                     "while its motor draws no more current than elsewhere: its servo rests; left "
@@ -229,22 +213,20 @@ class _Joints:
                 )
         return {j: touches for j, touches in out.items() if touches.any()}
 
-    def choose(self, free: Rows, say: Callable[[str, float], None]) -> dict[int, JointFindings]:
-        """Return the causes of each joint; ``free`` are the (T,) rows without contact."""
-        out: dict[int, JointFindings] = {}
+    def choose(self) -> None:
+        """Find the causes of each joint."""
 
         def one(j: int) -> JointFindings:
-            found = judge(self.question(j, free[self.shown[j]]))
-            say("choosing causes", (len(out) + 1) / self.n)
+            found = judge(self.question(j, self.free[self.shown[j]]))
+            self.say("choosing causes", (len(self.found) + 1) / self.n)
             return found
 
         heavy = [j for j in range(self.n) if self.scaled[j] or not self.servo.perfect]
         light = [j for j in range(self.n) if j not in heavy]
-        out |= dict(zip(heavy, self.workers.map(one, heavy), strict=True))
+        self.found |= dict(zip(heavy, self.workers.map(one, heavy), strict=True))
         if light:
-            self._set_stiffness(light, [out[j].fit.parameters[INDEX["stiffness"]] for j in heavy])
-            out |= dict(zip(light, self.workers.map(one, light), strict=True))
-        return out
+            self._set_stiffness(light, [self.found[j].fit["stiffness"] for j in heavy])
+            self.found |= dict(zip(light, self.workers.map(one, light), strict=True))
 
     def _set_stiffness(self, light: Sequence[int], stiffnesses: Sequence[float]) -> None:
         """Give joints that do not clearly sag a stiffness, and say so.
@@ -252,13 +234,13 @@ class _Joints:
         It is that of the other joints where all servos are the same.
         """
         same = self.servo.same and bool(stiffnesses)
-        stiffness = float(np.median(stiffnesses)) if same else UNKNOWN_STIFFNESS
+        stiffness = float(np.median(stiffnesses)) if same else questions.UNKNOWN_STIFFNESS
         for j in light:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             largest = float(np.abs(self.motions[j].gravity).max())
-            seen = largest > GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = same and bool(seen) and largest > LEAST_GRAVITY
+            seen = largest > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
+            self.scaled[j] = same and bool(seen) and largest > questions.LEAST_GRAVITY
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"
@@ -268,21 +250,16 @@ class _Joints:
                 "friction, damping and limits scale with it"
             )
 
-    def helped(self, found: dict[int, JointFindings], nominal: Array, extended: Array) -> list[int]:
+    def helped(self, nominal: Array, extended: Array) -> list[int]:
         """Return the joints whose causes may be named: none, where the model is worse in all.
 
-        A model that is worse than the simulation on held-out time explains nothing.
-
-        Args:
-            found: causes by joint.
-            nominal: (n,) error of the nominal simulation [rad].
-            extended: (n,) held-out error of the model [rad].
+        A model that is worse than the simulation on held-out time explains nothing. Errors are
+        (n,), nominal and held-out [rad].
         """
-        if not any(joint.causes for joint in found.values()):
-            return list(found)
-        least = MOVES * self.resolution
-        moving = np.array([np.ptp(m.q) for m in self.motions]) >= least
-        worse = moving & (extended > WORSE * nominal)
+        if not any(joint.causes for joint in self.found.values()):
+            return list(self.found)
+        moving = np.array([np.ptp(m.q) for m in self.motions]) >= questions.MOVES * self.resolution
+        worse = moving & (extended > whole_arm.WORSE * nominal)
         share = extended[moving] / np.maximum(nominal[moving], 1e-12)
         if not moving.any() or share.mean() >= 1.0:
             self.notes.append(
@@ -297,77 +274,55 @@ class _Joints:
             )
         return np.flatnonzero(moving & ~worse).tolist()
 
-    def refits(self, found: dict[int, JointFindings], free: Rows) -> tuple[Array, list[Array]]:
-        """Return (n, P) parameters fitted to all rows, and to each half of the time."""
-        halves = folds(self.motions[0])
+    def refits(self, counts: Rows) -> Iterator[Array]:
+        """Return (P,) parameters of each joint fitted to the rows (T,) that count."""
+        found = [self.found[j] for j in range(self.n)]
+        return self.workers.map(partial(refit, counts=counts), self.motions, found)
 
-        def one(j: int, counts: Rows) -> Array:
-            return refit(self.motions[j], found[j], counts)
+    def lost(self, other: _Joints) -> Array:
+        """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
 
-        fits = [
-            self.workers.map(partial(one, counts=counts), range(self.n))
-            for counts in (free, *(free & half for half in halves))
-        ]
-        final, *parts = (np.stack(list(x)) for x in fits)
-        return final, parts
+        def one(j: int) -> float:
+            chosen, fit = self.chosen[j], other.found[j].fit
+            counts = self.free[self.shown[j]]
+            angle = chosen.simulate(fit.parameters[None])[0]
+            with_it = np.mean(fit.error[counts] ** 2)
+            return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
 
-
-def _score(found: Mapping[int, JointFindings]) -> float:
-    """Return log evidence and log prior odds of all joints, less what every name must bring."""
-    return sum(joint.score - NAMED * len(joint.causes) for joint in found.values())
+        return np.array([one(j) for j in range(self.n)])
 
 
-def _with_tip(
-    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointFindings], Tip | None, float]:
-    """Return joints and causes of the arm with a body at its flange, where that explains more.
+def _with_tip(joints: _Joints) -> tuple[_Joints, Tip | None, float]:
+    """Return the joints of the arm with a body at its flange, where that explains more.
 
-    And the body, and the nats against the arm without it.
+    The body follows, and the nats against the arm without it.
     """
     if joints.servo.perfect:  # its stiffness would take up any body
-        return joints, found, None, 0.0
-    shifted = [j for j in found if "encoder_offset" in found[j].causes]
-    tip = proposed(joints.arm, joints.motions, joints.nominal, free, shifted=shifted)
+        return joints, None, 0.0
+    shifted = joints.with_cause("encoder_offset")
+    tip = proposed(joints.arm, joints.motions, joints.nominal, joints.free, shifted=shifted)
     if tip is None or tip.nats < NAMED:
-        return joints, found, None, 0.0
-    loaded = joints.with_other(found, arm=changed_arm(joints.arm, [tip.part(1)]))
-    again = loaded.choose(free, say)
-    nats = min(_score(again) - _score(found) - tip.cost, tip.nats)
-    return (loaded, again, tip, nats) if nats > NAMED else (joints, found, None, 0.0)
+        return joints, None, 0.0
+    loaded = joints.again(arm=changed_arm(joints.arm, [tip.part(1)]))
+    nats = min(loaded.score - joints.score - tip.cost, tip.nats)
+    return (loaded, tip, nats) if nats > NAMED else (joints, None, 0.0)
 
 
-def _with_zero(
-    joints: _Joints, found: dict[int, JointFindings], free: Rows, say: Callable[[str, float], None]
-) -> tuple[_Joints, dict[int, JointFindings]]:
-    """Return joints and causes where the others know of one joint whose zero is off.
+def _with_zero(joints: _Joints) -> _Joints:
+    """Return the joints where the others know of one joint whose zero is off.
 
     It changes the gravity of its neighbours, which would otherwise need offsets of their own.
     """
-    off = [j for j, r in found.items() if "encoder_offset" in r.causes]
-    best = joints, found
-    for j in off:
+    best = joints
+    for j in joints.with_cause("encoder_offset"):
         zeros = np.zeros(joints.n)
-        zeros[j] = found[j].fit["offset"]
-        motions = joint_motions(joints.arm, joints.logs, zeros)
+        zeros[j] = joints.found[j].fit["offset"]
+        motions = motion.joint_motions(joints.arm, joints.logs, zeros)
         motions[j] = joints.motions[j]  # its own fit has the offset as a parameter
-        known = joints.with_other(found, motions=motions)
-        again = known.choose(free, say)
-        if _score(again) > _score(best[1]):
-            best = known, again
+        known = joints.again(motions=motions)
+        if known.score > best.score:
+            best = known
     return best
-
-
-def _lost(joints: _Joints, found: dict[int, JointFindings], free: Rows) -> Array:
-    """Return (n,) error [rad] that the causes found leave on an arm without its payload, more."""
-
-    def one(j: int) -> float:
-        chosen, fit = joints.chosen[j], found[j].fit
-        counts = free[joints.shown[j]]
-        angle = chosen.simulate(fit.parameters[None])[0]
-        with_it = np.mean(fit.error[counts] ** 2)
-        return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
-
-    return np.array([one(j) for j in range(joints.n)])
 
 
 def diagnose_servo(
@@ -377,7 +332,7 @@ def diagnose_servo(
     *,
     check: Sequence[ServoLog] = (),
     threads: int = 0,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> ServoDiagnosis:
     """Name what a simulated position servo gets wrong about servo logs.
 
@@ -395,39 +350,42 @@ def diagnose_servo(
     say = progress or (lambda *_: None)
     say("inverse dynamics", 0.0)
     with ThreadPoolExecutor(max_workers=threads or None) as workers:
-        joints = _Joints(logs, arm, servo, workers)
+        before = _Joints(logs, arm, servo, workers, say)
         say("columns of all causes", 0.0)
-        contacts = joints.contacts()
-        t = joints.motions[0].t
-        free = ~np.any([np.zeros(len(t), dtype=bool), *contacts.values()], axis=0)
-        found = joints.choose(free, say)
-        plain = nominal_angles(arm, logs, servo, joints.nominal, joints.load)
-        before = joints
-        joints, found, tip, nats = _with_tip(joints, found, free, say)
-        joints, found = _with_zero(joints, found, free, say)
+        contacts = before.contacts()
+        free = before.free = ~np.any([~before.free, *contacts.values()], axis=0)
+        before.choose()
+        plain = whole_arm.nominal_angles(arm, logs, servo, before.nominal, before.load)
+        joints, tip, nats = _with_tip(before)
+        joints = _with_zero(joints)
         say("refitting", 0.0)
-        final, parts = joints.refits(found, free)
+        first, second = whole_arm.folds(joints.motions[0])
+        fits = [joints.refits(x) for x in (free, free & first, free & second)]
+        final, *parts = (np.stack(list(x)) for x in fits)
         say("forward validation", 0.0)
-        first = folds(joints.motions[0])[0]
         jobs = [
-            workers.submit(simulate_arm, joints.arm, logs, p, joints.load, threads=1) for p in parts
+            workers.submit(whole_arm.simulate_arm, joints.arm, logs, p, joints.load, threads=1)
+            for p in parts
         ]
-        held = held_out(logs, first, [job.result() for job in jobs])
-    q = rows(logs, [log.q for log in logs])
-    nominal_rms = rms(q - rows(logs, plain), free)
-    extended_rms = rms(q - rows(logs, held), free)
-    helped = joints.helped(found, nominal_rms, extended_rms)
-    causes = named_causes({j: found[j] for j in helped}, joints.pushed(contacts), t, nominal_rms)
+        held = whole_arm.held_out(logs, first, [job.result() for job in jobs])
+    nominal_rms, extended_rms = (whole_arm.errors_of(logs, x, free) for x in (plain, held))
+    helped = joints.helped(nominal_rms, extended_rms)
+    causes = named_causes(
+        {j: joints.found[j] for j in helped},
+        joints.pushed(contacts),
+        joints.motions[0].t,
+        nominal_rms,
+    )
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(causes, tip, _lost(before, found, free), nominal_rms, nats)
+        causes = with_payload(causes, tip, before.lost(joints), nominal_rms, nats)
     checked = None
     if check:
         say("check", 0.0)
-        checked = check_model(
+        checked = whole_arm.check_model(
             check,
-            nominal_angles(arm, check, servo, before.nominal, before.load),
-            simulate_arm(joints.arm, check, final, joints.load),
+            whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load),
+            whole_arm.simulate_arm(joints.arm, check, final, joints.load),
             extended_rms,
         )
     return ServoDiagnosis(
@@ -444,7 +402,7 @@ def diagnose_servo(
         logs=tuple(logs),
         nominal_angles=tuple(plain),
         angles=tuple(held),
-        touching=tuple(touching(logs, ~free)),
+        touching=tuple(whole_arm.touching(logs, ~free)),
         notes=tuple(joints.notes),
         check=checked,
     )

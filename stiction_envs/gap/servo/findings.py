@@ -1,16 +1,17 @@
-"""What is said of servo logs: causes by name with their parameters, and the verdict."""
+"""Findings of servo logs: causes by name with their parameters, and the verdict."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
 from stiction_envs.gap.judge.search import NAMED
-from stiction_envs.gap.servo import contact
+from stiction_envs.gap.servo import motion
 from stiction_envs.gap.servo.fit import Fit
 from stiction_envs.gap.servo.judged import JointFindings
 from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
@@ -44,8 +45,6 @@ EVIDENCE = {
     "external_contact": "the joint stalls far from its command in some stretches only",
 }
 """One sentence per cause that a person can check in the plot of angles."""
-
-
 ALIKE = {
     "servo_stiffness": ("payload", "encoder_offset", "link_parameters"),
     "dead_zone": ("coulomb_friction",),
@@ -53,7 +52,7 @@ ALIKE = {
     "gravity_compensation_missing": ("servo_stiffness", "payload"),
     "speed_limit": ("torque_limit",),
 }
-"""What positions alone cannot tell apart, or only just, whatever the motion."""
+"""Causes that positions alone cannot tell apart, or only just, whatever the motion."""
 
 
 @dataclass(frozen=True)
@@ -68,29 +67,20 @@ class Reported:
     """Returns it from these, in their order; arrays are of any shape."""
 
 
-def _reported() -> list[Reported]:
-    changed = [
-        Reported("coulomb_friction", "coulomb_nm", ("stiction", "drop"), lambda f, s: f * (1 - s)),
-        Reported("stribeck_friction", "stiction_nm", ("stiction", "drop"), lambda f, s: f * s),
-        Reported(
-            "presliding_hysteresis",
-            "bristle_stiffness",
-            ("stiction", "bristle"),
-            lambda f, z: f / z,
-        ),
-        Reported("dead_zone", "width_rad", ("dead_zone",), lambda x: 2.0 * x),
-        Reported(SERVO_LAG, "lag_s", ("delay", "damping", "stiffness"), lambda t, d, k: t + d / k),
-    ]
-    own = ("stiction", "drop", "bristle", "dead_zone")
-    plain = [
+REPORTED = (
+    Reported("coulomb_friction", "coulomb_nm", ("stiction", "drop"), lambda f, s: f * (1 - s)),
+    Reported("stribeck_friction", "stiction_nm", ("stiction", "drop"), lambda f, s: f * s),
+    Reported(
+        "presliding_hysteresis", "bristle_stiffness", ("stiction", "bristle"), lambda f, z: f / z
+    ),
+    Reported("dead_zone", "width_rad", ("dead_zone",), lambda x: 2.0 * x),
+    Reported(SERVO_LAG, "lag_s", ("delay", "damping", "stiffness"), lambda t, d, k: t + d / k),
+    *(
         Reported(p.cause, p.key, (name,), lambda x: x)
         for name, p in PARAMETERS.items()
-        if name not in own
-    ]
-    return [*changed, *plain]
-
-
-REPORTED = _reported()
+        if name not in ("stiction", "drop", "bristle", "dead_zone")
+    ),
+)
 """All such numbers, under the names and in the units of the contract."""
 
 
@@ -135,16 +125,14 @@ def named_causes(
     for cause in dict.fromkeys(c for r in results.values() for c in r.causes):
         of = {j: r.causes[cause] for j, r in results.items() if cause in r.causes}
         share = {j: max(x.lost, 0.0) / max(float(nominal_rms[j]), 1e-12) for j, x in of.items()}
-        found = {
-            j + 1: _estimates(
-                cause, (results[j].lag if cause == SERVO_LAG else None) or results[j].fit
-            )
-            for j in sorted(of, key=lambda j: -share[j])
-        }
+        found = {}
+        for j in sorted(of, key=lambda j: -share[j]):
+            lag = results[j].lag if cause == SERVO_LAG else None
+            found[j + 1] = _estimates(cause, lag or results[j].fit)
         rivals: dict[str, float] = {}
-        for x in of.values():
-            for name, nats in x.rivals:
-                rivals[name] = min(nats, rivals.get(name, nats))
+        for name, nats in (rival for x in of.values() for rival in x.rivals):
+            rivals[name] = min(nats, rivals.get(name, nats))
+        near = [name for name, nats in rivals.items() if nats < NAMED]
         value = next(iter(next(iter(found.values())).values()))
         out.append(
             NamedCause(
@@ -155,22 +143,20 @@ def named_causes(
                 nats=sum(x.nats for x in of.values()),
                 rivals=tuple(sorted(rivals.items(), key=lambda x: x[1])),
                 evidence=EVIDENCE[cause].format(value=f"{value.value:.3g} N·m/rad"),
-                confused_with=tuple(
-                    sorted({*ALIKE.get(cause, ()), *(x for x in rivals if rivals[x] < NAMED)})
-                ),
+                confused_with=tuple(sorted({*ALIKE.get(cause, ()), *near})),
             )
         )
     if contacts:
-        spans = {j + 1: contact.stretches(t, rows) for j, rows in contacts.items()}
+        stretches: dict[int, dict[str, Estimate]] = {}
+        for j, rows in contacts.items():
+            spans: Any = motion.stretches(t, rows)
+            stretches[j + 1] = {"stretches_s": Estimate(value=spans, ci95=spans, on_bound=False)}
         out.append(
             NamedCause(
                 name="external_contact",
-                joints=tuple(sorted(spans)),
+                joints=tuple(sorted(stretches)),
                 gain_percent=0.0,
-                parameters={
-                    j: {"stretches_s": Estimate(value=s, ci95=s, on_bound=False)}  # type: ignore[arg-type]
-                    for j, s in spans.items()
-                },
+                parameters=stretches,
                 evidence=EVIDENCE["external_contact"],
                 confused_with=("torque_limit",),
             )
@@ -183,12 +169,8 @@ def with_payload(
 ) -> tuple[NamedCause, ...]:
     """Return the causes with a body at the flange among them.
 
-    Args:
-        causes: of the joints.
-        tip: the body.
-        lost: (n,) error that it takes off [rad].
-        nominal_rms: (n,) [rad].
-        nats: log evidence against the arm without it.
+    ``lost`` (n,) is the error that the body takes off [rad], ``nats`` the log evidence against the
+    arm without the body.
     """
     acts = tip.torque > ACTS * tip.torque.max()
     share = np.clip(lost / np.maximum(nominal_rms, 1e-12), 0.0, 1.0)
@@ -212,7 +194,5 @@ def with_payload(
 def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, noise: Array) -> str:
     """Return the verdict; errors and noise floor are (n,) [rad]."""
     if not causes:
-        enough = CLEAN * noise
-        return "no discrepancy" if (nominal < enough).all() else "cannot tell"
-    enough = CLOSE * noise
-    return "explained" if (extended < enough).all() else "partly explained"
+        return "no discrepancy" if (nominal < CLEAN * noise).all() else "cannot tell"
+    return "explained" if (extended < CLOSE * noise).all() else "partly explained"

@@ -40,10 +40,8 @@ class JointMotion:
     """(S + 1,) first row of each segment, and T."""
     command: Array
     """(T,) commanded angle, held until the next row [rad]."""
-    command_integral: Array
-    """(T + 2 S,) integral of the command over time at `command_times` [rad·s]."""
-    command_times: Array
-    """(T + 2 S,) a time before, the rows', and a time after, segment by segment [s]."""
+    nodes: Array
+    """(2, T + 2 S) `command_nodes` of the segments, one after the other [s, rad·s]."""
     gravity: Array
     """(T,) gravity torque at the measured pose [N·m]."""
     slope: Array
@@ -72,7 +70,7 @@ class JointMotion:
             np.ascontiguousarray(parameters, dtype=np.float64),
             self.bounds,
             np.stack([self.t, self.q, self.gravity, self.slope, self.inertia, self.coupling]),
-            np.stack([self.command_times, self.command_integral]),
+            self.nodes,
             float(np.abs(self.gravity).mean()),
             float(self.inertia.min()),
             max(1, int(np.ceil(self.step / STEP - 1e-6))),
@@ -80,36 +78,33 @@ class JointMotion:
         )
         return out
 
-    def heads(self, lengths: Index) -> JointMotion:
-        """Return the first rows of each segment; ``lengths`` (S,) of 0 leave one out."""
-        kept = np.flatnonzero(lengths)
-        rows = self.rows_of_heads(lengths)
-        nodes = [self.bounds[s] + 2 * s + np.arange(lengths[s] + 2) for s in kept]
-        return JointMotion(
+    def heads(self, lengths: Index) -> tuple[JointMotion, NDArray[np.bool_]]:
+        """Return the first rows of each segment, and whether each row (T,) is one of them.
+
+        ``lengths`` (S,) of 0 leave a segment out.
+        """
+        counts, kept = np.diff(self.bounds), np.flatnonzero(lengths)
+        since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], counts)
+        rows: NDArray[np.bool_] = since < np.repeat(lengths, counts)
+        at = [self.bounds[s] + 2 * s + np.arange(lengths[s] + 2) for s in kept]
+        names = ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
+        motion = JointMotion(
             bounds=np.concatenate([[0], np.cumsum(lengths[kept])]),
-            command_integral=self.command_integral[np.concatenate(nodes)],
-            command_times=self.command_times[np.concatenate(nodes)],
-            **{
-                name: getattr(self, name)[rows]
-                for name in ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
-            },
+            nodes=np.take(self.nodes, np.concatenate(at), axis=1),
+            **{name: getattr(self, name)[rows] for name in names},
         )
-
-    def rows_of_heads(self, lengths: Index) -> NDArray[np.bool_]:
-        """Return the (T,) rows of `heads`."""
-        since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], np.diff(self.bounds))
-        rows: NDArray[np.bool_] = since < np.repeat(lengths, np.diff(self.bounds))
-        return rows
+        return motion, rows
 
 
-def held_integral(times: Array, command: Array) -> Array:
-    """Return (R + 2,) integral [rad·s] at times of R commands, each held until the next row.
+def command_nodes(t: Array, command: Array, before: float, after: float) -> Array:
+    """Return (2, R + 2) times [s] and the integral of the command over time [rad·s].
 
-    The first and the last time (R + 2,) are before and after the rows; there the first command and
-    the last are held.
+    Each of the R commands is held until the next row; ``before`` the rows the first command is
+    held, and the last one until ``after``.
     """
+    times = np.concatenate([[before], t, [after]])
     held = np.concatenate([command[:1], command])
-    return np.concatenate([[0.0], np.cumsum(held * np.diff(times))])
+    return np.stack([times, np.concatenate([[0.0], np.cumsum(held * np.diff(times))])])
 
 
 @compiled

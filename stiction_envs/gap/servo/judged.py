@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.servo.evidence import Noise
-from stiction_envs.gap.servo.fit import TURN, Coordinates, Fit, fit
+from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS, of_cause
 from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
@@ -51,14 +50,13 @@ Causes = frozenset[str]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Question:
-    """What is asked about one joint."""
+    """Question about one joint, and the data that answer it."""
 
     motion: JointMotion
     nominal: Array
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
     always: Mapping[str, float]
-    """Parameters that are fitted and no cause, with the usual size of their change [SI]: small
-    errors, and of the cause's size (NaN) what is unknown."""
+    """Usual size [SI] of changes that are fitted and no cause; NaN (the cause's) if unknown."""
     candidates: tuple[str, ...]
     """Causes that this motion could show."""
     hypotheses: int
@@ -87,7 +85,7 @@ class Weighed:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointFindings:
-    """What was found on one joint."""
+    """Findings on one joint."""
 
     fit: Fit
     """The best model."""
@@ -107,16 +105,16 @@ class JointProblem:
 
     scales = (1.0, 1.0)
 
-    def __init__(self, question: Question) -> None:
-        """Take the question; errors last as long as those of its model of everything."""
+    def __init__(self, question: Question, last: float = LEAST_LAST) -> None:
+        """Take the question; errors ``last`` for some time [s]."""
         self.q = q = question
         self.inflation = np.ones(1)
         m = q.motion
-        self.noise = Noise.of(m.t, m.bounds, q.counts, q.floor, m.step)
+        self.noise = Noise.of(m, q.counts, q.floor, last)
         self.stiffness = float(q.nominal[INDEX["stiffness"]])
         """Stiffness of the nominal simulation [N·m/rad]."""
         self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
-        """About that of the joint."""
+        """Approximate stiffness of the joint's servo [N·m/rad]."""
         stretched = np.abs(m.command - m.q)[q.counts]
         self.error = float(np.sqrt(np.mean(stretched**2)))
         self.reached = {
@@ -132,7 +130,7 @@ class JointProblem:
     # ---- priors ----------------------------------------------------------------------------------
 
     def needs(self, cause: str) -> tuple[str, ...]:
-        """Return what a cause refines, where the nominal simulation does not have it."""
+        """Return the cause that a cause refines, if the nominal simulation does not have it."""
         return ("coulomb_friction",) if cause in LAW and not self.dry else ()
 
     def odds(self, causes: Iterable[str]) -> float:
@@ -255,12 +253,6 @@ class JointProblem:
         adjusted[c.at[kept]] = moved[c.at[kept]]
         return [plain, adjusted]
 
-    def lasting(self, seconds: float) -> JointProblem:
-        """Return the problem whose errors last for some time; nothing is fitted yet."""
-        out = JointProblem(self.q)
-        out.noise = self.noise.lasting(seconds)
-        return out
-
     def rms(self, of: Fit) -> float:
         """Return the root mean square of a fit's error over the rows that count [rad]."""
         return float(np.sqrt(np.mean(of.error[self.q.counts] ** 2)))
@@ -377,17 +369,13 @@ def judge(question: Question) -> JointFindings:
     full = problem.everything()
     causes = max(problem.fits, key=len)
     last = problem.noise.lasts(full.error) if question.last is None else question.last
-    problem = problem.lasting(last)
+    problem = JointProblem(question, last)
     full = problem.fit(causes, [full.parameters])
     none = problem.fit((), [question.nominal])
     terms = problem.terms()
     plain = {t.cause: t for t in reversed(terms)}
     search = Search(
-        problem,
-        terms,
-        problem.needs,
-        lambda _, some: problem.score(some),
-        lambda *_: True,
+        problem, terms, problem.needs, lambda _, some: problem.score(some), lambda *_: True
     )
     start: list[Term] = [plain[c] for c in question.candidates if c in causes]
     # no model gains more than all causes together take off
@@ -440,11 +428,10 @@ def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) 
     Links that lean are no offset, which would move the links beyond, and those that are lighter no
     negative armature: such small errors are left as they are.
     """
-    noise = Noise.of(motion.t, motion.bounds, counts, found.noise.floor, motion.step)
+    noise = Noise.of(motion, counts, found.noise.floor, found.noise.last)
     of = found.predicting.coordinates
     if "encoder_offset" not in found.causes:
         of = of.fixed(INDEX["offset"])
     low = np.maximum(of.parameters(of.low[None])[0], LOW)
     of = of.within(low[of.at], HIGH[of.at])
-    noise = noise.lasting(found.noise.last)
     return fit(motion, noise, of, found.predicting.parameters[None], STEPS).parameters

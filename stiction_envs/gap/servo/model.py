@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import QUANTITIES, FrictionParameters
+from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.model_file import Nominal, changed_arm
@@ -67,18 +67,17 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtens
 
 
 def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str, ...]]:
-    """Return plain MJCF of the arm under its servos, and what it cannot express.
+    """Return plain MJCF of the rigid arm under servos of (n, P) parameters, and what is missing.
 
-    Args:
-        arm: the rigid arm.
-        parameters: (n, P), in the order of `parameters.NAMES`.
-        load: (n,) usual size of gravity [N·m]; load-dependent friction is held at it.
+    Load-dependent friction is held at ``load`` (n,), the usual size of gravity [N·m].
 
     Raises:
         StictionError: MuJoCo cannot represent the model.
     """
     missing = tuple(_missing(parameters))
-    friction = _at_load(friction_of(arm, parameters, load), load)
+    friction = friction_of(arm, parameters, load)
+    level = friction.stiction + (friction.load_coefficient * load)[:, None]
+    friction = friction.replace(stiction=level, load_coefficient=np.zeros(arm.n))
     root, actuators = mjcf_tree(arm, friction)
     for j, name in enumerate(arm.joint_names):
         servo = ET.SubElement(
@@ -92,11 +91,6 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
         if limit < FAR:
             servo.set("forcerange", f"{-limit!r} {limit!r}")
     return mjcf_text(arm, root, _COMMENT, missing), missing
-
-
-def _at_load(friction: FrictionParameters, load: Array) -> FrictionParameters:
-    level = friction.stiction + (friction.load_coefficient * load)[:, None]
-    return friction.replace(stiction=level, load_coefficient=np.zeros(friction.n))
 
 
 def _missing(parameters: Array) -> list[str]:

@@ -1,4 +1,7 @@
-"""What acts on each joint of an arm along logs of its motion, from the rigid arm."""
+"""What acts on each joint of an arm along logs of its motion, and where the arm touches something.
+
+A joint in contact stands far from its command and stalls.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion, held_integral
-from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.servo.joint import JointMotion, command_nodes
+from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 CUTOFF_HZ = 5.0
 """Bandwidth of the accelerations that couple the joints [Hz]: angles come in steps of about a
 milliradian; assumed."""
@@ -21,6 +25,19 @@ TILT = 1e-3
 """Angle over which the slope of gravity is taken [rad]; assumed."""
 OUTSIDE = 1.0
 """Time for which a command counts as held before and after a segment [s]; assumed."""
+
+FAR_OFF = 8.0
+"""Least error of the fitted model in contact, over its usual size [-]; assumed."""
+STRETCHED, ELSEWHERE = 1.3, 99.0
+"""Least distance from the command in contact over this percentile [%] elsewhere [-]; assumed."""
+SUSPECT, USUAL = 3.0, 85.0
+"""Distance from the command that is suspected over this percentile [%] of all [-]; assumed."""
+STALLED, MOVING = 0.1, 75.0
+"""Largest speed in contact over the mean of those above this percentile [%] [-]; assumed."""
+AROUND = 0.5
+"""Time left out before and after a contact [s]; assumed."""
+MOST_IN_CONTACT = 0.4
+"""Largest share of the rows: more is no contact but another cause [-]; assumed."""
 
 
 def segments(logs: Sequence[ServoLog]) -> list[tuple[int, slice]]:
@@ -33,32 +50,29 @@ def joint_motions(
 ) -> list[JointMotion]:
     """Return the motion of each joint along all segments of the logs.
 
-    Args:
-        arm: the rigid arm; gravity acts on it.
-        logs: of it.
-        zeros: (n,) offsets of the logged angles [rad], at which the arm is not where they say.
+    The arm is rigid, and gravity acts on it. ``zeros`` (n,) are offsets of the logged angles [rad].
     """
     parts = [(logs[k], s) for k, s in segments(logs)]
-    of = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
-    bounds = np.concatenate([[0], np.cumsum([s.stop - s.start for _, s in parts])])
+    torques = [_torques(arm, log.t[s], log.q[s] - zeros) for log, s in parts]
+    t = [log.t[s] for log, s in parts]
+    bounds = np.concatenate([[0], np.cumsum([len(x) for x in t])])
     out = []
     for j in range(arm.n):
-        times, integral = [], []
-        for log, s in parts:
-            t = log.t[s]
-            times.append(np.concatenate([[t[0] - OUTSIDE], t, [t[-1] + OUTSIDE]]))
-            integral.append(held_integral(times[-1], log.q_cmd[s, j]))
+        commands = [log.q_cmd[s, j] for log, s in parts]
+        nodes = [
+            command_nodes(x, command, x[0] - OUTSIDE, x[-1] + OUTSIDE)
+            for x, command in zip(t, commands, strict=True)
+        ]
         gravity, slope, inertia, coupling = (
-            np.concatenate([torques[i][:, j] for torques in of]) for i in range(4)
+            np.concatenate([x[i][:, j] for x in torques]) for i in range(4)
         )
         out.append(
             JointMotion(
-                t=np.concatenate([log.t[s] for log, s in parts]),
+                t=np.concatenate(t),
                 q=np.concatenate([log.q[s, j] for log, s in parts]),
-                command=np.concatenate([log.q_cmd[s, j] for log, s in parts]),
+                command=np.concatenate(commands),
                 bounds=bounds,
-                command_times=np.concatenate(times),
-                command_integral=np.concatenate(integral),
+                nodes=np.concatenate(nodes, axis=1),
                 gravity=gravity,
                 slope=slope,
                 inertia=inertia,
@@ -101,4 +115,61 @@ def _gravity(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     mujoco.mj_comVel(model, data)  # at rest: what the last speeds left would count
     out = np.zeros(model.nv)
     mujoco.mj_rne(model, data, 0, out)
+    return out
+
+
+def suspected(motion: JointMotion) -> Rows:
+    """Return (T,) rows in which a joint stands much further from its command than usually.
+
+    They would bend a fit to all rows, and are judged by one to the others.
+    """
+    stretched = np.abs(motion.command - motion.q)
+    return np.asarray(stretched > SUSPECT * np.percentile(stretched, USUAL))
+
+
+def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
+    """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
+
+    ``error`` (T,) is the measured angle less that of a model fitted without suspected rows [rad],
+    ``resolution`` the step of the measured angle [rad].
+    """
+    usual = max(1.4826 * float(np.median(np.abs(error - np.median(error)))), resolution)
+    stretched = np.abs(motion.command - motion.q)
+    off = np.abs(error) > FAR_OFF * usual
+    if not off.any() or off.mean() > MOST_IN_CONTACT:
+        return np.zeros(len(error), dtype=bool)
+    speed = np.abs(np.gradient(motion.q, motion.t))
+    moving = speed[speed > np.percentile(speed, MOVING)]
+    slow = speed < STALLED * float(moving.mean()) if len(moving) else np.ones(len(speed), bool)
+    elsewhere = np.percentile(stretched[~off], ELSEWHERE)
+    found = off & slow & (stretched > STRETCHED * elsewhere)
+    reach = motion.rows_in(AROUND)
+    # stretches shorter than that are no contact but a moment of stick and slip
+    long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
+    wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0
+    return wide
+
+
+def stretches(t: Array, rows: Rows) -> list[list[float]]:
+    """Return first and last time of each run of rows [s]."""
+    return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
+
+
+def _runs(rows: Rows) -> list[tuple[int, int]]:
+    """Return first row of each run of rows, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+def pushing(current: Array, rows: Rows) -> Rows:
+    """Return which rows (T,) in contact the motor pushes in: its current is the witness.
+
+    ``current`` (T,) is the size of the motor's current [any unit]; NaN where it was not logged.
+    """
+    if np.isnan(current).all() or not rows.any() or rows.all():
+        return rows
+    usual = float(np.nanmedian(current[~rows]))
+    out = np.zeros_like(rows)
+    for a, b in _runs(rows):
+        out[a:b] = not np.nanmedian(current[a:b]) <= usual
     return out

@@ -10,7 +10,6 @@ steps are in ``parameters.toml``.
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -43,13 +42,8 @@ class Parameter:
     """Whether that is in its own unit, times the servo's stiffness, or of its logarithm."""
 
 
-def _parameters() -> dict[str, Parameter]:
-    path = Path(__file__).with_name("parameters.toml")
-    table = tomllib.loads(path.read_text(encoding="utf-8"))
-    return msgspec.convert(table, dict[str, Parameter])
-
-
-PARAMETERS = _parameters()
+_FILE = Path(__file__).with_name("parameters.toml")
+PARAMETERS = msgspec.toml.decode(_FILE.read_bytes(), type=dict[str, Parameter])
 NAMES = tuple(PARAMETERS)
 INDEX = {name: i for i, name in enumerate(NAMES)}
 LOW = np.array([p.low for p in PARAMETERS.values()])

@@ -22,23 +22,21 @@ from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
 from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
 ROW_SECONDS, BLOCK = 0.1, 4.0
-"""Time between the rows of the regression, and blocks whose scatter gives the interval [s];
-assumed."""
+"""Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
 SLOW = 0.02
 """Speed at which dry friction is nearly its level [rad/s]; assumed."""
 LINKS_OFF, ZERO_OFF = 0.08, 0.02
-"""Usual error of a joint's gravity because links are a little off [-], and of its zero [rad];
-assumed."""
+"""Usual error of a joint's gravity by small errors of links [-], and of its zero [rad]; assumed."""
 CARRIES = 1 / 3
 """Usual gravity of a body at the flange over the arm's own largest [-]; assumed."""
 LOOKS_LIKE = 0.03
-"""Likewise of one that links a little off look like [-]; assumed."""
+"""Gravity of the body that small errors of links look like, over the same [-]; assumed."""
 REACH = 0.1
 """Usual distance of its centre from the flange [m]; assumed."""
 ROUNDS = 4
@@ -55,25 +53,14 @@ class Tip:
     """[kg]."""
     com: Array
     """(3,) centre of mass in the flange's frame [m]."""
-    mass_ci95: tuple[float, float]
-    """[kg]."""
-    com_ci95: tuple[Array, Array]
-    """Lower and upper ends [m]."""
+    parameters: dict[str, Estimate]
+    """Mass and centre with their intervals, as in ``diagnosis.json``."""
     torque: Array
     """(n,) root mean square of its gravity on each joint [N·m]."""
     cost: float
     """Log evidence that it costs against no body: by how much it narrows its prior [nats]."""
     nats: float
     """Log evidence for a usual body against links that are a little off [nats]."""
-
-    @property
-    def parameters(self) -> dict[str, Estimate]:
-        """As in ``diagnosis.json``."""
-        axes = [[float(a), float(b)] for a, b in zip(*self.com_ci95, strict=True)]
-        return {
-            "mass_kg": Estimate(value=self.mass, ci95=self.mass_ci95, on_bound=False),
-            "com_m": Estimate(value=self.com.tolist(), ci95=axes, on_bound=False),
-        }
 
     def part(self, level: int) -> Part:
         """Return the cause of ``model.toml``, found by a diagnosis of this number."""
@@ -91,12 +78,9 @@ def proposed(
 ) -> Tip | None:
     """Return the body at the flange that the servos' torques suggest; None if there is none.
 
-    Args:
-        arm: the rigid arm.
-        motions: of its joints.
-        nominal: (n, P) parameters of the simulation that is judged; the servos' stiffness is known.
-        rows: (T,) without contact.
-        shifted: joints (from 0) whose zero seems to be off.
+    ``nominal`` are (n, P) parameters of the simulation that is judged, in which the servos'
+    stiffness is known. ``rows`` (T,) are those without contact; ``shifted`` are joints (from 0)
+    whose zero seems to be off.
     """
     every = motions[0].rows_in(ROW_SECONDS)
     kept = np.flatnonzero(rows)[::every]
@@ -134,22 +118,22 @@ def proposed(
     variance = np.diag(covariance)  # rounding may leave less than none where nothing is shown
     deviation = np.sqrt(np.where(variance > 0, variance, np.inf))
     mass, moment = float(found[0]), found[1:]
-    torque_of_it = np.sqrt(np.mean((body @ found) ** 2, axis=0))
     if not 0 < mass >= PROMISING * deviation[0]:  # nuisances may leave nothing of it
         return None
     little = usual * np.array([LOOKS_LIKE / CARRIES, 1.0, 1.0, 1.0])
     cost = _cost(found / usual, covariance / np.outer(usual, usual))
     quantile = float(student.ppf(0.975, max(1, by_block.shape[1] - 4)))
     com, wide = moment / mass, quantile * deviation[1:] / mass
+    half = quantile * float(deviation[0])
+    axes = np.stack([com - wide, com + wide], axis=1).tolist()
     return Tip(
         mass=mass,
         com=com,
-        mass_ci95=(
-            mass - quantile * float(deviation[0]),
-            mass + quantile * float(deviation[0]),
-        ),
-        com_ci95=(com - wide, com + wide),
-        torque=torque_of_it,
+        parameters={
+            "mass_kg": Estimate(value=mass, ci95=(mass - half, mass + half), on_bound=False),
+            "com_m": Estimate(value=com.tolist(), ci95=axes, on_bound=False),
+        },
+        torque=np.sqrt(np.mean((body @ found) ** 2, axis=0)),
         cost=cost,
         nats=_cost(found / little, covariance / np.outer(little, little)) - cost,
     )
@@ -162,7 +146,7 @@ def _cost(found: Array, covariance: Array) -> float:
 
 
 def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-    """Return what the servo's torque leaves [N·m], (R, N) nuisances, and their (N,) priors.
+    """Return the residual of the servo's torque [N·m], (R, N) nuisances, and their (N,) priors.
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.
     """
@@ -175,16 +159,16 @@ def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[A
     of_load = direction * np.abs(motion.gravity)
     columns = (direction, of_load, speed, acceleration, motion.gravity, motion.slope)
     nuisance = np.stack(columns, axis=1)
-    prior = np.array([np.inf, np.inf, np.inf, np.inf, LINKS_OFF, ZERO_OFF])
+    prior = np.array([np.inf] * 4 + [LINKS_OFF, ZERO_OFF])
     return torque[kept], nuisance[kept], prior
 
 
 def _without(
     torque: Array, nuisance: Array, prior: Array, own: Array
 ) -> tuple[Array, Array, Array]:
-    """Return a joint's torque and the body's columns less what its nuisances explain.
+    """Return a joint's torque and the body's columns less what nuisances explain.
 
-    And what is left likewise of the torques of nuisances with a prior, each of its usual size.
+    The torques of nuisances with a prior follow, likewise reduced, each of its usual size.
     """
     scale = max(1.4826 * float(np.median(np.abs(torque - np.median(torque)))), 1e-6)
     ridge = (scale / prior) ** 2 * np.ones(len(prior))

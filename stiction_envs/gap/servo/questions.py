@@ -1,10 +1,11 @@
-"""What is asked about each joint: what is known of its servo, what its motion could show."""
+"""Questions about each joint: knowledge of its servo, causes that its motion could show, notes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -23,8 +25,7 @@ SERVO_LAG = "servo_lag"
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
-"""Least sag of a joint by gravity over the angle's resolution that scales its servo's stiffness
-[-]; assumed."""
+"""Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
 """Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
 LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
@@ -39,8 +40,7 @@ every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
-"""Rows for which a command rests where the angle's noise is taken, and the least number of such
-rows that show it; assumed."""
+"""Rows for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3
@@ -48,10 +48,18 @@ PASSED = 3
 UNKNOWN_STIFFNESS = 10.0
 """Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
 
+EARLY = 0.025
+"""Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
+angles of a bus of six servos are 20 ms younger than their stamps."""
+AHEAD = np.arange(0.0, 0.2, 0.002)
+"""Times by which a command may come after the motion, tried in turn [s]; assumed."""
+EARLY_LEAVES = 0.25
+"""Most that such a time leaves of a joint's squared distance from its command [-]; assumed."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Servo:
-    """What the simulation that is judged knows of the servos; (n,) each, or None."""
+    """Knowledge of the servos in the simulation that is judged; (n,) each, or None."""
 
     stiffness: Array | None = None
     """[N·m/rad]."""
@@ -115,16 +123,11 @@ def unknown_damping(servo: Servo) -> bool:
 def always_fitted(
     servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
 ) -> dict[str, float]:
-    """Return what is fitted and no cause, with the usual size of its change [SI].
+    """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
-    Small errors of stamps, links, bristles and stated gains; unknown damping, whose size is NaN.
-
-    Args:
-        servo: what is known.
-        motion: of the joint.
-        links: (2,) as of `links_off`.
-        damping: of the servo, as it is stated [N·m·s/rad].
-        scaled: whether gravity scales its servo's torque.
+    These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
+    unknown damping, whose size is NaN. ``damping`` is the stated one [N·m·s/rad]; ``scaled`` says
+    whether gravity scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
@@ -143,11 +146,8 @@ def possible_causes(
 ) -> tuple[str, ...]:
     """Return the causes that a motion could show.
 
-    Args:
-        servo: what is known.
-        motion: of the joint.
-        resolution: step of its angle [rad].
-        scaled: whether gravity scales its servo's torque.
+    ``resolution`` is the step of the angle [rad]; ``scaled`` says whether gravity scales the
+    servo's torque.
     """
     least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
@@ -268,3 +268,31 @@ def shown(motion: JointMotion, resolution: float) -> Index:
     k = int(np.argmax(totals > most))
     head = int((most - heads[:k].sum()) / (len(heads) - k))
     return np.minimum(lengths, max(head, 1))
+
+
+def notes_of(arm: Arm, logs: Sequence[ServoLog]) -> list[str]:
+    """Return notes on the model's limits and springs, and on commands that come late."""
+    q = np.concatenate([log.q for log in logs])
+    out = ["springs of the robot's file are left out"] if arm.stated.stiffness.any() else []
+    turns = arm.limits.assumed("position")
+    for j, (low, high) in enumerate(arm.limits.position):
+        least, most = float(q[:, j].min()), float(q[:, j].max())
+        if not turns[j] and (least < low or most > high):
+            out.append(
+                f"joint {j + 1} was logged from {least:.4g} to {most:.4g} rad, its model ends at "
+                f"{low:.4g} and {high:.4g}: the limits were widened, check its zero"
+            )
+    for log in logs:
+        left = np.zeros((len(AHEAD), log.n))
+        for s in log.segments:
+            for j in range(log.n):
+                t, command, q = log.t[s], log.q_cmd[s, j], log.q[s, j]
+                left[:, j] += [np.sum(np.square(np.interp(t + x, t, command) - q)) for x in AHEAD]
+        late = AHEAD[np.argmin(left, axis=0)]
+        early = 1e3 * late[(late > EARLY) & (left.min(axis=0) < EARLY_LEAVES * left[0])]
+        if len(early):
+            out.append(
+                f"{Path(log.source).name}: the command comes {early.min():.0f} to "
+                f"{early.max():.0f} ms after the motion of {len(early)} joints: check the stamps"
+            )
+    return out

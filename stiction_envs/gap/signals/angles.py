@@ -1,7 +1,5 @@
 """A joint whose angle differs from the model's: it turns the other way, or its zero is elsewhere.
 
-    angle_error(q, dq, ddq, tau, arm, others) -> AngleError | None
-
 Where gravity and inertia along the logged angles do not explain the torques, nor does a body on the
 flange, each joint in turn is turned round, or shifted by steps over a whole turn. All joints'
 torques are fitted with each load, as in `loads`. The joint with the least Σ log(error) is named, if
@@ -10,7 +8,6 @@ that is far below, and no other joint comes near.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,10 +17,13 @@ from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
+from stiction_envs.measured.motion import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
+LEAST_LOAD = 0.5
+"""Least load that shows factor, sign and angle, root mean square [N·m]; assumed."""
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
@@ -59,27 +59,28 @@ class AngleError:
         )
 
 
+def others_of(dq: Array, ddq: Array) -> list[Array]:
+    """Return by joint (T, 4) rotor, dry and viscous friction, and offset beside its load."""
+    return [
+        np.column_stack([a, np.tanh(v / REVERSAL_SPEED), v, np.ones(len(v))])
+        for v, a in zip(dq.T, ddq.T, strict=True)
+    ]
+
+
 def angle_error(
-    motion: tuple[Array, Array, Array],
-    tau: Array,
-    others: Sequence[Array],
-    arm: Arm,
-    least: float,
-    rows: float,
+    motion: tuple[Array, Array, Array], tau: Array, arm: Arm, rows: float
 ) -> AngleError | None:
     """Return the joint whose angle is not the model's; None without a clear one.
 
     Args:
         motion: (T, n) angles, speeds and accelerations.
         tau: (T, n) torques [N·m].
-        others: (T, k) columns of each joint that may explain its torque, beside the load.
         arm: the nominal arm.
-        least: load that shows anything [N·m].
         rows: number of independent rows.
     """
     step = max(1, len(tau) // MOST_ROWS)
     q, dq, ddq = (x[::step] for x in motion)
-    tau, others, model = tau[::step], [x[::step] for x in others], arm.pinocchio()
+    tau, others, model = tau[::step], others_of(dq, ddq), arm.pinocchio()
     floor = FLOOR * np.sqrt(np.mean(np.square(tau), axis=0)) + 1e-9
 
     def errors(sign: Array, shift: Array) -> tuple[Array, Array]:
@@ -100,7 +101,7 @@ def angle_error(
     x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
     left = (y - x @ np.linalg.lstsq(x, y, rcond=None)[0]).reshape(arm.n, -1).std(axis=1)
     now = np.minimum(now, np.hypot(left * now, floor))
-    loaded = load.std(axis=0) > least
+    loaded = load.std(axis=0) > LEAST_LOAD
     if not (now[loaded] > UNEXPLAINED * load[:, loaded].std(axis=0)).any():
         return None
 

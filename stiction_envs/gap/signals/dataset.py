@@ -17,9 +17,9 @@ from stiction_envs.gap.signals.bristle import grown
 from stiction_envs.gap.signals.friction_state import (
     FrictionState,
     friction_torque,
+    noise_floor,
     presliding_distances,
 )
-from stiction_envs.gap.signals.noise_floor import noise_floor
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join
 from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
@@ -41,8 +41,6 @@ class Data:
     """(T, n) torque of the nominal model without friction, which the gears transmit [N·m]."""
     carried: Array | None = None
     """(T, n) torque of causes in ``rigid`` that ``nominal`` lacks: payload, tilt [N·m]."""
-    diagnosed: bool = False
-    """Whether the nominal model contains causes of an earlier diagnosis."""
     gravity_found: tuple[float, ...] = ()
     """Gravity x, y, z for bodies once a tilt was found [m/s²]; () for the arm's gravity."""
     found: Recording | None = None
@@ -51,8 +49,7 @@ class Data:
     noise: Array
     """(n,) noise floor of the residual torque [N·m]."""
     unit: Array = field(default_factory=lambda: np.ones(1))
-    """(n,) what 1 N·m is in the unit that logged torques had, and the nominal model does not know
-    of; (1,) alike for all."""
+    """(n,) or (1,) what 1 N·m is in the logged unit, as far as the nominal model has another."""
 
     def __post_init__(self) -> None:
         for x in (self.nominal, self.rigid, self.carried):
@@ -141,13 +138,7 @@ class Data:
         return self.recording.runs
 
     def smooth(self, x: Array) -> Array:
-        """Return (T, ...) after the filter of the signals, segment by segment.
-
-        Nonlinear functions of the signals must pass it before a comparison.
-
-        Args:
-            x: (F, ...) along the reversal path, or (T, ...).
-        """
+        """Return (T, ...) after the filter of the signals: see `Recording.smooth`."""
         return self.recording.smooth(x)
 
     # ---- the nominal model -------------------------------------------------------------------
@@ -160,7 +151,7 @@ class Data:
     @property
     def logged_residual(self) -> Array:
         """(T, n) torque as it was logged less nominal torque [N·m]."""
-        return self.unit * self.tau - self.nominal if self.converted else self.residual
+        return self.unit * self.tau - self.nominal
 
     @property
     def converted(self) -> bool:
@@ -191,8 +182,7 @@ class Data:
     ) -> Data:
         """Return data whose gears also transmit a torque (T, n) that ``nominal`` lacks [N·m].
 
-        ``gravity`` is that of bodies from now on, x, y, z [m/s²]; () for the arm's gravity. ``arm``
-        has the links as they were found; None for the nominal ones.
+        ``gravity`` becomes `gravity_found`; ``arm`` has the links as they were found, or None.
         """
         carried = torque if self.carried is None else self.carried + torque
         found = None if arm is None else self.on(arm).recording
@@ -217,9 +207,13 @@ class Data:
             in_nominal=self.has_friction or friction,
             rotor=self.friction.rotor + rotor,
         )
-        nominal = self.nominal + torque
-        known = replace(self, nominal=nominal, carried=None, found=None)
-        return replace(known, diagnosed=True, friction=state)
+        return replace(
+            self,
+            nominal=self.nominal + torque,
+            carried=None,
+            found=None,
+            friction=state,
+        )
 
     # ---- dry friction ------------------------------------------------------------------------
 
@@ -261,23 +255,15 @@ class Data:
     def growth(self, joint: int, weight: Array, ratio: float = 0.0) -> Array:
         """Return (F,) dry friction per unit of a level that grows by a weight, unfiltered.
 
-        In steady sliding it is the weight in the direction of motion.
-
-        Args:
-            joint: from 0.
-            weight: (F,) along the reversal path, or smooth (T,).
-            ratio: the growth per unit of weight over the level (`grown`).
+        In steady sliding this is the weight in the direction of motion. The weight is (F,) along
+        the reversal path, or smooth (T,); ``ratio`` is the growth per unit of weight over the
+        level (`grown`).
         """
-        recording = self.recording
-        fine = len(weight) == len(recording.reversal_path)
-        eta = grown(
-            recording.reversal_path[:, joint],
-            recording.path_runs,
-            float(self.friction.presliding_distance[joint]),
-            self.direction(joint),
-            weight if fine else recording.along_path(weight),
-            ratio,
-        )
+        recording, distance = self.recording, float(self.friction.presliding_distance[joint])
+        if len(weight) != len(self.reversal_path):
+            weight = recording.along_path(weight)
+        path, zeta = self.reversal_path[:, joint], self.direction(joint)
+        eta = grown(path, recording.path_runs, distance, zeta, weight, ratio)
         return self._leading(eta, joint)
 
     def _leading(self, x: Array, joint: int) -> Array:
@@ -309,16 +295,13 @@ def assemble(
     """Compare signals with the nominal rigid arm and its friction, None for no friction.
 
     Rotors, springs and gravity compensation that the robot's file states act in either case.
-
-    ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
-    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links, ``of_file`` whether the
-    friction is that of the robot's file: frictionloss has no presliding, so the logs tell it.
-    ``known_unit`` is the unit of torques that an earlier diagnosis found.
+    ``torque`` and ``link_factor`` are those of `Recording`; ``of_file`` says whether the friction
+    is that of the robot's file: frictionloss has no presliding, so the logs tell it. ``known_unit``
+    is the unit of torques that an earlier diagnosis found.
     """
     recording = join(arm, signals, torque=torque, link_factor=link_factor)
     if friction is None:
-        rotor = arm.stated.armature * (torque == "motor")  # behind the gear none is seen
-        state = replace(FrictionState.unknown(recording), rotor=rotor)
+        state = FrictionState.unknown(recording)
     else:
         state, known = FrictionState.of(friction), arm.stated.bristle > 0
         if of_file and not known.all():
@@ -327,7 +310,7 @@ def assemble(
             lead = np.where(known, state.bristle_lead_time, 0.0)
             state = replace(state, presliding_distance=distance, bristle_lead_time=lead)
     nominal = nominal_torque(recording, friction, state)
-    noise = noise_floor(recording, signals.noise_tau, recording.tau - nominal)
+    noise = noise_floor(recording, recording.tau - nominal)
     if signals.measured is not None:
         noise = np.where(signals.measured, noise, NOT_MEASURED)
     return Data(

@@ -1,16 +1,26 @@
-"""Dry friction of the nominal model along a recording: presliding distance and level."""
+"""Dry friction of the nominal model along a recording, and the noise floor of what it leaves.
+
+The noise floor is the part of a residual that no cause can explain: noise above the band and in its
+upper half, where there is no motion. Slower noise cannot be distinguished from the model's error.
+
+A joint at rest can hold any torque inside its friction band. Repeated poses show the scatter: equal
+poses differ only by noise and friction. A joint that rests throughout a log while others move is
+held by friction in the same way, and its torque creeps, far below the sensors' noise in frequency.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import welch
+from scipy.spatial import cKDTree
 
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
+from stiction_envs.measured.motion import TRAVEL_SPAN
 
 Array = NDArray[np.float64]
 PRESLIDING_DISTANCE = 2e-4
@@ -19,6 +29,14 @@ PRESLIDING_DISTANCES = (2e-6, 2e-5, 6e-5, 2e-4, 6e-4)
 """Presliding distances, of which each joint's torque at reversals chooses one [rad]; assumed."""
 FALLING_SPEED = 0.1
 """Speed scale with which friction may fall in the fit of presliding distances [rad/s]; assumed."""
+
+LEAST_NOISE = 1e-4
+"""Least noise that is assumed [N·m], so that perfect data do not divide by zero; assumed."""
+SAME_POSE = 0.03
+"""Distance over all joints below which poses are equal [rad]; assumed: 0.2 N·m of gravity in
+7 N·m/rad, before the model is subtracted."""
+LEAST_PAIRS = 10
+"""Least number of pairs of equal poses for an estimate of their scatter [-]; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,13 +69,14 @@ class FrictionState:
 
     @classmethod
     def unknown(cls, recording: Recording) -> FrictionState:
-        """Return the state for a rigid body without friction."""
+        """Return the state for an arm without friction; its file may state rotors."""
         none = np.zeros(recording.n)
+        in_front = recording.torque == "motor"  # behind the gear no rotor is seen
         return cls(
             presliding_distance=presliding_distances(recording, recording.tau - recording.rigid),
             level=none,
             bristle_lead_time=none,
-            rotor=none,
+            rotor=recording.arm.stated.armature * in_front,
             in_nominal=False,
         )
 
@@ -65,10 +84,10 @@ class FrictionState:
 def friction_torque(
     recording: Recording, friction: FrictionParameters, state: FrictionState
 ) -> Array:
-    """Return (T, n) torque of a nominal friction along a recording, filtered as it is [N·m].
+    """Return (T, n) torque of a nominal friction along a recording, filtered like it [N·m].
 
-    It is our friction in steady sliding, with the direction of bristles, warm-up since the session
-    began, ripple, rotor inertia (seen in front of the gear) and offset.
+    The torque is our friction in steady sliding, with the direction of bristles, warm-up since the
+    session began, ripple, rotor inertia (seen in front of the gear) and offset.
     """
     path = recording.reversal_path
     direction = recording.bristles(state.presliding_distance[:, None])[..., 0]
@@ -105,21 +124,14 @@ def _of_side(x: Array, speed: Array, shape: tuple[int, ...]) -> Array:
     return np.take_along_axis(np.broadcast_to(x, shape), side, axis=-1)[..., 0]
 
 
-def presliding_distances(
-    recording: Recording, residual: Array, logged: Callable[[Array], Array] = lambda x: x
-) -> Array:
+def presliding_distances(recording: Recording, residual: Array) -> Array:
     """Return (n,) the presliding distances with which friction explains most of a residual [rad].
 
-    They delay the sign change of friction by some milliseconds, which affects other causes.
-
-    Args:
-        recording: of the logs.
-        residual: (T, n) measured less nominal torque [N·m].
-        logged: turns a torque (T,) into the logged torque.
+    They delay the sign change of friction by some milliseconds, which affects other causes. The
+    residual (T, n) is measured less nominal torque [N·m].
     """
-    dq, ddq = recording.dq, recording.ddq
+    dq, ddq, runs = recording.dq, recording.ddq, recording.path_runs
     out, distances = np.empty(recording.n), np.array([PRESLIDING_DISTANCES])
-    runs = recording.path_runs
     for j in range(recording.n):
         path = recording.reversal_path[:, [j]]
         zeta = recording.smooth(bristles(path, runs, distances)[:, 0])
@@ -129,10 +141,70 @@ def presliding_distances(
         for k in range(len(PRESLIDING_DISTANCES)):
             # friction's fall with speed may show apart from when it turns
             x = np.column_stack([common, zeta[:, k], zeta[:, k] * falls])
-            x = np.stack([logged(column) for column in x.T], axis=1)
             r = residual[:, j]
             xx = x.T @ x
             c = np.linalg.lstsq(xx, x.T @ r, rcond=None)[0]
             left.append(float(np.sum(np.square(r - x @ c))))
         out[j] = PRESLIDING_DISTANCES[int(np.argmin(left))]
+    return out
+
+
+def noise_floor(recording: Recording, residual: Array) -> Array:
+    """Return (n,) noise of a residual [N·m]; for joints that never move it includes their creep.
+
+    The residual (T, n) is measured less nominal torque [N·m].
+    """
+    moving = np.all(np.isfinite(recording.noise_tau))
+    floor = _floor(recording, residual) if moving else _scatter(recording.q, residual)
+    return np.maximum(floor, _creep(recording, residual))
+
+
+def _scatter(q: Array, residual: Array) -> Array:
+    """Return (n,) scatter of a residual (T, n) between poses (T, n) that are equal [N·m]."""
+    least = np.full(q.shape[1], LEAST_NOISE)
+    if len(q) < 2:
+        return least
+    distance, nearest = cKDTree(q).query(q, k=2)
+    first = np.flatnonzero(distance[:, 1] < SAME_POSE)
+    pairs = np.unique(np.sort(np.stack([first, nearest[first, 1]], axis=1), axis=1), axis=0)
+    if len(pairs) < LEAST_PAIRS:
+        return least
+    difference = residual[pairs[:, 0]] - residual[pairs[:, 1]]
+    return np.asarray(np.sqrt(np.mean(np.square(difference), axis=0) / 2) + least)
+
+
+def _creep(recording: Recording, residual: Array) -> Array:
+    """Return (n,) scatter of joints that never move [N·m], after an offset and a scale; else 0."""
+    q, out = recording.q, np.zeros(recording.n)
+    for j in np.flatnonzero(np.ptp(q, axis=0) < TRAVEL_SPAN):
+        # others' motion changes its rigid torque
+        x = np.stack([np.ones(len(q)), recording.rigid[:, j]], axis=1)
+        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
+        out[j] = left.std()
+    return out
+
+
+def _floor(recording: Recording, residual: Array) -> Array:
+    """Return (n,) noise of the residual along a motion [N·m]: of torque and acceleration.
+
+    The acceleration's noise grows with frequency: the upper half of the filter's band contains all
+    of it and half of the torque's. Medians over windows ignore the few that contain a jump of
+    friction.
+    """
+    q, dq, ddq, runs = recording.q, recording.dq, recording.ddq, recording.runs
+    torque = np.maximum(recording.noise_tau, LEAST_NOISE)
+    distances = np.full((q.shape[1], 1), PRESLIDING_DISTANCE)
+    direction = recording.smooth(recording.bristles(distances)[..., 0])
+    longest = max(runs, key=lambda r: r.stop - r.start)
+    window = int(min(longest.stop - longest.start, max(32, 1.0 / recording.dt)))
+    out = torque.copy()
+    for j in range(q.shape[1]):
+        x = np.stack([direction[:, j], dq[:, j], ddq[:, j], np.ones(len(q))], axis=1)
+        left = residual[:, j] - x @ np.linalg.lstsq(x, residual[:, j], rcond=None)[0]
+        f, power = welch(
+            left[longest], 1 / recording.dt, nperseg=window, nfft=8 * window, average="median"
+        )
+        high = (f > 0.5 * recording.cutoff) & (f < 1.5 * recording.cutoff)
+        upper = float(power[high].sum() * f[1])
+        out[j] = np.sqrt(upper + min(0.5 * torque[j] ** 2, upper)) + LEAST_NOISE
     return out

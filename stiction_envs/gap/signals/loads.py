@@ -1,7 +1,5 @@
 """Logged torques against gravity and inertia: factor and sign of each joint, gravity's direction.
 
-    loads(signals, log, arm) -> Loads;  Loads.findings -> sentences
-
 With everything free that a log may have wrong, the torque of a joint is
 
     τ = c I + r q̈ + Σ_k γ_k g_k(q) + offset + d sign(q̇) + v q̇,
@@ -27,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.signals.angles import AngleError, angle_error
+from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion import REVERSAL_SPEED, TRAVEL_SPAN
@@ -41,16 +39,13 @@ MOST_ROWS = 2000
 APART = 0.25
 """Time between independent rows [s]; assumed."""
 OFFSET = 0.05
-"""Usual offset of a torque, or friction of a joint that only holds, over what the joint can bear
-[-]; assumed."""
+"""Usual offset of a torque, or friction of a joint that holds, over its limit [-]; assumed."""
 ROUNDING = 1e-10
 """Part of a column's information that is added to it, against rounding [-]."""
 LEAST_NOISE = 1e-4
 """Least error of a fit [N·m]; assumed."""
 FREE = 1e6
 """Prior standard deviation of what is free, over its column's size [N·m]; assumed."""
-LEAST_LOAD = 0.5
-"""Least load that shows factor and sign, root mean square [N·m]; assumed."""
 CLEAR = 5.0
 """Standard deviations from zero at which a coefficient has a sign [-]; assumed."""
 CORRELATED = 0.9
@@ -188,7 +183,7 @@ class _Fit:
         return float(weights @ self.c / np.sqrt(max(float(weights @ self.cov @ weights), 1e-30)))
 
     def resistance(self, side: Array, dq: Array, ddq: Array, rest: Array) -> float:
-        """Return what inertia and friction resist over its deviation, the larger torque first."""
+        """Return the resistance of inertia and friction over its standard deviation [-]."""
         heavy = float(ddq @ rest) / max(float(ddq @ ddq), 1e-12)
         inertia = np.array([0, 0, 0, heavy, 1, 0, 0, 0])
         rubbing = np.array([0, 0, 0, 0, 0, np.abs(side).mean(), np.abs(dq).mean(), 0])
@@ -198,15 +193,13 @@ class _Fit:
 
 
 def loads(signals: Signals, log: int, arm: Arm) -> Loads:
-    """Return what a log (its number in the signals) shows of its torques."""
+    """Return the findings about the torques of a log, by its number in the signals."""
     rows = _rows(signals, log)
     found = _loads(rows, arm)
     if found.elsewhere:
         return found
     q, dq, ddq, tau, apart = rows
-    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
-    independent = len(tau) * min(1.0, apart / APART)
-    error = angle_error((q, dq, ddq), tau, others, arm, LEAST_LOAD, independent)
+    error = angle_error((q, dq, ddq), tau, arm, len(tau) * min(1.0, apart / APART))
     if error is None:
         return found
     sign, shift = np.ones(arm.n), np.zeros(arm.n)
@@ -220,13 +213,8 @@ def loads(signals: Signals, log: int, arm: Arm) -> Loads:
     return replace(found, angle=error)
 
 
-def _others(dq: Array, ddq: Array) -> Array:
-    """Return (T, 4) rotor, dry and viscous friction, and offset of a joint."""
-    return np.column_stack([ddq, np.tanh(dq / REVERSAL_SPEED), dq, np.ones(len(dq))])
-
-
 def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
-    """Return what rows (`_rows`) show, if their angles are the model's."""
+    """Return the findings about rows (`_rows`), if their angles are the model's."""
     q, dq, ddq, tau, apart = rows
     model, n = arm.pinocchio(), arm.n
     pulls, down = _pulls(arm, q), np.asarray(model.gravity.linear)
@@ -234,7 +222,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     rest = inverse_dynamics(model, q, dq, ddq) + passive_torque(arm, q) - pulls @ down
     offset = OFFSET * np.maximum(arm.limits.torque, _rms(rest + pulls @ down))
     sides = np.tanh(dq / REVERSAL_SPEED)
-    others = [_others(*x) for x in zip(dq.T, ddq.T, strict=True)]
+    others = others_of(dq, ddq)
 
     def fit(columns: Array, j: int) -> _Fit:
         return _Fit(np.column_stack([columns, others[j]]), tau[:, j], float(offset[j]), apart)
@@ -248,21 +236,20 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
     factor, width = _factors(usual)
-    due = (load.std(axis=0) > LEAST_LOAD) & (np.abs(factor) + width < SURE)
-    moves = np.ptp(q, axis=0) > TRAVEL_SPAN
-    measured = ~(silent & due)
+    large = load.std(axis=0) > LEAST_LOAD
+    measured = ~(silent & large & (np.abs(factor) + width < SURE))
     if not measured.all():
-        measured &= ~(silent & moves)
+        measured &= ~(silent & (np.ptp(q, axis=0) > TRAVEL_SPAN))
     measured |= ~measured.any()  # noise alone is no log of which a part is missing
-    shown = measured & (load.std(axis=0) > LEAST_LOAD)
+    shown = measured & large
     pulled = np.array([f.clear(np.r_[down, np.zeros(5)]) for f in free])
     loaded = np.array([f.clear(np.eye(5)[0]) for f in usual])
     loaded = np.where(_sure(pulled, free), pulled, loaded)
     resisting = np.array(
         [f.resistance(sides[:, j], dq[:, j], ddq[:, j], rest[:, j]) for j, f in enumerate(free)]
     )
-    held = ~shown & measured
-    sign, by_load = _signs(loaded, shown & _sure(loaded, free), resisting, held, free)
+    changing = shown & _sure(loaded, free)
+    sign, by_load = _signs(loaded, changing, resisting, ~shown & measured, free)
     side = np.where(np.abs(resisting) > CLEAR, np.sign(resisting), np.where(sign, sign, 1))
     found = _direction([f for f, x in zip(free, shown, strict=True) if x], side[shown], down)
     there = along(found)
@@ -283,18 +270,17 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         and np.abs(resisting).max() > CLEAR
         and not elsewhere
     )
-    best = there if elsewhere else usual
     if elsewhere:
         clear = np.array([f.clear(np.eye(5)[0]) for f in there])
         by_load = shown & _sure(clear, there)
         sign = np.where(by_load, np.sign(clear), 0).astype(np.int64)
-    needed = rest + pulls @ (found if elsewhere else down)
-    factor, width = _factors(best)
+        load = rest + pulls @ found
+        factor, width = _factors(there)
     return Loads(
         arm=arm,
         factor=factor,
         width=width,
-        needed=_rms(needed),
+        needed=_rms(load),
         logged=_rms(tau),
         sign=sign,
         by_load=by_load,
@@ -322,12 +308,9 @@ def _signs(
 ) -> tuple[NDArray[np.int64], Flags]:
     """Return (n,) signs, and where a load that changes shows them.
 
-    Args:
-        loaded: (n,) factor of the load over its standard deviation.
-        changing: (n,) whether the joint's load changes and shows a sign.
-        resisting: (n,) what friction and inertia resist over its standard deviation.
-        held: (n,) whether the joint's load is only held.
-        fits: of the joints.
+    ``loaded`` and ``resisting`` are the factor of the load and the resistance of friction and
+    inertia over their standard deviations; a joint's load is ``changing``, so that it shows a sign,
+    or ``held``.
     """
     sign = np.zeros(len(loaded), dtype=np.int64)
     wrong = changing & (loaded < 0)
@@ -381,14 +364,15 @@ def _direction(fits: Sequence[_Fit], sign: NDArray[np.int64], down: Array) -> Ar
 
 def _rows(signals: Signals, log: int) -> tuple[Array, Array, Array, Array, float]:
     """Return angles, speeds, accelerations and torques of evenly spaced rows, and their time."""
-    parts = [s for s in signals.segments if s.log == log]
-    step = max(1, -(-sum(len(s.t) for s in parts) // MOST_ROWS))
-    q, dq, ddq, tau = (
-        np.concatenate([getattr(s, name)[::step] for s in parts])
-        for name in ("q", "dq", "ddq", "tau")
-    )
-    poses = all(s.static for s in parts) or not np.isfinite(signals.dt)
-    return q, dq, ddq, tau, APART if poses else signals.dt * step
+    rows = np.flatnonzero(signals.log == log)
+    step = max(1, -(-len(rows) // MOST_ROWS))
+    ends = np.flatnonzero(np.diff(signals.segment[rows])) + 1
+    poses = len(ends) == len(rows) - 1  # each is a segment
+    parts = [rows] if poses else np.split(rows, ends)
+    rows = np.concatenate([part[::step] for part in parts])
+    still = signals.static[rows].all() or not np.isfinite(signals.dt)
+    motion = signals.q[rows], signals.dq[rows], signals.ddq[rows]
+    return *motion, signals.tau[rows], APART if still else signals.dt * step
 
 
 def _pulls(arm: Arm, q: Array) -> Array:

@@ -18,23 +18,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
-from scipy.signal import butter, sosfilt_zi
 
-from stiction_envs.compiled import compiled
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.angles import AngleError
-from stiction_envs.gap.signals.reversal_path import WIDER, reversal_path
+from stiction_envs.gap.signals.filters import WIDER, lowpass, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
-from stiction_envs.gap.signals.spectra import ORDER, PERIODS, Spectra, by_column, resample
+from stiction_envs.gap.signals.spectra import PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import MOVER_RATIO, REST_SPEED
+from stiction_envs.measured.motion import REST_SPEED
+from stiction_envs.reporting.markdown import plural
 
 Array = NDArray[np.float64]
+Fields = dict[str, Any]
 # central differences of sixth order for the first and the second derivative, in samples
 _FIRST = np.array([-1, 9, -45, 0, 45, -9, 1]) / 60
 _SECOND = np.array([2, -27, 270, -490, 270, -27, 2]) / 180
@@ -59,48 +61,44 @@ MOST_PATH_ROWS = 200_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Segment:
-    """A stretch without gaps, on even times; arrays are float64 and read-only."""
-
-    log: int
-    """Number of its log, from 0."""
-    t: Array
-    """Time on the log's clock, (K,), s; numbers of the poses for a static log."""
-    q: Array
-    """Angles, (K, n), rad."""
-    dq: Array
-    """Speeds, (K, n), rad/s."""
-    ddq: Array
-    """Accelerations, (K, n), rad/s²."""
-    tau: Array
-    """Torques, (K, n), N·m."""
-    reversal_path: Array
-    """Angles without overshoot or reversals caused by noise, (F, n), rad, at finer times than ``t``
-    and from before its start to after its end: for friction's reversals
-    (:mod:`stiction_envs.gap.signals.reversal_path`)."""
-    first: int = 0
-    """Row of the reversal path at the first time."""
-    static: bool = False
-    """At rest throughout: poses without time, or never faster than ``rest_speed``."""
-
-    def __post_init__(self) -> None:
-        for array in (self.t, self.q, self.dq, self.ddq, self.tau, self.reversal_path):
-            array.flags.writeable = False
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Signals:
-    """All segments of all logs."""
+    """T samples of n joints: all segments of all logs, one after the other; arrays are read-only.
 
-    segments: tuple[Segment, ...]
+    A segment is a stretch without gaps on even times, or one pose.
+    """
+
+    t: Array
+    """(T,) time on the log's clock [s]; the number of a pose."""
+    q: Array
+    """(T, n) angles [rad]."""
+    dq: Array
+    """(T, n) speeds [rad/s]."""
+    ddq: Array
+    """(T, n) accelerations [rad/s²]."""
+    tau: Array
+    """(T, n) measured torques [N·m]."""
+    log: NDArray[np.int64]
+    """(T,) number of the log, from 0."""
+    segment: NDArray[np.int64]
+    """(T,) number of the segment."""
+    static: NDArray[np.bool_]
+    """(T,) whether the segment is at rest throughout: a pose, or never faster than `REST_SPEED`."""
+    reversal_path: Array
+    """(F, n) angles without overshoot or reversals caused by noise [rad], for friction's reversals
+    (`filters`): at finer times, since a turn within a time step shows in the filtered torque, and
+    from before a segment's start to after its end."""
+    path_rows: NDArray[np.int64]
+    """(T,) row of the reversal path at each time."""
+    path_segment: NDArray[np.int64]
+    """(F,) number of the segment."""
     dt: float
-    """Time between samples of every segment except static poses, s; NaN without motion logs."""
+    """Time between samples of a segment [s]; NaN for poses alone."""
     every: int = 1
     """Rows of the reversal path per sample."""
-    cutoff_hz: float
-    """Cutoff of the filter, Hz, where the amplitude is halved; NaN without any motion log."""
+    cutoff: float
+    """Cutoff of the filter, where the amplitude is halved [Hz]; NaN for poses alone."""
     noise_tau: Array
-    """Noise of the filtered torques, standard deviation, (n,), N·m: the scale for residuals."""
+    """(n,) standard deviation of the noise of the filtered torques [N·m]."""
     sessions: Sessions
     """When the logs were recorded."""
     notes: tuple[str, ...]
@@ -108,72 +106,42 @@ class Signals:
     torque_sign: int = 0
     """1 where the torques drive the joints, -1 where all were inverted; 0 where unknown."""
     torque_unit: Array = field(default_factory=lambda: np.ones(1))
-    """(n,) what 1 N·m is in the unit of the logged torques, which were divided by it; (1,) alike
-    for all."""
+    """(n,) what 1 N·m is in the unit of the logged torques; (1,) where it is the same for all."""
     measured: NDArray[np.bool_] | None = None
     """(n,) whether each torque is a measurement; None for all."""
     findings: tuple[str, ...] = ()
-    """What is wrong with units, channels and mounting, one sentence each."""
+    """Defects of units, channels and mounting, one sentence each."""
     set_up: bool = False
-    """Whether the arm is mounted otherwise, or a joint turns the other way: nothing else can be
-    named then."""
+    """Whether the arm is mounted otherwise, or a joint turns the other way: no cause is named."""
     zero_off: AngleError | None = None
     """A joint whose zero is far from the model's."""
 
+    def __post_init__(self) -> None:
+        for x in vars(self).values():
+            if isinstance(x, np.ndarray):
+                x.flags.writeable = False
 
-def lowpass(x: ArrayLike, rate_hz: float, cutoff_hz: float) -> Array:
-    """Return the filter of all signals: Butterworth of order `ORDER`, forwards and backwards.
+    @property
+    def path_dt(self) -> float:
+        """Time between rows of the reversal path within a segment [s]; NaN for poses alone."""
+        return self.dt / self.every
 
-    Nonlinear functions of the signals must pass it too before a comparison.
+    @cached_property
+    def runs(self) -> list[slice]:
+        """Rows of each segment."""
+        return _runs_of(self.segment)
 
-    Args:
-        x: even samples along the first axis.
-        rate_hz: sampling rate, Hz.
-        cutoff_hz: frequency at which half the amplitude is left, Hz; unchanged from half the
-            sampling rate upwards.
-    """
-    x = np.asarray(x, np.float64)
-    if 2 * cutoff_hz >= rate_hz or len(x) < 2:
-        return x.copy()
-    pad = min(len(x) - 1, int(np.ceil(3 * rate_hz / cutoff_hz)))
-    columns = np.array(x.reshape(len(x), -1), order="C")
-    return _both_ways(columns, *_sections(rate_hz, cutoff_hz), pad).reshape(x.shape)
-
-
-@lru_cache
-def _sections(rate_hz: float, cutoff_hz: float) -> tuple[Array, Array]:
-    """Return the second-order sections of `lowpass`, and their states in steady motion."""
-    sos = np.asarray(butter(ORDER, cutoff_hz, fs=rate_hz, output="sos"))
-    return sos, np.asarray(sosfilt_zi(sos))
+    @cached_property
+    def path_runs(self) -> list[slice]:
+        """Rows of the reversal path of each segment."""
+        return _runs_of(self.path_segment)
 
 
-@compiled
-def _both_ways(x: Array, sos: Array, steady: Array, pad: int) -> Array:
-    """Return (K, k) filtered forwards, then backwards.
-
-    Both ends are continued by ``pad`` samples of the signal turned about its end. scipy's
-    `sosfiltfilt` does the same, but takes longer to begin than to filter a short segment.
-    """
-    rows, columns = x.shape
-    y = np.empty((rows + 2 * pad, columns))
-    y[pad : pad + rows] = x
-    for i in range(pad):
-        y[i] = 2 * x[0] - x[pad - i]
-        y[rows + pad + i] = 2 * x[rows - 1] - x[rows - 2 - i]
-    for _ in range(2):
-        first = y[0].copy()
-        for s in range(len(sos)):
-            b0, b1, b2, _a0, a1, a2 = sos[s]
-            u, v = steady[s, 0] * first, steady[s, 1] * first
-            for i in range(len(y)):
-                for c in range(columns):
-                    x_in = y[i, c]
-                    out = b0 * x_in + u[c]
-                    u[c] = b1 * x_in - a1 * out + v[c]
-                    v[c] = b2 * x_in - a2 * out
-                    y[i, c] = out
-        y = y[::-1].copy()
-    return y[pad : pad + rows]
+def _runs_of(segment: NDArray[np.int64]) -> list[slice]:
+    """Return the rows of each segment from its number (T,)."""
+    edges = np.flatnonzero(np.diff(segment)) + 1
+    cuts = [0, *edges.tolist(), len(segment)]
+    return [slice(a, b) for a, b in pairwise(cuts)]
 
 
 def prepare(
@@ -187,11 +155,9 @@ def prepare(
         most_samples: samples kept of all logs together, at most.
 
     Raises:
-        StictionError: no log, logs of different robots, a cutoff that is not positive, or no
-            segment long enough for it.
+        StictionError: logs of different robots, a cutoff that is not positive, or no segment long
+            enough for it.
     """
-    if not logs:
-        raise StictionError("no log given: expected one or more")
     for log in logs:
         if log.n != logs[0].n:
             raise StictionError(
@@ -200,24 +166,21 @@ def prepare(
             )
     if cutoff_hz is not None and not (np.isfinite(cutoff_hz) and cutoff_hz > 0):
         raise StictionError(f"cutoff {cutoff_hz} Hz: expected numbers above 0")
-    if most_samples < 1:
-        raise StictionError(f"{most_samples} samples: expected whole numbers from 1")
-    n = logs[0].n
     moving = [(i, log) for i, log in enumerate(logs) if not log.static]
-    segments = [_poses(i, log) for i, log in enumerate(logs) if log.static]
+    pieces = [(i, _poses(log)) for i, log in enumerate(logs) if log.static]
     if not moving:
         return Signals(
-            segments=tuple(segments),
+            **_joined(pieces),
             dt=float("nan"),
-            cutoff_hz=float("nan"),
-            noise_tau=np.full(n, np.nan),
+            cutoff=float("nan"),
+            noise_tau=np.full(logs[0].n, np.nan),
             sessions=sessions(logs),
             notes=("poses at rest only: nothing filtered",),
         )
     # without the last digits, which are rounding of the times
     steps = [float(f"{log.step:.6g}") for _, log in moving]
     notes: list[str] = []
-    spectra = Spectra([log for _, log in moving], steps, MOVER_RATIO)
+    spectra = Spectra([log for _, log in moving], steps)
     cutoff = spectra.choose(notes) if cutoff_hz is None else float(cutoff_hz)
     seconds = sum(log.t[s][-1] - log.t[s][0] for _, log in moving for s in log.segments)
     fine = _multiple(max(steps), PATH_RATE * cutoff, MOST_PATH_ROWS / seconds)
@@ -233,16 +196,15 @@ def prepare(
     left_out, shortest = 0, (PERIODS - 1) / cutoff
     for (i, log), step in zip(moving, steps, strict=True):
         for rows in log.segments:
-            made = _segment(i, log, rows, step, fine, every, cutoff, REST_SPEED)
+            made = _segment(log, rows, step, fine, every, cutoff)
             left_out += made is None
-            segments += [made] if made is not None else []
+            pieces += [(i, made)] if made is not None else []
     if left_out:
-        plural = "s" if left_out > 1 else ""
         notes.append(
-            f"{left_out} segment{plural} shorter than {shortest:.3g} s left out: "
+            f"{plural(left_out, 'segment')} shorter than {shortest:.3g} s left out: "
             "too short for the filter"
         )
-    if not any(s for s in segments if not logs[s.log].static):
+    if all(logs[i].static for i, _ in pieces):
         raise StictionError(
             f"{moving[0][1].source}: no segment of {shortest:.3g} s "
             f"without a gap: expected one or more (cutoff {cutoff:.3g} Hz)"
@@ -252,13 +214,14 @@ def prepare(
             "the torques are smooth down to the last digit: they were filtered before they were "
             "logged, and their noise is larger than it seems"
         )
-    segments.sort(key=lambda s: (s.log, s.t[0]))
-    notes += _rest(segments, dt, REST_SPEED)
+    pieces.sort(key=lambda x: (x[0], x[1]["t"][0]))
+    joined = _joined(pieces)
+    notes += _rest(joined["dq"][~joined["static"]], dt)
     return Signals(
-        segments=tuple(segments),
+        **joined,
         dt=dt,
         every=every,
-        cutoff_hz=cutoff,
+        cutoff=cutoff,
         noise_tau=spectra.noise(cutoff),
         sessions=sessions(logs),
         notes=tuple(notes),
@@ -271,22 +234,15 @@ def _multiple(step: float, rate: float, most_rate: float) -> float:
 
 
 def _segment(
-    number: int,
-    log: JointLog,
-    rows: slice,
-    step: float,
-    fine: float,
-    every: int,
-    cutoff: float,
-    slow: float,
-) -> Segment | None:
-    """Return the signals of some rows of a log; None where they are too short for the filter."""
+    log: JointLog, rows: slice, step: float, fine: float, every: int, cutoff: float
+) -> Fields | None:
+    """Return fields of `Signals` of some rows of a log; None if too short for the filter."""
     seconds = log.t[rows][-1] - log.t[rows][0]
     # One period of margin for the rounding of the longest segment's own cutoff.
     if seconds < (PERIODS - 1) / cutoff or rows.stop - rows.start < 16:
         return None
     t, q, tau = resample(log, rows, step)
-    path = by_column(lambda x: reversal_path(x, 1 / step, cutoff, lowpass), q)
+    path = by_column(lambda x: reversal_path(x, 1 / step, cutoff), q)
     q, tau = lowpass(q, 1 / step, cutoff), lowpass(tau, 1 / step, cutoff)
     dq = by_column(lambda x: np.convolve(x, _FIRST[::-1], "same") / step, q)
     ddq = by_column(lambda x: np.convolve(x, _SECOND[::-1], "same") / step**2, q)
@@ -303,40 +259,54 @@ def _segment(
         q, dq, ddq, tau = (CubicSpline(t, x)(at) for x in (q, dq, ddq, tau))
         t = at
     rows = slice(first, len(t) - first, every)
-    t, q, dq, ddq, tau = (x[rows].copy() for x in (t, q, dq, ddq, tau))
-    return Segment(
-        log=number,
-        t=t,
-        q=q,
-        dq=dq,
-        ddq=ddq,
-        tau=tau,
-        reversal_path=path.copy(),
-        first=first,
-        static=bool(np.abs(dq).max() < slow),
-    )
+    t, q, dq, ddq, tau = (x[rows] for x in (t, q, dq, ddq, tau))
+    return {
+        "t": t,
+        "q": q,
+        "dq": dq,
+        "ddq": ddq,
+        "tau": tau,
+        "segment": np.zeros(len(t), np.int64),
+        "static": np.full(len(t), np.abs(dq).max() < REST_SPEED),
+        "reversal_path": path,
+        "path_rows": first + every * np.arange(len(t)),
+        "path_segment": np.zeros(len(path), np.int64),
+    }
 
 
-def _poses(number: int, log: JointLog) -> Segment:
-    """Return poses as a segment at rest."""
-    q, zero = log.q.copy(), np.zeros_like(log.q)
-    return Segment(
-        log=number,
-        t=log.t.copy(),
-        q=q,
-        dq=zero,
-        ddq=zero,
-        tau=log.tau.copy(),
-        reversal_path=q,
-        static=True,
-    )
+def _poses(log: JointLog) -> Fields:
+    """Return fields of `Signals` of poses, each a segment at rest."""
+    zero, number = np.zeros_like(log.q), np.arange(len(log.t))
+    return {
+        "t": log.t,
+        "q": log.q,
+        "dq": zero,
+        "ddq": zero,
+        "tau": log.tau,
+        "segment": number,
+        "static": np.ones(len(log.t), bool),
+        "reversal_path": log.q,
+        "path_rows": number,
+        "path_segment": number,
+    }
 
 
-def _rest(segments: Sequence[Segment], dt: float, slow: float) -> list[str]:
-    """Return how long the arm rests, if it rests for long."""
-    moved = [s for s in segments if not s.static]
-    count = sum(len(s.t) for s in moved)
-    resting = sum(int((np.abs(s.dq).max(axis=1) < slow).sum()) for s in moved)
-    if not count or resting < 0.1 * count:
+def _joined(pieces: Sequence[tuple[int, Fields]]) -> Fields:
+    """Return the fields of all pieces in one; each piece has the number of its log."""
+    path_row = segment = 0
+    for number, piece in pieces:
+        piece["log"] = np.full(len(piece["t"]), number)
+        piece["path_rows"] = piece["path_rows"] + path_row
+        piece["path_segment"] = piece["path_segment"] + segment
+        piece["segment"] = piece["segment"] + segment
+        path_row += len(piece["reversal_path"])
+        segment = int(piece["segment"][-1]) + 1
+    return {name: np.concatenate([x[name] for _, x in pieces]) for name in pieces[0][1]}
+
+
+def _rest(dq: Array, dt: float) -> list[str]:
+    """Return how long the arm rests, if it rests for long; speeds are (T, n) [rad/s]."""
+    resting = int((np.abs(dq).max(axis=1) < REST_SPEED).sum())
+    if not len(dq) or resting < 0.1 * len(dq):
         return []
-    return [f"the arm rests in {resting / count:.0%} of the {count * dt:.3g} s"]
+    return [f"the arm rests in {resting / len(dq):.0%} of the {len(dq) * dt:.3g} s"]

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
-from itertools import pairwise
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from stiction_envs.gap.signals.bristle import bristles
-from stiction_envs.gap.signals.prepare import Signals, lowpass
+from stiction_envs.gap.signals.filters import lowpass
+from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.robots import Arm
 
@@ -29,8 +29,8 @@ Derived = TypeVar("Derived", bound=NDArray[np.floating])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Recording:
-    """T samples of n joints, read-only.
+class Recording(Signals):
+    """Signals of an arm.
 
     Values derived from a recording are stored with it (`rigid`, `gravity`, `derived`). To change a
     field, make another recording (`dataclasses.replace`), which has no derived values yet.
@@ -42,65 +42,25 @@ class Recording:
     """The nominal rigid arm as a pinocchio model."""
     torque: str
     """Side of the gear on which torque was measured: "motor" or "link"."""
-    dt: float
-    """Sampling time within a segment [s]; NaN for poses alone."""
-    cutoff: float
-    """Cutoff of the filter that all signals passed [Hz]."""
-    t: Array
-    """(T,) time since the start of the log [s]."""
     since_log: Array
     """(T,) time since the log's first row [s]; the number of a pose."""
     since_session: Array
-    """(T,) time since the first row of the log's session [s]; since that of the log where the
-    clocks do not show sessions."""
-    common_clock: bool
-    """Whether there are several logs whose clocks show when each was recorded."""
-    q: Array
-    """(T, n) [rad]."""
-    dq: Array
-    """(T, n) [rad/s]."""
-    ddq: Array
-    """(T, n) [rad/s²]."""
-    tau: Array
-    """(T, n) measured [N·m]."""
-    reversal_path: Array
-    """(F, n) angles without overshoot and noise, for friction's turns [rad]: at finer times, since
-    a turn within a time step shows in the filtered torque."""
-    path_rows: NDArray[np.int64]
-    """(T,) row of the reversal path at each time."""
-    path_dt: float
-    """Sampling time of the reversal path within a segment [s]; NaN for poses alone."""
-    path_segment: NDArray[np.int64]
-    """(F,) number of the segment."""
-    segment: NDArray[np.int64]
-    """(T,) number of the segment: time runs on within one."""
+    """(T,) time since the first row of the log's session [s]; `since_log` without sessions."""
     block: NDArray[np.int64]
     """(T,) number of the block that is held out together, −1 in a guard."""
-    log: NDArray[np.int64]
-    """(T,) number of the log, from 0."""
     link_factor: Array | None = None
     """(10 n, k) F, F Fᵀ being the covariance of the links' inertial parameters about the arm's, as
     an earlier diagnosis left it; None for the tolerance of CAD."""
-
-    def __post_init__(self) -> None:
-        for x in vars(self).values():
-            if isinstance(x, np.ndarray):
-                x.flags.writeable = False
 
     @property
     def n(self) -> int:
         """Number of joints."""
         return self.q.shape[1]
 
-    @cached_property
-    def runs(self) -> list[slice]:
-        """Rows of each segment."""
-        return runs_of(self.segment)
-
-    @cached_property
-    def path_runs(self) -> list[slice]:
-        """Rows of the reversal path of each segment."""
-        return runs_of(self.path_segment)
+    @property
+    def common_clock(self) -> bool:
+        """Whether there are several logs whose clocks show when each was recorded."""
+        return self.sessions.common_clock
 
     @cached_property
     def rigid(self) -> Array:
@@ -117,12 +77,7 @@ class Recording:
         return {}
 
     def derived(self, make: Callable[..., Derived], *arguments: float) -> Derived:
-        """Return ``make(self, *arguments)``, computed only once because it may be expensive.
-
-        Args:
-            make: a function of a module; only its last result is kept.
-            arguments: numbers.
-        """
+        """Return ``make(self, *arguments)``; the last result of each function is kept."""
         kept = self._derived.get(make)
         if kept is None or kept[0] != arguments:
             self._derived.pop(make, None)  # two results at once take too much memory
@@ -130,11 +85,7 @@ class Recording:
         return cast(Derived, kept[1])
 
     def bristles(self, distance: Array) -> Array:
-        """Return (F, n, k) `bristles` along the reversal path, unfiltered [-].
-
-        Args:
-            distance: (n, k) presliding distances [rad].
-        """
+        """Return (F, n, k) unfiltered `bristles` of presliding distances (n, k) [rad]."""
         return bristles(self.reversal_path, self.path_runs, distance)
 
     def along_path(self, x: Array) -> Array:
@@ -153,10 +104,8 @@ class Recording:
             rows, here = run.stop - run.start, self.path_rows[run]
             at = np.clip(np.arange(path.start, path.stop), here[0], here[-1]) - here[0]
             if rows < 4:  # poses; shorter segments are none
-                weight[path, 0], column[path, 0] = (
-                    1.0,
-                    run.start + np.searchsorted(here, at + here[0]),
-                )
+                weight[path, 0] = 1.0
+                column[path, 0] = run.start + np.searchsorted(here, at + here[0])
                 continue
             at = at / (here[1] - here[0])
             base = np.clip(at.astype(int), 1, rows - 3)
@@ -176,10 +125,8 @@ class Recording:
     def smooth(self, x: Array) -> Array:
         """Return (T, ...) after the filter of the signals, by segment; poses are unchanged.
 
-        Nonlinear functions of the signals must pass it before a comparison.
-
-        Args:
-            x: (F, ...) along the reversal path, or (T, ...).
+        ``x`` is (F, ...) along the reversal path, or (T, ...). Nonlinear functions of the signals
+        must pass the filter before a comparison.
         """
         out = np.array(x, dtype=np.float64)
         fine = len(x) == len(self.reversal_path)
@@ -191,68 +138,19 @@ class Recording:
 
 
 def join(arm: Arm, signals: Signals, *, torque: str, link_factor: Array | None = None) -> Recording:
-    """Put the segments of all logs of an arm into one piece.
-
-    ``torque`` is the side of the gear on which torque was measured, "motor" or "link",
-    ``link_factor`` (10 n, k) what an earlier diagnosis knows of the links.
-    """
-    parts = signals.segments
-    q, dq, ddq, tau, path = (
-        np.concatenate([getattr(s, x) for s in parts])
-        for x in ("q", "dq", "ddq", "tau", "reversal_path")
-    )
-    log = np.concatenate([np.full(len(s.t), s.log) for s in parts])
-    when = signals.sessions
-    since_log = np.concatenate([s.t - when.start[s.log] for s in parts])
-    segment, path_segment, path_rows = _numbers(signals)
+    """Return the signals as those of an arm; see `Recording` for the arguments."""
+    log, when = signals.log, signals.sessions
+    since_log = signals.t - when.start[log]
     return Recording(
+        **{x.name: getattr(signals, x.name) for x in fields(signals)},
         arm=arm,
         pinocchio=arm.pinocchio(),
         torque=torque,
-        dt=signals.dt,
-        cutoff=signals.cutoff_hz,
-        t=np.concatenate([s.t for s in parts]),
         since_log=since_log,
         since_session=since_log + when.since[log],
-        common_clock=when.common_clock,
-        q=q,
-        dq=dq,
-        ddq=ddq,
-        tau=tau,
-        reversal_path=path,
-        path_rows=path_rows,
-        path_dt=signals.dt / signals.every,
-        path_segment=path_segment,
-        segment=segment,
-        block=_blocks(log, segment, signals.dt, BLOCKS),
-        log=log,
+        block=_blocks(log, signals.segment, signals.dt),
         link_factor=link_factor,
     )
-
-
-def _numbers(signals: Signals) -> tuple[NDArray[np.int64], ...]:
-    """Return (T,) segment of each row, (F,) that of each row of the reversal path, and (T,) the
-    latter's row of each of the former. Each pose is a segment of its own.
-    """
-    segment, path_segment, path_rows = [], [], []
-    number = start = 0
-    for s in signals.segments:
-        rows, fine = len(s.t), len(s.reversal_path)
-        # poses have numbers instead of times
-        poses = rows > 1 and s.static and not np.isclose(s.t[1] - s.t[0], signals.dt)
-        each = np.arange(rows)
-        segment.append(number + each if poses else np.full(rows, number))
-        path_segment.append(segment[-1] if poses else np.full(fine, number))
-        path_rows.append(start + s.first + each * (1 if poses else signals.every))
-        number, start = number + (rows if poses else 1), start + fine
-    return np.concatenate(segment), np.concatenate(path_segment), np.concatenate(path_rows)
-
-
-def runs_of(segment: NDArray[np.int64]) -> list[slice]:
-    """Return the rows of each segment from its number (T,)."""
-    edges = np.flatnonzero(np.diff(segment)) + 1
-    cuts = [0, *edges.tolist(), len(segment)]
-    return [slice(a, b) for a, b in pairwise(cuts)]
 
 
 def rate(x: Array, runs: list[slice], dt: float) -> Array:
@@ -264,15 +162,13 @@ def rate(x: Array, runs: list[slice], dt: float) -> Array:
     return out
 
 
-def _blocks(
-    log: NDArray[np.int64], segment: NDArray[np.int64], dt: float, count: int
-) -> NDArray[np.int64]:
+def _blocks(log: NDArray[np.int64], segment: NDArray[np.int64], dt: float) -> NDArray[np.int64]:
     """Return (T,) block numbers: one per log for many logs, else equal spans of each log's time.
 
     Blocks are never random rows: neighbours share noise, filter and friction state.
     """
     logs = np.unique(log)
-    least, most = (max(1, -(-x // len(logs))) for x in (LEAST_BLOCKS, count))
+    least, most = (max(1, -(-x // len(logs))) for x in (LEAST_BLOCKS, BLOCKS))
     block = np.empty(len(log), dtype=np.int64)
     guard = round(GUARD / dt) if np.isfinite(dt) else 0
     first = 0

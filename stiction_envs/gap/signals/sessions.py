@@ -18,8 +18,7 @@ from stiction_envs.measured.logs.reader import JointLog
 
 Array = NDArray[np.float64]
 COLD_AFTER = 3600.0
-"""Pause after which gears are cold again [s]; assumed: three time constants of a gear that warms up
-in 20 min."""
+"""Pause after which gears are cold again [s]; assumed: three time constants of 20 min."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

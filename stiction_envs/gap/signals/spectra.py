@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfreqz, welch
 
+from stiction_envs.gap.signals.filters import ORDER
 from stiction_envs.measured.logs.reader import JointLog
+from stiction_envs.measured.motion import MOVER_RATIO
 
 Array = NDArray[np.float64]
-ORDER = 4
-"""Order of the Butterworth low-pass [-]; assumed. It runs twice, so that half the amplitude is left
-at the cutoff."""
 ACCURATE_ABSOLUTE = 0.05
 """Least acceleration of an arm that accelerates [rad/s²]; assumed: 0.05 N·m at 1 kg·m²."""
 PERIODS = 6.0
@@ -50,9 +49,7 @@ STRETCHES = 6
 class Spectra:
     """Spectra of angles and torques over all segments of some logs."""
 
-    def __init__(
-        self, logs: Sequence[JointLog], steps: Sequence[float], mover_ratio: float
-    ) -> None:
+    def __init__(self, logs: Sequence[JointLog], steps: Sequence[float]) -> None:
         self.rate = 1 / max(steps)
         self.effective = effective_rate(logs)
         self.n = logs[0].n
@@ -74,7 +71,7 @@ class Spectra:
         self.grain = np.full(self.n, np.inf)
         """Smallest step of each torque, N·m."""
         motion: list[tuple[Array, Array]] = []
-        total, used = 0.0, 0
+        used = 0
         for _, k, rows in pieces:
             if used >= MOST_ROWS:
                 break
@@ -82,7 +79,6 @@ class Spectra:
             if len(t) < 2 * self.length:
                 continue
             used += len(t)
-            total += len(t)
             for j in range(self.n):
                 # Differences keep the strong slow motion from leaking into high frequencies.
                 bend = np.diff(q[:, j], 2)
@@ -93,11 +89,11 @@ class Spectra:
                 if len(change):
                     self.grain[j] = min(self.grain[j], float(np.percentile(change, 1)))
             motion.append(_spread_power(np.diff(q, axis=0) * self.rate, self.rate))
-        self.empty = not total
+        self.empty = not used
         for array in (self.q, self.tau):
-            array /= max(total, 1.0)
+            array /= max(used, 1)
         self.knee_q = [self._knee(x, self.f[1]) for x in self.q.T]
-        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q, mover_ratio, MOTION_SHARE)
+        self.movers, self.motion_hz, bent = _motion(motion, self.knee_q)
         self.accurate = [self._accurate(j, bent[j]) for j in range(self.n)]
         self.knee_tau = [self._knee(x, max(self.f[1], self.motion_hz)) for x in self.tau.T]
         self.grain[~np.isfinite(self.grain)] = 0.0
@@ -138,9 +134,8 @@ class Spectra:
         """
         sos = butter(ORDER, min(cutoff / self.rate, 0.49), fs=1.0, output="sos")
         gain = np.abs(sosfreqz(sos, 8192)[1]) ** 2
+        rounding, nyquist = self.grain / np.sqrt(12), self.rate / 2
         width = float(np.mean(gain**2)) * self.rate / 2
-        rounding = self.grain / np.sqrt(12)
-        nyquist = self.rate / 2
         inside = np.zeros(self.n)
         for j, knee in enumerate(self.knee_tau if not self.empty else ()):
             # A spectrum that falls to the end hides its noise; the part next to the band bounds it.
@@ -210,7 +205,7 @@ def _samples_of(rows: slice) -> list[slice]:
 
 
 def by_column(make: Callable[[Array], Array], x: Array) -> Array:
-    """Return what a function makes of each column of (K, n)."""
+    """Return the results of a function of each column (K,) of (K, n)."""
     return np.stack([make(column) for column in x.T], axis=1)
 
 
@@ -238,12 +233,11 @@ def _spread_power(v: Array, rate: float) -> tuple[Array, Array]:
 
 
 def _motion(
-    pieces: Sequence[tuple[Array, Array]], most: Sequence[float], mover_ratio: float, share: float
+    pieces: Sequence[tuple[Array, Array]], most: Sequence[float]
 ) -> tuple[NDArray[np.int64], float, Array]:
     """Return joints that move, the end of their band [Hz], and RMS accelerations [rad/s²].
 
-    Each joint counts up to the frequency in ``most``, Hz, where its noise begins; below the end
-    lies this ``share`` of their speeds' power.
+    Each joint counts up to the frequency in ``most`` [Hz], where its noise begins.
     """
     if not pieces:
         return np.arange(len(most)), 0.0, np.zeros(len(most))
@@ -253,7 +247,7 @@ def _motion(
     each = power.sum(axis=0)
     order = np.argsort(f, kind="stable")
     total = np.cumsum(power.sum(axis=1)[order])
-    movers = np.flatnonzero(each >= mover_ratio**2 * each.max())
-    end = float(f[order][np.searchsorted(total, share * total[-1])])
+    movers = np.flatnonzero(each >= MOVER_RATIO**2 * each.max())
+    end = float(f[order][np.searchsorted(total, MOTION_SHARE * total[-1])])
     rows = sum(2 * len(f) for f, _ in pieces)
     return movers, end, np.sqrt((power * (2 * np.pi * f[:, None]) ** 2).sum(axis=0) / rows)

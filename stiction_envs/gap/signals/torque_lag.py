@@ -1,7 +1,5 @@
 """Torque lag: a log's torques come after its angles, or were low-passed by the driver.
 
-    correct_torques(logs, arm, prepare) -> logs, signals
-
 An actuator acts after its command, and a measurement never comes before the action. Where measured
 torque follows the rigid-body torque n of the logged motion by a delay δ, smoothed by a first-order
 low-pass T, the log's channels are not synchronous:
@@ -20,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,8 +26,8 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from stiction_envs.gap.signals.loads import LEAST_LOAD
-from stiction_envs.gap.signals.prepare import Segment, Signals
+from stiction_envs.gap.signals.angles import LEAST_LOAD
+from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
@@ -52,8 +50,7 @@ DELAYS = np.arange(0.0, 0.1501, 0.01)
 LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
 """Time constants that are tried [s]; assumed."""
 HINT_LEFT = 0.85
-"""Largest remaining part of the residual at any delay for a search of time constants too [-];
-assumed."""
+"""Part of the residual that some delay leaves at most, for a further search [-]; assumed."""
 LEAST_RUNS = 4
 """Least number of runs that distinguish a time from a distance [-]; assumed."""
 SPEED_RATIO = 3.0
@@ -65,28 +62,8 @@ MOST_ROWS = 4000
 """Most rows of a log that are fitted [-]; assumed, to limit the time."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TorqueLag:
-    """By how much a log's torques lag its angles."""
-
-    delay: float
-    """δ [s]."""
-    lowpass: float
-    """T [s]."""
-    joint: int
-    """Joint whose residual falls most, from 1."""
-    before: float
-    """Residual of the joint after the fit, as logged [N·m]."""
-    after: float
-    """Residual with δ and T [N·m]."""
-    loaded: bool
-    """Whether a load shows it; else reversals at several speeds show it."""
-    certain: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Run:
-    """One segment of one joint."""
+class _Run(NamedTuple):
+    """One segment of one joint: F times are finer than T."""
 
     t: Array
     """(T,) times at which torque is fitted [s]."""
@@ -100,48 +77,43 @@ class _Run:
     """(F, k) these columns."""
 
 
-def torque_lag(signals: Signals, arm: Arm) -> TorqueLag | None:
-    """Return how much the torques of one log lag, or may lag; None where they do not."""
-    slow = REVERSAL_SPEED
-    parts = _moving(signals)
-    if not parts:
-        return None
-    rigid, joints = _loads(arm, parts)
+def torque_lag(signals: Signals, arm: Arm) -> tuple[Lag, str, bool] | None:
+    """Return the lag of one log's torques; None where they do not lag.
+
+    A sentence on the lag and the evidence follows, and whether friction cannot explain the lag.
+    """
+    parts, rigid, joints = _loads(signals, arm)
     loaded = len(joints) > 0
     if not loaded:
         if len(parts) < LEAST_RUNS:
             return None
-        speed = np.sqrt(np.mean(np.square(np.concatenate([x.dq for x in parts])), axis=0))
+        speed = np.sqrt(np.mean(np.square(np.concatenate([signals.dq[x] for x in parts])), axis=0))
         joints = np.array([np.argmax(speed)])
-    runs = [_runs(signals, parts, rigid, int(j), loaded, slow) for j in joints]
+    runs = [_runs(signals, parts, rigid, int(j), loaded) for j in joints]
     found = _search(runs)
     if found is None:
         return None
-    delay, lowpass, before, after = found
+    lag, before, after = found
     best = int(np.argmin(after / before))
     least = LEAST_LAG if loaded else LEAST_FRICTION_LAG
-    if delay + lowpass <= least or after[best] >= RESIDUAL_LEFT * before[best]:
+    if sum(lag) <= least or after[best] >= RESIDUAL_LEFT * before[best]:
         return None
-    return TorqueLag(
-        delay=delay,
-        lowpass=lowpass,
-        joint=int(joints[best]) + 1,
-        before=float(before[best]),
-        after=float(after[best]),
-        loaded=loaded,
-        certain=loaded or _is_time(runs[0], slow),
+    text = _lag_text(*lag)
+    evidence = (
+        f"residual of joint {joints[best] + 1} given scale, offset and friction falls from "
+        f"{before[best]:.3g} to {after[best]:.3g} N·m"
     )
+    if not loaded and not _is_time(runs[0]):
+        return lag, f"{text}, or friction lags its reversals: {evidence} with the former", False
+    why = "" if loaded else ", at all speeds"
+    return lag, f"{text}{why}: undone ({evidence})", True
 
 
 def has_lag(signals: Signals, arm: Arm, lag: Lag) -> bool:
     """Return whether the torques of one log may have a lag; only a load can show the contrary."""
-    slow = REVERSAL_SPEED
-    parts = _moving(signals)
-    if not parts:
-        return True
-    rigid, joints = _loads(arm, parts)
-    runs = [_runs(signals, parts, rigid, int(j), True, slow) for j in joints]
-    now, left = (np.array([_residual(x, *y) for x in runs]) for y in ((0.0, 0.0), lag))
+    parts, rigid, joints = _loads(signals, arm)
+    runs = [_runs(signals, parts, rigid, int(j), True) for j in joints]
+    now, left = (np.array([_residual(x, y) for x in runs]) for y in ((0.0, 0.0), lag))
     if not np.all(np.isfinite([now, left])) or np.any(now <= 0):
         return True
     return float(np.square(left / now).sum()) <= len(runs)
@@ -155,7 +127,7 @@ def correct_torques(
     known_lag: Lag | None = None,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Correct torques of the opposite sign, in another unit, and that lag.
+    """Return logs and signals after torques were corrected: their sign, unit and lag.
 
     Args:
         logs: of one robot.
@@ -164,9 +136,6 @@ def correct_torques(
         known_sign: as in `correct_sign`.
         known_lag: by an earlier diagnosis of the robot; None for none.
         known_unit: as in `correct_sign`.
-
-    Returns:
-        Logs and their signals; each change is recorded as a correction.
 
     Raises:
         StictionError: torques of some joints or logs have the opposite sign, others not.
@@ -190,19 +159,12 @@ def correct_torques(
         found = torque_lag(own, arm)
         if found is None:
             continue
-        text = _lag_text(found.delay, found.lowpass)
-        evidence = (
-            f"residual of joint {found.joint} given scale, offset and friction falls from "
-            f"{found.before:.3g} to {found.after:.3g} N·m"
-        )
-        if not found.certain:
-            text = f"{text}, or friction lags its reversals: {evidence} with the former"
+        undone_lag, text, certain = found
+        if certain:
+            read[i] = _undone(log, undone_lag, text)
+            changed = True
+        else:
             read[i] = dataclasses.replace(log, warnings=(*log.warnings, text))
-            continue
-        why = "" if found.loaded else ", at all speeds"
-        text = f"{text}{why}: undone ({evidence})"
-        read[i] = _undone(log, (found.delay, found.lowpass), text)
-        changed = True
     if changed:
         shown = {x: getattr(signals, x) for x in OF_CHANNELS}
         signals = dataclasses.replace(make(read), **shown)
@@ -251,52 +213,51 @@ def _undone(log: JointLog, lag: Lag, text: str) -> JointLog:
     )
 
 
-def _moving(signals: Signals) -> list[Segment]:
-    return [x for x in signals.segments if not x.static and len(x.t) > 32]
+def _loads(signals: Signals, arm: Arm) -> tuple[list[slice], Array, NDArray[np.int64]]:
+    """Return segments with motion, the (T, n) rigid-body torque in these, and loaded joints.
 
-
-def _loads(arm: Arm, parts: Sequence[Segment]) -> tuple[list[Array], NDArray[np.int64]]:
-    """Return `_rigid`, and the joints (from 0) that it loads enough to show a lag."""
-    rigid = _rigid(arm, parts)
-    return rigid, np.flatnonzero(np.concatenate(rigid).std(axis=0) > LEAST_LOAD)
-
-
-def _rigid(arm: Arm, parts: Sequence[Segment]) -> list[Array]:
-    """Return (T, n) rigid-body torque of each segment."""
+    These joints (from 0) carry enough load to show a lag.
+    """
+    parts = [x for x in signals.runs if not signals.static[x.start] and x.stop - x.start > 32]
+    rigid = np.full_like(signals.q, np.nan)
+    if not parts:
+        return [], rigid, np.zeros(0, np.int64)
     model = arm.pinocchio()
-    return [inverse_dynamics(model, s.q, s.dq, s.ddq) + passive_torque(arm, s.q) for s in parts]
+    for x in parts:
+        q = signals.q[x]
+        rigid[x] = inverse_dynamics(model, q, signals.dq[x], signals.ddq[x])
+        rigid[x] += passive_torque(arm, q)
+    load = np.concatenate([rigid[x] for x in parts]).std(axis=0)
+    return parts, rigid, np.flatnonzero(load > LEAST_LOAD)
 
 
 def _runs(
-    signals: Signals,
-    parts: Sequence[Segment],
-    rigid: Sequence[Array],
-    j: int,
-    loaded: bool,
-    slow: float,
+    signals: Signals, parts: Sequence[slice], rigid: Array, j: int, loaded: bool
 ) -> list[_Run]:
     """Return the columns of one joint; without a load, friction is the shifted column."""
-    out, step = [], max(1, sum(len(s.t) for s in parts) // MOST_ROWS)
-    for s, n in zip(parts, rigid, strict=True):
-        finer = np.linspace(s.t[0], s.t[-1], (len(s.t) - 1) * signals.every + 1)
-        rows = np.flatnonzero(s.t > s.t[0] + DELAYS[-1])[::step]
+    out, step = [], max(1, sum(x.stop - x.start for x in parts) // MOST_ROWS)
+    for part in parts:
+        t, v, ddq = signals.t[part], signals.dq[part, j], signals.ddq[part, j]
+        finer = np.linspace(t[0], t[-1], (len(t) - 1) * signals.every + 1)
+        rows = np.flatnonzero(t > t[0] + DELAYS[-1])[::step]
 
         def friction(v: Array) -> Array:
-            return np.stack([np.tanh(v / slow), v], axis=1)
+            return np.stack([np.tanh(v / REVERSAL_SPEED), v], axis=1)
 
-        v, one = s.dq[:, j], np.ones((len(rows), 1))
+        one = np.ones((len(rows), 1))
         if loaded:
-            moved = CubicSpline(s.t, n[:, [j]])(finer)
+            moved = CubicSpline(t, rigid[part, j][:, None])(finer)
             fixed = np.column_stack([friction(v[rows]), one])
         else:
-            faster = CubicSpline(s.t, np.stack([v, s.ddq[:, j]], axis=1))(finer)
+            faster = CubicSpline(t, np.stack([v, ddq], axis=1))(finer)
             moved, fixed = np.column_stack([friction(faster[:, 0]), faster[:, 1]]), one
-        out.append(_Run(s.t[rows], s.tau[rows, j], fixed, finer, moved))
+        out.append(_Run(t[rows], signals.tau[part, j][rows], fixed, finer, moved))
     return out
 
 
-def _residual(runs: Sequence[_Run], delay: float, lowpass: float) -> float:
+def _residual(runs: Sequence[_Run], lag: Lag) -> float:
     """Return the root mean square that a fit with a delay and a low-pass leaves [N·m]."""
+    delay, lowpass = lag
     columns = []
     for run in runs:
         moved = run.moved
@@ -313,11 +274,11 @@ def _residual(runs: Sequence[_Run], delay: float, lowpass: float) -> float:
     return float(np.sqrt(np.mean(np.square(y - x @ c))))
 
 
-def _search(joints: Sequence[Sequence[_Run]]) -> tuple[float, float, Array, Array] | None:
-    """Return δ, T and the joints' residuals without and with them; None without a hint."""
+def _search(joints: Sequence[Sequence[_Run]]) -> tuple[Lag, Array, Array] | None:
+    """Return the lag, and the joints' residuals without and with it; None without a hint."""
 
     def left(lag: Lag) -> Array:
-        return np.array([_residual(j, *lag) for j in joints])
+        return np.array([_residual(j, lag) for j in joints])
 
     now = left((0.0, 0.0))
     if not np.all(np.isfinite(now)) or np.any(now <= 0):
@@ -336,17 +297,17 @@ def _search(joints: Sequence[Sequence[_Run]]) -> tuple[float, float, Array, Arra
     options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4}
     best = minimize(size, start, method="Nelder-Mead", bounds=bounds, options=options)
     lag = float(best.x[0]), float(best.x[1])
-    return *lag, now, left(lag)
+    return lag, now, left(lag)
 
 
-def _is_time(runs: Sequence[_Run], slow: float) -> bool:
+def _is_time(runs: Sequence[_Run]) -> bool:
     """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])
-        if np.sqrt(np.mean(v**2)) < slow:
+        if np.sqrt(np.mean(v**2)) < REVERSAL_SPEED:
             continue
-        left = [_residual([run], d, 0.0) for d in DELAYS]
+        left = [_residual([run], (d, 0.0)) for d in DELAYS]
         speeds.append(float(np.median(v)))
         times.append(float(DELAYS[int(np.argmin(left))]))
     if len(speeds) < LEAST_RUNS or max(speeds) < SPEED_RATIO * min(speeds):

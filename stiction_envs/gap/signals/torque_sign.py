@@ -21,8 +21,7 @@ Array = NDArray[np.float64]
 OF_CHANNELS = ("torque_sign", "torque_unit", "measured", "findings", "set_up", "zero_off")
 """Fields of `Signals` that `correct_sign` fills in."""
 LARGE_UNIT = 10.0
-"""Factor between logged torque and load from which on torques are converted [-]; assumed: masses
-that a model lacks make factors of 2 to 3, and a joint's friction is no load."""
+"""Torque over load from which on torques are converted [-]; assumed: missing masses make 2 to 3."""
 SAME_UNIT = 2.0
 """Factor within which the units of two logs of a robot are the same [-]; assumed."""
 
@@ -34,25 +33,22 @@ def correct_sign(
     known: int = 0,
     known_unit: Array | None = None,
 ) -> tuple[list[JointLog], Signals]:
-    """Invert torques of the opposite sign, convert those in another unit, and say so.
+    """Return logs and signals after torques of another sign or unit were corrected.
 
-    Channels that are not measured are left out.
+    Each change is recorded as a correction; channels that are not measured are left out.
 
     Args:
         logs: of one robot, with one convention.
-        signals: made of them.
+        signals: made of the logs.
         arm: the nominal rigid arm.
         known: sign of the robot's torques by an earlier diagnosis, 1 or -1; 0 for none. Only a load
             that changes overrides it.
-        known_unit: likewise, (n,) what 1 N·m is in the unit of the torques; None for 1.
-
-    Returns:
-        Logs, with notes on corrections, and signals; unchanged where nothing is wrong.
+        known_unit: (n,) what 1 N·m is in the unit of the torques, likewise; None for 1.
 
     Raises:
         StictionError: a joint's torque has the opposite sign in one log, and not in another.
     """
-    numbers = dict.fromkeys(s.log for s in signals.segments)
+    numbers = np.unique(signals.log).tolist()
     found = {k: loads(signals, k, arm) for k in numbers}
     shown = {k: x for k, x in found.items() if x.by_load.any()}
     for j in range(arm.n):
@@ -93,11 +89,10 @@ def correct_sign(
 
 
 def shared_unit(shown: Sequence[float], known: Array | None) -> Array:
-    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where it may be N·m.
+    """Return (n,) or (1,) what 1 N·m is in the unit of all logs; 1 where the unit may be N·m.
 
-    Args:
-        shown: units of the logs that show one; 1 for N·m.
-        known: (n,) that of an earlier diagnosis; None for N·m.
+    ``shown`` are the units of the logs that show one; ``known`` (n,) is the unit of an earlier
+    diagnosis, None for N·m.
     """
     unit = float(np.median(shown)) if shown else None
     if known is not None:
@@ -115,12 +110,10 @@ def converted(
     done = replace(signals, torque_unit=unit)
     each = ", ".join(f"{x:.3g}" for x in dict.fromkeys(unit))
     text = f"torques are converted to N·m: divided by {each}"
-    earlier = [replace(x, corrections=_but(x.corrections, "unit")) for x in logs]
+    earlier = [
+        replace(x, corrections=tuple(c for c in x.corrections if c.kind != "unit")) for x in logs
+    ]
     return _times(earlier, done, 1 / more, "unit", text)
-
-
-def _but(corrections: Sequence[Correction], kind: str) -> tuple[Correction, ...]:
-    return tuple(c for c in corrections if c.kind != kind)
 
 
 def _times(
@@ -132,6 +125,5 @@ def _times(
         extra = {k: x * factor if k == "tau_cmd" else x for k, x in log.extra.items()}
         corrections = (*log.corrections, Correction(kind=kind, rows=len(log.t), text=text))
         out.append(replace(log, tau=log.tau * factor, extra=extra, corrections=corrections))
-    segments = tuple(replace(s, tau=s.tau * factor) for s in signals.segments)
     noise = signals.noise_tau * np.abs(factor)
-    return out, replace(signals, segments=segments, noise_tau=noise)
+    return out, replace(signals, tau=signals.tau * factor, noise_tau=noise)

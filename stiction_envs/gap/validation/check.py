@@ -226,7 +226,7 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
         noise=noise,
         worse_joints=tuple(int(j) + 1 for j in np.flatnonzero(worse)),
         transfers=_transfers(base, found, d, extended),
-        notes=(f"logs that took no part: cutoff {signals.cutoff_hz:.3g} Hz", *signals.notes),
+        notes=(f"logs that took no part: cutoff {signals.cutoff:.3g} Hz", *signals.notes),
     )
 
 

@@ -29,7 +29,7 @@ from stiction_envs.gap.causes.base import DRY
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, nominal_torque
-from stiction_envs.gap.signals.prepare import lowpass
+from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.gap.signals.spectra import resample
 from stiction_envs.measured.logs.reader import JointLog
 
@@ -143,7 +143,7 @@ def replay_of(own: Diagnosis) -> Replay:
     even = replace(
         recording,
         dt=step,
-        path_dt=step,
+        every=1,
         cutoff=np.inf,
         path_rows=np.arange(len(joined["t"])),
         path_segment=joined["segment"],

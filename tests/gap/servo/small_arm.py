@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.joint import JointMotion, held_integral
+from stiction_envs.gap.servo.joint import JointMotion, command_nodes
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
@@ -42,14 +42,12 @@ def motion(
     """Return a joint alone that is told (T,) angles [rad]; ``q`` was measured, else the command."""
     t = step * np.arange(len(command))
     measured = command if q is None else q
-    times = np.concatenate([[t[0] - 1.0], t, [t[-1] + 1.0]])
     return JointMotion(
         t=t,
         q=measured,
         bounds=np.array([0, len(t)]),
         command=command,
-        command_integral=held_integral(times, command),
-        command_times=times,
+        nodes=command_nodes(t, command, t[0] - 1.0, t[-1] + 1.0),
         gravity=np.full(len(t), gravity) + slope * measured,
         slope=np.full(len(t), slope),
         inertia=np.full(len(t), inertia),

@@ -98,27 +98,25 @@ def test_servos_read_back_to_the_bit(tmp_path: Path) -> None:
     assert np.array_equal(read_servo(path, 2), p)
 
 
+def _toml(joints: int = 2, **changed: float) -> str:
+    p = np.vstack([_both(), _both()])[:joints]
+    for name, x in changed.items():
+        p[1, INDEX[name]] = x
+    return servo_toml(p)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("", "no 'servo'"),
         ("[servo]\nstiffness = [1.0]", "no 'damping'"),
         ("[servo", "not as stiction diagnose writes it"),
-        ("wrong joints", "of 3 joints: expected 2"),
-        ("negative", "stiffness of joint 1 is -1"),
-        ("nan", "delay of joint 2 is nan"),
+        (_toml(joints=3), "of 3 joints: expected 2"),
+        (_toml(stiffness=-1.0), "stiffness of joint 2 is -1"),
+        (_toml(delay=np.nan), "delay of joint 2 is nan"),
     ],
 )
 def test_a_bad_table_of_servos_is_one_line(tmp_path: Path, text: str, said: str) -> None:
-    p = _both()
-    if text == "wrong joints":
-        text = servo_toml(np.vstack([p, p[:1]]))
-    elif text == "negative":
-        p[0, INDEX["stiffness"]] = -1.0
-        text = servo_toml(p)
-    elif text == "nan":
-        p[1, INDEX["delay"]] = np.nan
-        text = servo_toml(p)
     path = tmp_path / "model.toml"
     path.write_text(text)
     with pytest.raises(StictionError) as error:

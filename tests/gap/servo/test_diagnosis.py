@@ -44,10 +44,21 @@ def test_where_nothing_is_hidden_nothing_is_named(arm: Arm) -> None:
         assert d.verdict == "no discrepancy"
 
 
-@pytest.mark.parametrize("cause", ["coulomb_friction", "dead_zone", "speed_limit", "torque_limit"])
-def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
-    h = _hidden(arm, cause)
-    assert h.hidden[0] in _named(diagnose_servo([h.log], arm, h.servo, threads=2))
+@pytest.mark.parametrize(
+    ("causes", "seed"),
+    [
+        (("coulomb_friction",), 3),
+        (("dead_zone",), 3),
+        (("speed_limit",), 3),
+        (("torque_limit",), 3),
+        (("coulomb_friction", "servo_stiffness"), 5),
+    ],
+)
+def test_hidden_causes_are_found_on_their_joints(
+    arm: Arm, causes: tuple[str, ...], seed: int
+) -> None:
+    h = _hidden(arm, *causes, seed=seed)
+    assert set(h.hidden) <= _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
 def test_a_controller_that_compensates_all_gravity_is_no_stiff_servo(arm: Arm) -> None:
@@ -118,11 +129,6 @@ def test_slow_waves_show_a_lag_and_fast_ones_which_part_of_it(
         assert lag.ci95[0] < lag.value < lag.ci95[1]
         assert cause.confused_with == ("armature", "damping", "delay")
         assert set(d.to_json()["servo"]) >= {"delay_s", "damping_nms", "armature_kgm2"}
-
-
-def test_two_hidden_causes_are_both_found(arm: Arm) -> None:
-    h = _hidden(arm, "coulomb_friction", "servo_stiffness", seed=5)
-    assert set(h.hidden) <= _named(diagnose_servo([h.log], arm, h.servo, threads=2))
 
 
 def test_a_perfect_servo_is_judged_where_no_stiffness_is_known(arm: Arm) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import step
 
-from stiction_envs.gap.servo.joint import STEP, held_integral
+from stiction_envs.gap.servo.joint import STEP, command_nodes
 from stiction_envs.gap.servo.questions import passed_speed
 from tests.gap.servo.small_arm import motion, parameters
 
@@ -21,16 +21,13 @@ def test_without_friction_a_step_is_answered_as_by_a_second_order_system(damping
     assert np.abs(got - exact).max() < fastest * STEP / 2
 
 
-def test_gravity_sags_a_joint_without_friction_by_its_torque_over_the_stiffness() -> None:
+@pytest.mark.parametrize(("compensation", "sag"), [(0.0, 1.0 / 20.0), (1.0, 0.0)])
+def test_gravity_sags_a_joint_without_friction_by_its_torque_over_the_stiffness(
+    compensation: float, sag: float
+) -> None:
     m = motion(np.zeros(400), gravity=1.0)
-    got = m.simulate(parameters(damping=1.0)[None])[0]
-    assert got[-1] == pytest.approx(-1.0 / 20.0, rel=1e-6)
-
-
-def test_compensated_gravity_does_not_sag() -> None:
-    m = motion(np.zeros(400), gravity=1.0)
-    got = m.simulate(parameters(damping=1.0, compensation=1.0)[None])[0]
-    assert np.abs(got).max() < 1e-12
+    got = m.simulate(parameters(damping=1.0, compensation=compensation)[None])[0]
+    assert got[-1] == pytest.approx(-sag, rel=1e-6, abs=1e-12)
 
 
 def test_a_joint_holds_below_its_stiction_and_does_not_creep() -> None:
@@ -55,36 +52,26 @@ def test_a_delay_shifts_the_answer() -> None:
 
 
 def test_the_servo_is_limited_in_torque_and_the_command_in_speed() -> None:
-    command = np.where(np.arange(400) < 10, 0.0, 1.0)
-    m = motion(command)
-    weak, slow = m.simulate(
-        np.stack(
-            [parameters(damping=2.0, torque_limit=1.0), parameters(damping=0.5, speed_limit=0.4)]
-        )
-    )
+    m = motion(np.where(np.arange(400) < 10, 0.0, 1.0))
+    limited = parameters(damping=2.0, torque_limit=1.0), parameters(damping=0.5, speed_limit=0.4)
+    weak, slow = m.simulate(np.stack(limited))
     assert np.diff(weak).max() / 0.01 == pytest.approx(1.0 / 2.0, rel=0.01)  # limit / damping
     assert np.diff(slow[60:250]).max() / 0.01 == pytest.approx(0.4, rel=0.01)
 
 
 def test_inside_its_dead_zone_a_servo_does_nothing() -> None:
-    command = np.where(np.arange(400) < 10, 0.0, 0.2)
-    m = motion(command)
-    got, still = m.simulate(
-        np.stack([parameters(damping=2.0, dead_zone=0.05), parameters(damping=2.0, dead_zone=0.3)])
-    )
+    m = motion(np.where(np.arange(400) < 10, 0.0, 0.2))
+    zones = [parameters(damping=2.0, dead_zone=x) for x in (0.05, 0.3)]
+    got, still = m.simulate(np.stack(zones))
     assert got[-1] == pytest.approx(0.15, abs=1e-4)
     assert np.abs(still).max() == 0.0
 
 
 def test_an_offset_of_the_encoder_shows_only_through_gravity() -> None:
     command = 0.3 * np.sin(0.05 * np.arange(500))
-    without = motion(command).simulate(
-        np.stack([parameters(damping=1.0), parameters(damping=1.0, offset=0.1)])
-    )
+    both = np.stack([parameters(damping=1.0), parameters(damping=1.0, offset=0.1)])
+    without, heavy = (motion(command, slope=x).simulate(both) for x in (0.0, 2.0))
     assert np.abs(without[0] - without[1])[100:].max() < 1e-9
-    heavy = motion(command, slope=2.0).simulate(
-        np.stack([parameters(damping=1.0), parameters(damping=1.0, offset=0.1)])
-    )
     # measured angles are those commanded here, so gravity is slope times the command
     assert (heavy[0] - heavy[1])[-1] == pytest.approx(-2.0 * 0.1 / 22.0, rel=0.05)
 
@@ -112,8 +99,7 @@ def test_a_clock_that_jitters_does_not_make_a_joint_creep() -> None:
     m = motion(np.where(np.arange(6000) < 10, 0.0, 0.02))  # 0.4 N·m against 0.8
     late = 2e-3 * np.random.default_rng(0).uniform(-1.0, 1.0, len(m.t))
     t = m.t + late
-    times = np.concatenate([[t[0] - 1.0], t, [t[-1] + 1.0]])
-    jitters = replace(m, t=t, command_times=times, command_integral=held_integral(times, m.command))
+    jitters = replace(m, t=t, nodes=command_nodes(t, m.command, t[0] - 1.0, t[-1] + 1.0))
     # heavy friction of a light joint, whose bristle is as stiff as a step allows
     got = jitters.simulate(parameters(damping=0.5, stiction=0.8, bristle=2e-4)[None])[0]
     assert abs(got[-1] - got[1000]) < 1e-6  # 50 s

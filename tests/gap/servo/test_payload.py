@@ -55,7 +55,7 @@ def test_a_body_is_proposed_where_one_is_hidden() -> None:
         assert (found is not None) is expected
         if found is not None:
             assert h.payload is not None
-            low, high = found.mass_ci95
+            low, high = found.parameters["mass_kg"].ci95
             assert low < h.payload[0] < high
             assert found.mass == pytest.approx(h.payload[0], rel=0.3)
 

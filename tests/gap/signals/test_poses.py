@@ -76,5 +76,5 @@ def test_poses_beside_a_log() -> None:
     """The log shows friction, the poses the payload; one call takes both."""
     true = panda(payload=(1.0, 0.0, 0.0, 0.05))
     log = hidden(panda(), lambda q, dq, ddq: 0.8 * np.tanh(dq / 0.002), true=true, noise=0.02)
-    found = diagnose_logs([log, dataclasses.replace(poses(true))], "panda")
+    found = diagnose_logs([log, poses(true)], "panda")
     assert {"payload", "coulomb_friction"} <= {c.name for c in found.causes}

@@ -1,12 +1,11 @@
-"""The path of a joint: what noise and the filter's overshoot must not do to it."""
+"""The low-pass of all signals, and the path of a joint behind noise and overshoot."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from stiction_envs.gap.signals.prepare import lowpass
-from stiction_envs.gap.signals.reversal_path import reversal_path, zigzag
+from stiction_envs.gap.signals.filters import lowpass, reversal_path, zigzag
 
 RATE = 500.0
 T = np.arange(0, 6, 1 / RATE)
@@ -26,7 +25,7 @@ def turns(x: np.ndarray) -> int:
 def test_noise_at_rest_makes_few_turns_and_hardly_any_way() -> None:
     rng = np.random.default_rng(1)
     q = 5e-6 * rng.normal(size=T.shape)
-    path = reversal_path(q, RATE, 10.0, lowpass)
+    path = reversal_path(q, RATE, 10.0)
     assert turns(path) < 0.5 * turns(lowpass(q, RATE, 30.0))
     assert np.abs(np.diff(path)).sum() < 0.04 * np.abs(np.diff(q)).sum()
 
@@ -35,5 +34,22 @@ def test_a_stop_overshoots_less_than_through_the_filter_of_all_signals() -> None
     """A joint that stops from 0.5 rad/s within 0.1 s."""
     v = 0.5 * np.clip((3.0 - T) / 0.1, 0, 1)
     q = np.cumsum(v) / RATE
-    over = reversal_path(q, RATE, 10.0, lowpass).max() - q[-1]
+    over = reversal_path(q, RATE, 10.0).max() - q[-1]
     assert over < 0.2 * (lowpass(q, RATE, 10.0).max() - q[-1])
+
+
+def test_the_filter_has_half_the_amplitude_at_its_cutoff_and_no_phase() -> None:
+    t = np.arange(20_000) / 1000
+    for hz, share in ((1.0, 1.0), (5.0, 0.996), (10.0, 0.5), (20.0, 0.004)):
+        x = np.sin(2 * np.pi * hz * t)
+        y = lowpass(x, 1000.0, 10.0)
+        inner = slice(2000, -2000)
+        both = np.stack([x, np.cos(2 * np.pi * hz * t)], axis=1)[inner]
+        in_phase, out_of_phase = np.linalg.lstsq(both, y[inner], rcond=None)[0]
+        assert in_phase == pytest.approx(share, abs=1e-3)
+        assert abs(out_of_phase) < 1e-3
+
+
+def test_above_half_the_rate_nothing_is_filtered() -> None:
+    x = np.random.default_rng(0).normal(size=100)
+    assert np.array_equal(lowpass(x, 10.0, 5.0), x)
