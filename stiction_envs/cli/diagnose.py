@@ -11,7 +11,7 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.gap.options import LogOptions
+    from stiction_envs.gap.diagnose import LogOptions
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -155,7 +155,7 @@ def _inputs(args: argparse.Namespace) -> dict[str, Path]:
 
 def _options(args: argparse.Namespace) -> LogOptions:
     """Return the options that a diagnosis and a rehearsal share."""
-    from stiction_envs.gap.options import DEFAULTS
+    from stiction_envs.gap.diagnose import DEFAULTS
 
     given = {k: v for k, v in vars(args).items() if k in DEFAULTS}
     return cast("LogOptions", {**given, "cutoff_hz": args.cutoff})

@@ -173,14 +173,11 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     grid = figure.add_gridspec(2, 3)
     top = figure.add_subplot(grid[0, :])
     near = _fastest(t, (s.q if s.q_cmd is None else s.q_cmd)[:, joint])
-    lines = [("measured", measured, MEASURED), ("extended", model, AFTER)]
-    if s.q_cmd is not None and np.array_equal(s.q_cmd, s.nominal):
-        lines.insert(0, ("commanded, nominal", nominal, BEFORE))
-    else:
-        lines.insert(0, ("nominal", nominal, BEFORE))
-        if s.q_cmd is not None:
-            lines.insert(0, ("commanded", s.q_cmd[:, joint], "0.75"))
-    for name, y, colour in lines:
+    lines = {"nominal": (nominal, BEFORE), "measured": (measured, MEASURED)}
+    lines["extended"] = model, AFTER
+    if s.q_cmd is not None:
+        lines = {"commanded": (s.q_cmd[:, joint], "0.75")} | lines
+    for name, (y, colour) in lines.items():
         _trace(top, t[near], y[near], segment[near], style, colour, name)
     top.set_ylabel(f"{s.quantity} [{s.unit}]", fontsize=9)
     top.set_title(f"joint {joint + 1}", fontsize=11, loc="left")

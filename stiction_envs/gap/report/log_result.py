@@ -168,13 +168,12 @@ def forward_text(forward: ForwardValidation | str) -> str:
     """Return how both models fare in simulation, as Markdown."""
     if isinstance(forward, str):
         return f"None: {forward}."
-    n, e = forward.nominal, forward.extended
-    columns = [n.position_rms, e.position_rms, n.torque_rms, e.torque_rms]
+    columns = [*forward.replay.values(), *forward.tracking.values()]
     rows = [
         [f"joint {j}", *(short(x) for x in values)]
         for j, values in enumerate(zip(*columns, strict=True), start=1)
     ]
-    means = [f"**{percent(-x.mean(), 0)}**" for x in (forward.position_gain, forward.torque_gain)]
+    means = [f"**{percent(-x.mean(), 0)}**" for x in forward.gains]
     rows.append(["mean", "", means[0], "", means[1]])
     text = (
         f"Both models run in stock MuJoCo on {forward.windows} windows of {SECONDS:g} s that "
@@ -193,9 +192,8 @@ def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
     out = []
     for log in logs:
         name = f"`{Path(log.source).name}`"
-        rows, seconds = len(log.t), 0.0 if log.static else float(log.t[-1] - log.t[0])
-        what = f"{rows} poses at rest" if log.static else f"{rows} rows, {seconds:.1f} s"
-        out.append(f"{name}{kind}: {what}")
+        what = "poses at rest" if log.static else f"rows, {log.t[-1] - log.t[0]:.1f} s"
+        out.append(f"{name}{kind}: {len(log.t)} {what}")
         out += [f"{name}: {c.text}" for c in log.corrections]
         out += [f"{name}: not corrected: {text}" for text in log.warnings]
     return out

@@ -22,8 +22,6 @@ WIDTH = 0.02
 """Radius of the line that an arm is drawn as, over its length [-]; assumed."""
 Colour = tuple[int, int, int]
 """Red, green, blue [0 to 255]."""
-POSES = 4000
-"""Most poses of an arm in 3-D [-]; assumed."""
 TIMELINE = "time"
 BEFORE: Colour = (224, 108, 24)
 AFTER: Colour = (70, 140, 220)
@@ -63,48 +61,36 @@ def rrd_bytes(s: Series, words: str) -> bytes:
 
     recording = rr.RecordingStream(f"stiction_envs {s.arm.name}", send_properties=False)
     kept = recording.memory_recording()
-    for group, drawn in lines(s).items():
+    for group, drawn in _lines(s).items():
         for j in range(s.arm.n):
             alone = {name: (values[:, j], colour) for name, (values, colour) in drawn.items()}
             _send_lines(recording, f"{group}/joint_{j + 1}", s.time, alone)
     if s.contact is not None:
         _send_lines(recording, "contact", s.time, {"contact": (s.contact.astype(float), BEFORE)})
-    every = max(1, -(-len(s.time) // POSES))
-    parts = [f"# {s.arm.name}", words]
-    if s.step > 1:
-        parts.append(f"One row of {s.step} is in this file.")
-    if every > 1:
-        parts.append(f"The arm is drawn at one row of {every} of this file.")
-    if s.q_simulated is None:
-        parts.append("Torques are simulated along the measured motion: one arm is drawn.")
-    document = rr.TextDocument("\n\n".join(parts), media_type="text/markdown")
-    recording.log("diagnosis", document, static=True)
-    some = slice(None, None, every)
-    clock = rr.TimeColumn(TIMELINE, duration=s.time[some])
-    _send_arm(recording, "arm/measured", s.arm, clock, s.q[some], MEASURED)
-    if s.q_simulated is not None:
-        _send_arm(recording, "arm/simulated", s.arm, clock, s.q_simulated[some], AFTER)
+    text = f"# {s.arm.name}\n\n{words}"
+    if s.quantity == "torque":
+        text += "\n\nTorques are simulated along the measured motion: one arm is drawn."
+    recording.log("diagnosis", rr.TextDocument(text, media_type="text/markdown"), static=True)
+    _send_arm(recording, "arm/measured", s, s.q, MEASURED)
+    if s.quantity == "angle":
+        _send_arm(recording, "arm/simulated", s, s.simulated, AFTER)
     recording.send_blueprint(_blueprint(s))
     recording.flush()
     return bytes(kept.drain_as_bytes())
 
 
-def lines(s: Series) -> dict[str, dict[str, tuple[Array, Colour]]]:
+def _lines(s: Series) -> dict[str, dict[str, tuple[Array, Colour]]]:
     """Return (T, n) values and colour of each line by name, by group."""
-    of = {
-        "measured": (s.measured, MEASURED),
-        "nominal": (s.nominal, BEFORE),
-        "simulated": (s.simulated, AFTER),
+    commanded = {} if s.q_cmd is None else {"commanded": (s.q_cmd, COMMANDED)}
+    models = {"nominal": (s.nominal, BEFORE), "simulated": (s.simulated, AFTER)}
+    left = {name: (s.measured - x, colour) for name, (x, colour) in models.items()}
+    causes = {
+        name: (torque, colour)
+        for (name, torque), colour in zip(s.causes.items(), cycle(CAUSES), strict=False)
     }
-    if s.q_cmd is not None:
-        of = {"commanded": (s.q_cmd, COMMANDED)} | of
-    left = {
-        "nominal": (s.measured - s.nominal, BEFORE),
-        "simulated": (s.measured - s.simulated, AFTER),
-    }
-    colours = cycle(CAUSES)
-    causes = {name: (torque, next(colours)) for name, torque in s.causes.items()}
-    return {s.quantity: of, "residual": left} | ({"cause": causes} if causes else {})
+    measured = {"measured": (s.measured, MEASURED)}
+    out = {s.quantity: commanded | measured | models, "residual": left}
+    return out | ({"cause": causes} if causes else {})
 
 
 def _send_lines(
@@ -142,15 +128,16 @@ def _blueprint(s: Series) -> Rerun:
     return rrb.Blueprint(rrb.Horizontal(left, joints), auto_views=False)
 
 
-def _send_arm(recording: Rerun, path: str, arm: Arm, time: Rerun, q: Array, colour: Colour) -> None:
-    """Send an arm at angles (T, n) [rad] as a line from base to flange."""
+def _send_arm(recording: Rerun, path: str, s: Series, q: Array, colour: Colour) -> None:
+    """Send the arm at angles (T, n) [rad] as a line from base to flange."""
     import rerun as rr
 
-    line = skeleton(arm, q)
+    line = skeleton(s.arm, q)
     reach = np.linalg.norm(np.diff(line[0], axis=0), axis=1).sum()
     look = rr.LineStrips3D.from_fields(radii=[WIDTH * reach], colors=[colour])
     recording.log(path, look, static=True)
-    recording.send_columns(path, [time], rr.LineStrips3D.columns(strips=list(line)))
+    clock = rr.TimeColumn(TIMELINE, duration=s.time)
+    recording.send_columns(path, [clock], rr.LineStrips3D.columns(strips=list(line)))
 
 
 def skeleton(arm: Arm, q: Array) -> Array:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -159,31 +158,23 @@ class DiagnosisResult(Result):
         return path
 
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
-        """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs.
-
-        Args:
-            folder: an existing one.
-            progress: called with a stage and its part done.
-        """
+        """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs."""
         say = progress or (lambda *_: None)
         say("extended model", 0.0)
         extension = self.extension
         say("report", 0.0)
+        plots, series, e = folder / PLOTS, self.series(), self.errors
         hashes = self.sources.hashes(self.provenance)
         write_json(folder / "diagnosis.json", self.to_json())
         write_text_atomic(folder / "model.xml", extension.xml)
         title = f"{self.robot} as its {self.data} show it"
         meta = {"title": title, "units": "SI", "verdict": self.verdict}
         write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
-        plots = folder / PLOTS
         plots.mkdir(exist_ok=True)
-        series, e = self.series(), self.errors
         if series is not None:
             write_text_atomic(folder / "series.csv", series.csv())
-        made = [
-            (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
-            for name, sha in hashes.items()
-        ]
+        names = self.sources.names
+        made = [(k, f"`{names[k]}`, sha256 `{sha[:16]}…`") for k, sha in hashes.items()]
         made.append(("commit", str(self.provenance["git_commit"])))
         made += [(k, str(v)) for k, v in self.provenance["versions"].items() if v]
         write_md_and_html(

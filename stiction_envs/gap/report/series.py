@@ -42,17 +42,12 @@ class Series:
     """(T, n) measured speeds [rad/s], where they are known."""
     q_cmd: Array | None = None
     """(T, n) commanded angles [rad] of servo logs."""
-    q_simulated: Array | None = None
-    """(T, n) angles of the extended model [rad]; None where torques were simulated along the
-    measured motion."""
     causes: dict[str, Array]
     """(T, n) torque that each cause adds [N·m]; none of servo logs."""
     at_rest: bool = False
     """Whether the rows are poses without time."""
     contact: NDArray[np.bool_] | None = None
     """(T,) whether the arm touches something, of servo logs."""
-    step: int = 1
-    """One row of so many was kept."""
 
     @property
     def unit(self) -> str:
@@ -80,8 +75,7 @@ def log_series(d: Diagnosis) -> Series:
     data = d.data
     extended = data.nominal + np.stack([d.torque(j) for j in range(data.n)], axis=1)
     time = common_time(data.t, data.recording.log, d.logs)
-    step = _step(len(time))
-    at = slice(None, None, step)
+    at = np.arange(len(time))[:: _step(len(time))]
     return Series(
         arm=data.arm,
         quantity="torque",
@@ -93,7 +87,6 @@ def log_series(d: Diagnosis) -> Series:
         dq=data.dq[at],
         at_rest=not np.isfinite(data.dt),
         causes={c.name: d.cause_torque(c.name)[at] for c in d.causes},
-        step=step,
     )
 
 
@@ -110,8 +103,7 @@ def servo_series(d: ServoDiagnosis, arm: Arm) -> Series:
         for begin, end in stretches:
             contact |= (log == k) & (t >= begin) & (t <= end)
     known = np.flatnonzero(np.isfinite(simulated).all(axis=1) & np.isfinite(nominal).all(axis=1))
-    step = _step(len(known))
-    at = known[::step]
+    at = known[:: _step(len(known))]
     return Series(
         arm=arm,
         quantity="angle",
@@ -122,10 +114,8 @@ def servo_series(d: ServoDiagnosis, arm: Arm) -> Series:
         q=q[at],
         dq=np.concatenate(speeds)[at] if len(speeds) == len(d.logs) else None,
         q_cmd=q_cmd[at],
-        q_simulated=simulated[at],
         causes={},
         contact=contact[at],
-        step=step,
     )
 
 
@@ -154,5 +144,5 @@ def common_time(t: Array, log: NDArray[np.int64], logs: Sequence[RobotLog]) -> A
 
 
 def _step(count: int) -> int:
-    """Return which share of so many rows is kept: one of so many."""
+    """Return the step between the rows that are kept, of so many."""
     return max(1, -(-count // ROWS))

@@ -63,11 +63,6 @@ class TableData:
         mean = {k: tau[self.base & (level == k)].mean() for k in np.unique(level).tolist()}
         return np.array([mean[k] for k in level.tolist()])
 
-    @property
-    def load(self) -> Array:
-        """(N,) load of the joint in the pose, along the ramp [N·m]."""
-        return np.asarray(self.sign * self.whole.poses.signed[self.joint - 1, self.pose])
-
     def dithered(self, joint: int) -> dict[Configuration, Index]:
         """Return the dithered torques of each configuration of a joint."""
         out: dict[Configuration, list[int]] = {}
@@ -82,10 +77,6 @@ class TableData:
         dither = f"{job.frequency_hz:g} Hz, {job.amplitude_nm:.4g} N·m"
         place = f"joint {where.joint} {where.load} {where.direction}"
         return f"{place}, {'no dither' if self.base[i] else dither}"
-
-    def nominal(self, field: str, joint: int) -> float:
-        """Return a friction parameter of a joint (from 1), mean over directions."""
-        return float(np.mean(getattr(self.whole.friction, field)[joint - 1]))
 
 
 @dataclass(frozen=True, eq=False)

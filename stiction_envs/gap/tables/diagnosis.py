@@ -1,6 +1,6 @@
 """What a simulation gets wrong, found in tables of breakaway torques.
 
-    diagnosis = diagnose_tables(base, rows, load_arm("panda"), load_friction("panda"))
+    diagnosis = diagnose_tables(base, rows, WholeArm(load_arm("panda"), load_friction("panda")))
     print(diagnosis.verdict)
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import FrictionParameters, load_friction
 from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.judge.judgement import (
     WIDTH,
@@ -32,12 +31,10 @@ from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
-from stiction_envs.gap.tables.predictor import Predictor
 from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints as named
-from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 UNEXPLAINED = 3.0
@@ -90,12 +87,9 @@ class TableDiagnosis(Judgement):
 def diagnose_tables(
     base: BaseTable,
     dithered: Sequence[DitheredRow],
-    arm: Arm,
-    friction: FrictionParameters | None = None,
+    whole: WholeArm,
     *,
-    whole: WholeArm | None = None,
-    threads: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
     causes: Sequence[Cause] | None = None,
 ) -> TableDiagnosis:
     """Say what a simulation gets wrong about measured breakaway torques.
@@ -103,27 +97,21 @@ def diagnose_tables(
     Args:
         base: base torques of all joints; only joints with dithered torques are used.
         dithered: torques of some or all joints; days or sets are not distinguished.
-        arm: the arm that is simulated.
-        friction: nominal parameters of one arm; None for the TOML of that name.
-        whole: the arm of an earlier diagnosis, in place of ``friction`` and ``threads``: its
-            simulations are not repeated. The result is the same.
-        threads: threads of the simulation, 0 for all processors.
-        progress: called with a line about the present step.
+        whole: the nominal arm; a later diagnosis with it does not repeat its simulations.
+        progress: called with the present step, and 0.
         causes: causes to try; None for all registered ones.
 
     Raises:
         StictionError: tables of another arm.
     """
+    arm = whole.arm
     if base.n_joints != arm.n:
         raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
-    wrong = [x.joint for x in dithered if not 1 <= x.joint <= arm.n]
-    if wrong:
-        raise StictionError(f"dithered torque of joint {wrong[0]}, but {arm.name} has {arm.n}")
-    if whole is None:
-        if friction is None:
-            friction = load_friction(arm.registered_name, arm.n)
-        whole = WholeArm(arm, friction, threads=threads)
-    say = progress or (lambda _: None)
+
+    def say(step: str) -> None:
+        if progress is not None:
+            progress(step, 0.0)
+
     data = TableData(base, dithered, whole)
     if data.blocks - 1 < LEAST_BLOCKS:
         nothing = np.full(len(data.joints), np.nan)
@@ -139,33 +127,27 @@ def diagnose_tables(
         )
     say("simulating the nominal arm")
     tried = registered() if causes is None else causes
-    effects = [e for c in tried for e in c.in_tables(data)]
-    quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
-    judge = Judge(Predictor(data, list(quantities)), effects)
-    return _report(arm.name, judge, *judge.search(say))
-
-
-def _report(robot: str, judge: Judge, best: Fit, weighed: Sequence[Weighed]) -> TableDiagnosis:
-    nominal = judge.fit({})
-    before, after = _errors(judge, nominal), _errors(judge, best)
+    judge = Judge(data, [e for c in tried for e in c.in_tables(data)])
+    best, weighed = judge.search(say)
+    before, after = _errors(judge, judge.fit({})), _errors(judge, best)
     gained = percent_gained(before, after)
     found = [_named(judge, best, c, before, after) for c in weighed]
-    causes = tuple(sorted(found, key=lambda c: -c.gain_percent))
+    found.sort(key=lambda c: -c.gain_percent)
     verdict, reason = _verdict(judge, best)
-    if causes and gained < 0:  # a verdict is earned
-        verdict, causes, after = "cannot tell", (), before
+    if found and gained < 0:  # a verdict is earned
+        verdict, found, after = "cannot tell", [], before
         reason = "the likeliest causes predict held-out readings worse than the nominal model"
     shares = {"named": gained, "links": 0.0, "set_up": 0.0, "left": 100 - gained}
     return TableDiagnosis(
-        robot=robot,
+        robot=arm.name,
         verdict=verdict,
-        causes=causes,
-        shares_percent=shares if causes else {},
+        causes=tuple(found),
+        shares_percent=shares if found else {},
         not_shown=_not_shown(judge, best),
-        joints=judge.data.joints,
+        joints=data.joints,
         nominal=before,
         extended=after,
-        noise_floor=np.array([100 * best.error(k)[0] for k in range(len(judge.data.joints))]),
+        noise_floor=np.array([100 * best.error(k)[0] for k in range(len(data.joints))]),
         reason=reason,
     )
 

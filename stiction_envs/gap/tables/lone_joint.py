@@ -49,14 +49,14 @@ class LoneJointTorques:
     def nominal(self, name: str) -> float:
         """Return the nominal value of a parameter."""
         w, j = self.whole, self.joint - 1
-        if name == "ramp_rate":
-            return w.protocol.ramp_rate
-        if name == "torque_rate":
-            return float(w.interface.torque_rate[j])
-        if name == "breakaway_ratio":
-            return 0.0
-        if name == "lowpass_hz":
-            return w.interface.lowpass_hz or np.inf
+        of_experiment = {
+            "ramp_rate": w.protocol.ramp_rate,
+            "torque_rate": float(w.interface.torque_rate[j]),
+            "breakaway_ratio": 0.0,
+            "lowpass_hz": w.interface.lowpass_hz or np.inf,
+        }
+        if name in of_experiment:
+            return of_experiment[name]
         return float(np.mean(getattr(w.friction, name)[j]))
 
     def breakaway(

@@ -42,10 +42,10 @@ class Predictor:
         return max(low) - self._log[q], min(high) - self._log[q]
 
     def _of(self, joint: int, state: State) -> LoneJoint:
-        if (joint, state) not in self._lone:
-            lone = LoneJoint(self._jobs[joint], self.whole, state, self.quantities)
-            self._lone[joint, state] = lone
-        return self._lone[joint, state]
+        key = joint, state
+        if key not in self._lone:
+            self._lone[key] = LoneJoint(self._jobs[joint], self.whole, state, self.quantities)
+        return self._lone[key]
 
     def states(self, values: Values, now: States | None = None) -> States:
         """Simulate the whole arm near some values; return its states: those of ``now`` if near."""

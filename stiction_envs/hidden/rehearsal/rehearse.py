@@ -27,9 +27,8 @@ from typing import Unpack
 
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import Cause, cause_named, register, registered
-from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.diagnose import LogOptions, diagnose
 from stiction_envs.gap.model_file import changed_arm
-from stiction_envs.gap.options import LogOptions
 from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.servo_result import ServoResult

@@ -70,9 +70,7 @@ def test_a_servo_log_s_series_are_commands_angles_and_contact(
     assert not touches[np.searchsorted(read["t"], begin) - 1]
 
 
-def test_a_long_log_loses_rows_and_says_so(
-    angles: ServoResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_long_log_loses_rows(angles: ServoResult, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = angles.series()
     monkeypatch.setattr(series, "ROWS", 400)
     few = angles.series()
@@ -80,7 +78,6 @@ def test_a_long_log_loses_rows_and_says_so(
     assert every > 1
     assert len(few.time) <= 400
     np.testing.assert_array_equal(few.measured, whole.measured[::every])
-    assert (few.step, whole.step) == (every, 1)
 
 
 def test_logs_without_dates_follow_one_another() -> None:

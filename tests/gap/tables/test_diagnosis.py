@@ -27,13 +27,8 @@ BAD = ("no_load", "+", 30.0, 1.0)
 @pytest.fixture(scope="module")
 def diagnose():
     """The diagnosis with the nominal arm; simulations are shared between the tests."""
-    arm = load_arm("panda")
-    whole = WholeArm(arm, nominal(), protocol=protocol())
-
-    def run(tables, **options):
-        return diagnose_tables(*tables, arm, whole=whole, **options)
-
-    return run
+    whole = WholeArm(load_arm("panda"), nominal(), protocol=protocol())
+    return lambda tables: diagnose_tables(*tables, whole)
 
 
 def effect(truth, joint, seed):
@@ -231,4 +226,6 @@ def test_too_few_blocks_are_no_evidence(diagnose):
 def test_tables_of_another_arm_are_refused():
     base = thesis_base("panda")
     with pytest.raises(StictionError, match="base table of 6 joints"):
-        diagnose_tables(type(base)("panda", base.tau[:6]), [], load_arm("panda"))
+        diagnose_tables(
+            type(base)("panda", base.tau[:6]), [], WholeArm(load_arm("panda"), nominal())
+        )

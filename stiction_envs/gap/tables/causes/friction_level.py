@@ -1,4 +1,4 @@
-"""Dry friction that is off by one factor."""
+"""Dry friction that is off by one factor, in all torques or in the dithered ones."""
 
 from __future__ import annotations
 
@@ -70,3 +70,19 @@ class FrictionLevel(Cause):
         line = with_levels(friction, poses, level, offset)
         names_of_line = ("stiction", "load_coefficient", "load_low", "load_high")
         return {k: getattr(line, k)[j] for k in names_of_line}
+
+
+class BaseDrift(FrictionLevel):
+    """Dithered torques are off by one factor, and base torques are not: friction moved between."""
+
+    name = "base_drift"
+    log_size = 0.1
+    in_friction, not_in_friction = Cause.in_friction, "friction of another day"
+    tell_apart: ClassVar[Mapping[str, str]] = {"corrupted_cell": BASE_AGAIN}
+
+    def scopes(self, data: TableData, joint: int) -> Iterator[tuple[str, Index]]:
+        """Yield both poses, each pose, and each configuration."""
+        for scope, rows in super().scopes(data, joint):
+            yield scope, rows[~data.base[rows]]
+        for where, rows in data.dithered(joint).items():
+            yield f"{where.load} {where.direction}", rows

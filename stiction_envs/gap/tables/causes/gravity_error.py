@@ -25,6 +25,7 @@ class GravityError(Cause):
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:
         """Yield a share of each joint's load."""
+        load = data.sign * data.whole.poses.signed[data.joint - 1, data.pose]
         for j, rows in data.of_joint.items():
             yield Effect(
                 self.name,
@@ -33,7 +34,7 @@ class GravityError(Cause):
                 size=SHARE,
                 most=MOST,
                 trials=(1.0,),
-                torque=data.load[rows],
+                torque=load[rows],
                 parameters={"share_of_gravity": 1.0},
             )
 
