@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     folder = common.output_folder(args, common.arm_name(args), inputs)
     _check_rrd(args, folder.path)
     with Progress() as progress:
-        say = Stages(progress.whole, without=() if args.check else ("check",))
+        say = Stages(progress.whole, check=bool(args.check))
         # an error up to here is one of the data: bad input
         result = diagnose(
             args.logs,
@@ -133,7 +133,7 @@ def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
 
     if args.rrd is None:
         return
-    from stiction_envs.gap.report.rerun_file import check_rrd
+    from stiction_envs.gap.report.series import check_rrd
 
     for table in (x for x in args.logs if file_kind(x) == TABLE):
         raise StictionError(f"--rrd: {table} is a torque table: expected logs")

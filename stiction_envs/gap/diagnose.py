@@ -21,15 +21,13 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, changed_arm, nominal_of
-from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
-from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.report.table_result import TableResult
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult, TableResult
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo_logs import read_servo_files, servo_of
+from stiction_envs.gap.tables.data import WholeArm
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
 from stiction_envs.gap.tables.from_files import read_tables
-from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.gap.validation.check import check_model, refuse_diagnosed, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -140,16 +138,9 @@ def diagnose(
     torque_side(more["torque"], ())  # report an invalid side first
     kind = _kind(logs, more["drive"], naming_of(None, more))
     nominal = more["nominal"]
-    request = Request(
-        logs=logs,
-        check=check,
-        poses=poses,
-        robot=robot,
-        nominal=default_nominal(logs, robot, more["chain"]) if nominal is None else nominal,
-        options=more,
-        threads=threads,
-        progress=progress,
-    )
+    if nominal is None:
+        nominal = default_nominal(logs, robot, more["chain"])
+    request = Request(logs, check, poses, robot, nominal, more, threads, progress)
     request.refuse_unfit(kind)
     if kind == TABLES:
         return _diagnose_tables(request)
@@ -165,7 +156,7 @@ class Origin(TypedDict):
     threads: int
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Request:
     """Arguments of `diagnose`, with defaults for those that are not given."""
 
@@ -266,13 +257,8 @@ def _diagnose_tables(request: Request) -> DiagnosisResult:
 def _diagnose_servo_logs(request: Request) -> DiagnosisResult:
     """Judge servos on the rigid arm, with the payload and tilt of an earlier diagnosis."""
     o, (arm, judged) = request.options, request.arm()
-    known = servo_of(
-        arm,
-        request.nominal,
-        stiffness=o["servo_stiffness"],
-        damping=o["servo_damping"],
-        same=o["same_servo"],
-    )
+    stiffness, damping, same = o["servo_stiffness"], o["servo_damping"], o["same_servo"]
+    known = servo_of(arm, request.nominal, stiffness=stiffness, damping=damping, same=same)
     # report problems of all logs before the long computation
     logs, check = (
         read_servo_files(x, arm, naming_of(arm, o)) for x in (request.logs, request.check)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
@@ -33,14 +33,7 @@ def servo_of(
     damping: Sequence[float] | None,
     same: bool,
 ) -> Servo:
-    """Return what is known of the servos.
-
-    Args:
-        arm: the rigid arm.
-        nominal: "rigid", "file", or the ``model.toml`` of an earlier diagnosis of servo logs.
-        stiffness: one for all joints or one each [N·m/rad]; None where unknown.
-        damping: likewise [N·m·s/rad].
-        same: whether all joints have the same servo.
+    """Return what is known of the servos: the options of `diagnose` of these names.
 
     Raises:
         StictionError: numbers that cannot be, or another nominal model.
@@ -64,7 +57,7 @@ def servo_of(
     return Servo(parameters=read_servo(path, arm.n), same=same)
 
 
-def _each(values: Sequence[float] | None, name: str, n: int) -> NDArray[np.float64] | None:
+def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
     p = PARAMETERS[name]

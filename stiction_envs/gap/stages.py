@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from itertools import accumulate
+from collections.abc import Callable
+from itertools import accumulate, pairwise
 
 WEIGHTS = {
     "reading": 6,
@@ -14,8 +14,7 @@ WEIGHTS = {
     "evidence": 4,
     "check": 10,
     "extended model": 1,
-    "forward validation": 2,
-    "report": 14,
+    "report": 16,
 }
 """Share of each stage, in order; assumed."""
 
@@ -23,30 +22,26 @@ WEIGHTS = {
 class Stages:
     """Converts a stage and its part done into the share of the whole, which never falls."""
 
-    def __init__(
-        self, say: Callable[[str, float | None], None], without: Collection[str] = ("check",)
-    ) -> None:
+    def __init__(self, say: Callable[[str, float | None], None], *, check: bool) -> None:
         """Start at zero.
 
         Args:
             say: called with a stage and the share of the whole that is done [0 to 1]; None for a
                 stage of unknown share.
-            without: stages that are skipped.
+            check: whether there are logs to check with.
         """
-        self._say = say
-        weights = {k: 0 if k in without else x for k, x in WEIGHTS.items()}
-        whole = sum(weights.values())
+        self._say, self._share = say, 0.0
+        weights = {k: x for k, x in WEIGHTS.items() if check or k != "check"}
         ends = accumulate(weights.values(), initial=0)
-        self._span = {
-            k: (a / whole, x / whole) for (k, x), a in zip(weights.items(), ends, strict=False)
-        }
-        self._share = 0.0
+        self._span = dict(
+            zip(weights, pairwise(x / sum(weights.values()) for x in ends), strict=True)
+        )
 
     def __call__(self, stage: str, part: float) -> None:
         """Report that a part [0 to 1] of a stage is done."""
         if stage not in self._span:
             self._say(stage, None)
             return
-        start, own = self._span[stage]
-        self._share = max(self._share, start + own * min(max(part, 0.0), 1.0))
+        start, end = self._span[stage]
+        self._share = max(self._share, start + (end - start) * min(max(part, 0.0), 1.0))
         self._say(stage, min(self._share, 1.0))

@@ -149,16 +149,12 @@ def test_the_model_carries_what_the_file_states(tmp_path: Path):
     assert again.file
     later, _ = nominal_of(path, again)
     assert later.stated.passive
-    rigid, _ = nominal_of(path, "rigid")
+    rigid, judged = nominal_of(path, "rigid")
     assert not rigid.stated.passive
-
-
-def test_the_arm_of_a_rigid_model_has_rotors(tmp_path: Path):
-    path = own_file(tmp_path)
-    arm, judged = nominal_of(path, "rigid")
-    made = extend(data_of(path, "rigid", log_of(path)), judged)
+    # the arm of a rigid model has rotors
+    made = extend(data_of(path, "rigid", log), judged)
     model = mujoco.MjModel.from_xml_string(made.xml)
-    np.testing.assert_array_equal(model.dof_armature, arm.stated.armature)
+    np.testing.assert_array_equal(model.dof_armature, rigid.stated.armature)
     assert not model.jnt_stiffness.any()
 
 

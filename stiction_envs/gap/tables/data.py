@@ -1,33 +1,143 @@
-"""Torque tables as arrays, and what causes change in them."""
+"""Torque tables as arrays, the whole arm that is simulated beside them, and what causes change."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.experiments.sje.protocol import Configuration, Job, configurations
-from stiction_envs.gap.tables.whole_arm import NOMINAL, Quantity, WholeArm
+from stiction_envs.arrays import Array, Index
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.experiments.poses import find_poses
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    Protocol,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.friction.inertia import link_inertia
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import BaseTable, DitheredRow
+from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+STEP = 0.1
+"""Step of a quantity's logarithm between states [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A parameter of a joint that can be simulated with other values."""
+
+    fields: tuple[str, ...]
+    """Friction parameters of the joint that it multiplies, or one field of the torque interface."""
+    of_interface: bool = False
+    """Whether it is a value of the torque interface, common to all joints, and not a factor."""
+    low: float
+    """Least value [-], or in units of the interface."""
+    high: float
+    """Largest value."""
+
+
+FRICTION_LEVEL = Quantity(fields=("stiction", "load_coefficient"), low=0.5, high=2.0)
+"""Factor of a joint's friction; the range is assumed."""
+State = frozenset[tuple[Quantity, int]]
+"""The quantities of a joint that are not nominal, and by how many steps of the logarithm."""
+NOMINAL: State = frozenset()
+
+
+class WholeArm:
+    """The nominal arm; simulated readings are kept, for other tables of it too."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        friction: FrictionParameters,
+        *,
+        protocol: Protocol | None = None,
+        threads: int = 0,
+    ) -> None:
+        """Set the arm up, with the protocol of the measurement; None for the robot's.
+
+        ``threads`` 0 is all processors.
+        """
+        self.arm, self.friction, self.threads = arm, friction, threads
+        self.interface = TorqueInterface.of(arm)
+        self.protocol = load_protocol(arm.registered_name) if protocol is None else protocol
+        self.poses = find_poses(arm)
+        self._known: dict[tuple[State, Job], float] = {}
+
+    @cached_property
+    def level(self) -> Array:
+        """(n, 2) stiction in the load and the no-load pose, mean over directions [N·m]."""
+        each = [self.friction.stiction_at(self.poses.load[:, k]).mean(axis=1) for k in range(2)]
+        return np.stack(each, axis=1)
+
+    @cached_property
+    def link(self) -> Array:
+        """(n, 2) link inertia in both poses [kg·m²]."""
+        each = [link_inertia(self.arm, self.poses.q[:, k]) for k in range(2)]
+        return np.stack([np.einsum("jj->j", x) for x in each], axis=1)
+
+    def value(self, state: State, q: Quantity) -> float:
+        """Return a factor, or a value of the torque interface; inf for a filter that is off."""
+        if steps := dict(state).get(q):
+            return self.neutral(q) * float(np.exp(STEP * steps))
+        return (getattr(self.interface, q.fields[0]) or np.inf) if q.of_interface else 1.0
+
+    def neutral(self, q: Quantity) -> float:
+        """Return the nominal value of a quantity; a filter that is off has its largest."""
+        return float(np.clip(self.value(NOMINAL, q), q.low, q.high))
+
+    def torques(self, state: State, jobs: Sequence[Job]) -> Array:
+        """Return (jobs,) simulated readings [N·m]."""
+        return np.array([self._known[state, job] for job in jobs])
+
+    def simulate(self, wanted: Sequence[tuple[State, Sequence[Job]]]) -> None:
+        """Simulate the jobs of each joint in one state; equal torque interfaces run together."""
+        groups: dict[State, dict[Job, State]] = {}
+        for state, jobs in wanted:
+            new = {x: state for x in jobs if (state, x) not in self._known}
+            groups.setdefault(frozenset(x for x in state if x[0].of_interface), {}).update(new)
+        for shared, states in groups.items():
+            if states:
+                self._simulate(shared, states)
+
+    def _simulate(self, shared: State, states: dict[Job, State]) -> None:
+        fields: dict[str, Array] = {}
+        of_joint = {job.configuration.joint: state for job, state in states.items()}
+        for joint, state in of_joint.items():
+            for q, _ in state - shared:
+                for field in q.fields:
+                    array = fields.setdefault(field, np.array(getattr(self.friction, field)))
+                    array[joint - 1] *= self.value(state, q)
+        path = {q.fields[0]: self.value(shared, q) for q, _ in shared}
+        experiment = SingleJointExperiment(
+            self.arm,
+            friction=self.friction.replace(**fields),
+            protocol=self.protocol,
+            interface=dataclasses.replace(self.interface, **path),  # type: ignore[arg-type]
+            scatter=False,
+            threads=self.threads,
+        )
+        # the first ramp starts with the arm as it was placed, the others after the move back
+        repeats = min(2, int(self.protocol.iterations))
+        share = 1.0 / self.protocol.iterations if repeats == 2 else 1.0
+        for m in experiment.run(list(states), iterations=repeats):
+            tau = m.job.configuration.sign * (share * m.tau[0] + (1 - share) * m.tau[-1])
+            stuck = self.protocol.give_up_factor * experiment.expected(m.job)
+            self._known[states[m.job], m.job] = float(tau) if np.isfinite(tau) else stuck
 
 
 class TableData:
     """The readings of all joints that have dithered torques, as arrays of length N."""
 
     def __init__(self, base: BaseTable, dithered: Sequence[DitheredRow], whole: WholeArm) -> None:
-        """Take the readings, base torques first.
-
-        Args:
-            base: base torques of all joints.
-            dithered: torques of some or all joints; those that are no numbers are left out.
-            whole: the nominal arm.
-        """
+        """Take the readings of one arm, base torques first; leave out those that are no numbers."""
         self.whole = whole
         good = [x for x in dithered if np.isfinite(x.tau_sje_nm)]
         self.joints = tuple(sorted({x.joint for x in good}))
@@ -37,15 +147,15 @@ class TableData:
             Job(w, x.frequency_hz, x.amplitude_nm) for w, x in zip(places, good, strict=True)
         ]
         """(N) simulated experiments that predict the readings."""
-        each = [float(base.tau[w.index]) for w in first] + [x.tau_sje_nm for x in good]
-        keys = [(0.0, 0.0)] * len(first) + [(x.frequency_hz, round(x.scale, 1)) for x in good]
         where = [job.configuration for job in self.jobs]
         self.joint = np.array([w.joint for w in where], dtype=np.int64)
         self.pose = np.array([w.index[1] for w in where], dtype=np.int64)
         self.sign = np.array([w.sign for w in where], dtype=np.float64)
+        each = [float(base.tau[w.index]) for w in first] + [x.tau_sje_nm for x in good]
         self.torque = self.sign * each
         """Measured, along the ramp: negative if the joint moved against it [N·m]."""
         self.base = np.arange(len(where)) < len(first)
+        keys = [(0.0, 0.0)] * len(first) + [(x.frequency_hz, round(x.scale, 1)) for x in good]
         self.blocks = len(set(keys))
         """Number of parts that are left out together: base torques, each frequency and scale."""
         self.block = np.unique(keys, axis=0, return_inverse=True)[1].ravel() if keys else self.joint

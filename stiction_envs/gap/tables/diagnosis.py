@@ -5,7 +5,7 @@
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
 
-Causes are named by the evidence of the model with them (`gap.tables.judged`).
+`gap.tables.judged` names causes by the evidence of the model with them.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.judge.judgement import (
     WIDTH,
@@ -29,14 +28,11 @@ from stiction_envs.gap.judge.judgement import (
 )
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
-from stiction_envs.gap.tables.data import Effect, TableData
+from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
 from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
-from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
-from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints as named
 
-Array = NDArray[np.float64]
 UNEXPLAINED = 3.0
 """Log evidence for an error that is common to a frequency and scale above which a joint is not
 explained [nats]; assumed."""
@@ -65,12 +61,12 @@ class TableDiagnosis(Judgement):
         return percent_gained(self.nominal, self.extended) if self.causes else 0.0
 
     def to_json(self) -> dict[str, object]:
-        """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
+        """Return the contents of a `diagnosis.json`."""
 
         def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(map(str, self.joints), values.tolist(), strict=True))
 
-        answer = {
+        return {
             "robot": self.robot,
             "verdict": self.verdict,
             "reason": self.reason,
@@ -81,7 +77,6 @@ class TableDiagnosis(Judgement):
             "gain_percent": self.gain_percent,
             **self.judged_json(),
         }
-        return dict(plain(answer))
 
 
 def diagnose_tables(
@@ -100,13 +95,7 @@ def diagnose_tables(
         whole: the nominal arm; a later diagnosis with it does not repeat its simulations.
         progress: called with the present step, and 0.
         causes: causes to try; None for all registered ones.
-
-    Raises:
-        StictionError: tables of another arm.
     """
-    arm = whole.arm
-    if base.n_joints != arm.n:
-        raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
 
     def say(step: str) -> None:
         if progress is not None:
@@ -116,7 +105,7 @@ def diagnose_tables(
     if data.blocks - 1 < LEAST_BLOCKS:
         nothing = np.full(len(data.joints), np.nan)
         return TableDiagnosis(
-            robot=arm.name,
+            robot=whole.arm.name,
             verdict="cannot tell",
             joints=data.joints,
             nominal=nothing,
@@ -139,7 +128,7 @@ def diagnose_tables(
         reason = "the likeliest causes predict held-out readings worse than the nominal model"
     shares = {"named": gained, "links": 0.0, "set_up": 0.0, "left": 100 - gained}
     return TableDiagnosis(
-        robot=arm.name,
+        robot=whole.arm.name,
         verdict=verdict,
         causes=tuple(found),
         shares_percent=shares if found else {},
@@ -155,8 +144,8 @@ def diagnose_tables(
 def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
     """Return what is said of a cause."""
     name, joints = c.effects[0].cause, c.effects[0].joints
-    rivals = {n: best.score - f.score for n, f in c.rivals.items()}
-    nearest = sorted(rivals.items(), key=lambda x: x[1])
+    rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
+    nearest = sorted(rivals, key=lambda x: x[1])
     confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
     return NamedCause(
         name=name,
@@ -226,8 +215,8 @@ def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
             low, high, x = *judge.bounds[e], float(lines.fit(model)[-1])
             ends = [np.clip(e.size * (x + w * sd), low, high) for w in (-WIDTH, WIDTH)]
             (key, a), (_, b) = (next(iter(e.values(float(v)).items())) for v in ends)
-            found = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
-            out[e.cause, term.joint] = found
+            where = e.cause, term.joint
+            out[where] = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
     return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 

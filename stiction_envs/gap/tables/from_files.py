@@ -24,9 +24,6 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
         paths: files in the form of ``sje.csv``; a base torque in several files must be the same.
         arm: the arm; rows of other robots are left out.
 
-    Returns:
-        Base torques, and the dithered torques that have one.
-
     Raises:
         StictionError: a file that cannot be read, no row of the arm, or a joint with dithered
             torques that lacks one of its four base torques.
@@ -39,7 +36,14 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
         raise StictionError(
             f"{paths[0]}: torques of {', '.join(robots)}: expected robot {arm.name}"
         )
-    base = _base(rows)
+    base: dict[Configuration, float] = {}
+    for path, row in rows:
+        where = Configuration(row.joint, row.load, row.direction)
+        if row.is_base and base.setdefault(where, row.tau_nm) != row.tau_nm:
+            raise StictionError(
+                f"{path}: base torque of joint {row.joint}, {row.load} {row.direction} is "
+                f"{row.tau_nm:g} N·m and {base[where]:g} N·m: expected one"
+            )
     dithered = [_dithered(path, row, base) for path, row in rows if row.amplitude_nm > 0]
     if not dithered:
         raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
@@ -57,20 +61,6 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
         if where.joint <= arm.n:
             tau[where.index] = value
     return BaseTable(arm.name, tau), dithered
-
-
-def _base(rows: Sequence[tuple[str, SJERow]]) -> dict[Configuration, float]:
-    out: dict[Configuration, float] = {}
-    for path, row in rows:
-        if not row.is_base:
-            continue
-        where = Configuration(row.joint, row.load, row.direction)
-        if out.setdefault(where, row.tau_nm) != row.tau_nm:
-            raise StictionError(
-                f"{path}: base torque of joint {row.joint}, {row.load} {row.direction} is "
-                f"{row.tau_nm:g} N·m and {out[where]:g} N·m: expected one"
-            )
-    return out
 
 
 def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> DitheredRow:

@@ -15,15 +15,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.gap.tables.predictor import Predictor, States, Values
 from stiction_envs.gap.tables.problem import SCATTER, SIZES, Cells, TableProblem
 
-Array = NDArray[np.float64]
 LEVEL_SD, OFFSET_SD = 0.03, 0.007
 """Prior sizes of the errors of a pose's friction level, and of its offset over friction [-];
 assumed: half the sum of two base torques of 1 % scatter each, and a level that varies more."""
@@ -175,11 +174,11 @@ class Judge:
         return {e: x * e.size for e, x in zip(effects, each, strict=True)}
 
     def fit(self, values: Values, states: States | None = None, *, simulate: bool = True) -> Fit:
-        """Return the most likely values of effects, starting from some.
+        """Return the most likely values of effects, starting from some values.
 
         Args:
-            values: from which it starts.
-            states: from which it predicts at first; None for near the values.
+            values: the start.
+            states: the first states; None for those near the values.
             simulate: whether the whole arm is simulated again where the values have moved.
         """
         x, terms = dict(values), [self.term[e] for e in values]
@@ -201,10 +200,7 @@ class Judge:
         return Fit(values=x, states=states, problem=problem, terms=terms, score=score)
 
     def left_out(self, fit: Fit) -> Array:
-        """Return (N,) measured less predicted over friction [-].
-
-        Each block is predicted with values fitted to the others.
-        """
+        """Return (N,) measured less predicted by a fit to the other blocks, over friction [-]."""
         data, out = self.data, np.empty(len(self.data.jobs))
         fixed = fit.problem.on(fit.problem.channels, fit.sizes)
         for block in range(data.blocks):

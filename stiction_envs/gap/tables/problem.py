@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 SCATTER = 0.01
 """Usual scatter of a reading over friction [-]; assumed: what four iterations of 2 % scatter
 leave."""

@@ -19,20 +19,18 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
-from stiction_envs.gap.extended_mjcf import TIMESTEP
-from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.extended_model import TIMESTEP, extend
 from stiction_envs.gap.predictors.torque import FOLDS
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB
 
-Array = NDArray[np.float64]
 SECONDS = 0.5
 """Length of a window [s]; assumed."""
 REPLAY = 0.2
@@ -124,7 +122,7 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
     )
 
 
-def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
+def _windows(data: Data, held: Index) -> list[slice]:
     """Return rows of windows within one segment and one held-out block, evenly picked."""
     count = int(np.ceil(SECONDS / data.dt)) + 1
     out = []
@@ -229,7 +227,7 @@ def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:
     return out
 
 
-def _mass(model: mujoco.MjModel, q: Array, dof: NDArray[np.int64]) -> Array:
+def _mass(model: mujoco.MjModel, q: Array, dof: Index) -> Array:
     """Return the (n, n) mass matrix [kg·m²]."""
     work = mujoco.MjData(model)
     work.qpos[dof] = q

@@ -10,8 +10,8 @@ import pytest
 
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown
 from stiction_envs.gap.links import LinkErrors
-from stiction_envs.gap.report.log_result import LogDiagnosis, far_links
 from stiction_envs.gap.report.page import cause_table, not_shown, rivals
+from stiction_envs.gap.report.results import LogDiagnosis, far_links
 
 
 def estimate(value: float, half: float) -> Estimate:
@@ -95,9 +95,7 @@ def links(*masses: float) -> LinkErrors:
     return LinkErrors(scale=1.0, changes=changes, covariance=prior, links=bodies, prior=prior)
 
 
-def test_links_beyond_three_deviations_are_no_tolerance(
-    tmp_path: Path, torques: LogDiagnosis
-) -> None:
+def test_links_beyond_three_deviations_are_no_tolerance(torques: LogDiagnosis) -> None:
     assert far_links(links(0.1, 0.25)) == ""
     assert "link 2 is off by 94 prior standard deviations" in far_links(links(0.1, 9.4))
     percent = {"named": 60.0, "links": 30.0, "set_up": 0.0, "left": 10.0}
@@ -108,7 +106,7 @@ def test_links_beyond_three_deviations_are_no_tolerance(
         d = replace(torques.diagnosis, links=links(0.0, mass), shares_percent=percent)
         result = replace(torques, diagnosis=d)
         result.__dict__["forward"] = "not here"
-        text = f"{result.headline} {result.details(tmp_path)['about_links']}"
+        text = f"{result.headline} {result.details()['about_links']}"
         assert says in text
         assert not_said not in text
         shares = "the named causes 60 %, errors of links 30 %, the set-up 0 %; 10 % is left"

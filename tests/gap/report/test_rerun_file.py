@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.report import rerun_file
-from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
+from stiction_envs.gap.report.series import skeleton
 from tests.gap.servo.small_arm import two_links
 
 Array = NDArray[np.float64]
@@ -54,48 +53,39 @@ class Recording:
         return dict(zip(names, self.values(entity, "Scalars:scalars").T, strict=True))
 
 
-def test_torques_residuals_and_causes_are_those_of_the_diagnosis(
+def test_torques_residuals_and_causes_are_those_of_the_series(
     tmp_path: Path, torques: LogDiagnosis
 ) -> None:
-    d = torques.diagnosis
-    read = Recording(torques.write_rrd(tmp_path / "x.rrd"))
-    np.testing.assert_allclose(read.time("/torque/joint_1"), d.data.t, atol=1e-9)
-    for j in range(2):
-        found = read.lines(f"/torque/joint_{j + 1}")
-        np.testing.assert_array_equal(found["measured"], d.data.tau[:, j])
-        np.testing.assert_array_equal(found["nominal"], d.data.nominal[:, j])
-        np.testing.assert_array_equal(found["simulated"], d.data.nominal[:, j] + d.torque(j))
-        left = read.lines(f"/residual/joint_{j + 1}")
-        np.testing.assert_array_equal(left["nominal"], d.data.residual[:, j])
-        np.testing.assert_array_equal(left["simulated"], found["measured"] - found["simulated"])
-        (cause,) = read.lines(f"/cause/joint_{j + 1}").items()
-        assert cause[0] == "coulomb_friction"
-        np.testing.assert_array_equal(cause[1], d.cause_torque("coulomb_friction")[:, j])
+    s, read = torques.series(), Recording(torques.write_rrd(tmp_path / "x.rrd"))
+    np.testing.assert_allclose(read.time("/torque/joint_1"), s.time, atol=1e-9)
+    models = {"nominal": s.nominal, "simulated": s.simulated}
+    left = {name: s.measured - x for name, x in models.items()}
+    groups = {"torque": {"measured": s.measured} | models, "residual": left, "cause": s.causes}
+    for group, lines in groups.items():
+        for j in range(2):
+            found = read.lines(f"/{group}/joint_{j + 1}")
+            assert list(found) == list(lines)
+            for name, values in lines.items():
+                np.testing.assert_array_equal(found[name], values[:, j])
     (text,) = read.static["/diagnosis"]["TextDocument:text"]
-    assert d.causes[0].evidence in text
+    assert torques.causes[0].evidence in text
     assert "one arm is drawn" in text
     assert not any(x.startswith("/arm/simulated") for x in read.timed)
 
 
-def test_angles_contact_and_both_arms_are_those_of_the_diagnosis(
+def test_angles_contact_and_both_arms_are_those_of_the_series(
     tmp_path: Path, angles: ServoResult
 ) -> None:
-    d = angles.diagnosis
-    read = Recording(angles.write_rrd(tmp_path / "x.rrd"))
+    s, read = angles.series(), Recording(angles.write_rrd(tmp_path / "x.rrd"))
     for j in range(2):
         found = read.lines(f"/angle/joint_{j + 1}")
-        np.testing.assert_array_equal(found["measured"], d.logs[0].q[:, j])
-        np.testing.assert_array_equal(found["simulated"], d.angles[0][:, j])
-        np.testing.assert_array_equal(found["commanded"], d.logs[0].q_cmd[:, j])
-    touches = read.lines("/contact")["contact"].astype(bool)
-    time = read.time("/contact")
-    begin, end = d.touching[0][0]
-    assert time[touches][0] == pytest.approx(begin, abs=1e-9)
-    assert time[touches][-1] == pytest.approx(d.touching[0][-1][1], abs=1e-9)
-    assert end <= d.touching[0][-1][1]
-    for name, q in (("measured", d.logs[0].q), ("simulated", d.angles[0])):
+        for name, values in (("measured", s.q), ("simulated", s.simulated), ("commanded", s.q_cmd)):
+            np.testing.assert_array_equal(found[name], values[:, j])
+    np.testing.assert_array_equal(read.lines("/contact")["contact"], s.contact)
+    assert s.contact.any()
+    for name, q in (("measured", s.q), ("simulated", s.simulated)):
         strips = read.values(f"/arm/{name}", "LineStrips3D:strips")[:, 0]
-        np.testing.assert_allclose(strips, rerun_file.skeleton(angles.arm, q), atol=1e-6)
+        np.testing.assert_allclose(strips, skeleton(angles.arm, q), atol=1e-6)
         assert np.ptp(strips[:, -1], axis=0).max() > 0.01  # the flange moves
 
 
@@ -122,7 +112,7 @@ def test_what_cannot_be_written_is_refused(
 
 def test_an_arm_is_drawn_where_it_is(tmp_path: Path) -> None:
     """Two links that lie flat, then the second hanging down."""
-    drawn = rerun_file.skeleton(two_links(tmp_path), np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
+    drawn = skeleton(two_links(tmp_path), np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
     np.testing.assert_allclose(drawn[:, 1:3], 2 * [[[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]]], atol=1e-9)
     flange = drawn[:, -1] - drawn[:, 2]
     np.testing.assert_allclose(flange[1], flange[0][[2, 1, 0]] * [1, 1, -1], atol=1e-9)

@@ -10,21 +10,9 @@ import pytest
 
 from stiction_envs.gap.report import series
 from stiction_envs.gap.report.figures import draw_joint
-from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.gap.report.series import PAUSE, Series, common_time
-from stiction_envs.gap.report.servo_result import ServoResult
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-
-
-def _log(*, date: float | None = None) -> JointLog:
-    return JointLog(
-        source="x.csv",
-        t=np.arange(3.0),
-        q=np.zeros((3, 1)),
-        dq=None,
-        tau=np.zeros((3, 1)),
-        date=date,
-    )
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
@@ -82,7 +70,9 @@ def test_a_long_log_loses_rows(angles: ServoResult, monkeypatch: pytest.MonkeyPa
 
 def test_logs_without_dates_follow_one_another() -> None:
     t, log = np.array([0.0, 1.0, 2.0, 0.0, 1.0, 2.0]), np.array([0, 0, 0, 1, 1, 1])
-    time = common_time(t, log, [_log(), _log()])
+    zeros = np.zeros((3, 1))
+    one = JointLog(source="x.csv", t=np.arange(3.0), q=zeros, dq=None, tau=zeros)
+    time = common_time(t, log, [one, one])
     np.testing.assert_allclose(time, [0, 1, 2, 2 + PAUSE, 3 + PAUSE, 4 + PAUSE])
 
 

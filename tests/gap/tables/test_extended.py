@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause
-from stiction_envs.gap.report.table_result import extended_friction
+from stiction_envs.gap.report.results import extended_friction
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal
 

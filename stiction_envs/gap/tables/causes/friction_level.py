@@ -7,13 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.experiments.sje.calibrate import with_levels
 from stiction_envs.experiments.sje.protocol import LOADS
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.causes.base import Array, Cause
-from stiction_envs.gap.tables.data import Effect, Index, TableData
-from stiction_envs.gap.tables.whole_arm import FRICTION_LEVEL
+from stiction_envs.gap.causes.base import Cause
+from stiction_envs.gap.tables.data import FRICTION_LEVEL, Effect, TableData
 
 BASE_AGAIN = "the base torque measured again"
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
+from stiction_envs.arrays import Array
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.gap.causes.base import Array, Cause
+from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.causes.log.torque_offset import THIRD_POSE
 from stiction_envs.gap.tables.data import Effect, TableData
 
