@@ -99,8 +99,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         return _rehearse(args)
     if args.rehearse_causes:
         raise StictionError("--rehearse-causes: expected --rehearse too")
-    from stiction_envs.gap.diagnose import diagnose
-    from stiction_envs.gap.stages import Stages
+    from stiction_envs.gap.diagnose import Stages, diagnose
 
     inputs = _inputs(args)
     folder = common.output_folder(args, common.arm_name(args), inputs)

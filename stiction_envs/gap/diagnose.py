@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import TypedDict, Unpack, cast
 
@@ -25,9 +26,8 @@ from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult, TableResult
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo_logs import read_servo_files, servo_of
-from stiction_envs.gap.tables.data import WholeArm
+from stiction_envs.gap.tables.data import WholeArm, read_tables
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.from_files import read_tables
 from stiction_envs.gap.validation.check import check_model, refuse_diagnosed, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -41,6 +41,18 @@ from stiction_envs.robots.registry import robot_files
 
 TABLES, SERVO_LOGS, JOINT_LOGS = "torque tables", "servo logs", "joint logs"
 """Kinds of data."""
+WEIGHTS = {
+    "reading": 6,
+    "inverse dynamics": 1,
+    "columns of all causes": 10,
+    "choosing causes": 40,
+    "held-out rows": 20,
+    "evidence": 4,
+    "check": 10,
+    "extended model": 1,
+    "report": 16,
+}
+"""Share of each stage of a diagnosis of logs, in order; assumed."""
 BEHIND = (
     "the friction that the robot's file states is left out: it acts in front of the gear, and "
     "these torques were measured behind it"
@@ -83,13 +95,8 @@ class LogOptions(Reading, total=False):
 
 DEFAULTS = cast(
     "LogOptions",
-    {
-        **dict.fromkeys(LogOptions.__annotations__),
-        "joints": (),
-        "columns": (),
-        "same_servo": False,
-        "seed": 0,
-    },
+    {**dict.fromkeys(LogOptions.__annotations__), "joints": (), "columns": ()}
+    | {"same_servo": False, "seed": 0},
 )
 
 
@@ -142,9 +149,8 @@ def diagnose(
         nominal = default_nominal(logs, robot, more["chain"])
     request = Request(logs, check, poses, robot, nominal, more, threads, progress)
     request.refuse_unfit(kind)
-    if kind == TABLES:
-        return _diagnose_tables(request)
-    return _diagnose_servo_logs(request) if kind == SERVO_LOGS else _diagnose_joint_logs(request)
+    by_kind = {TABLES: _diagnose_tables, SERVO_LOGS: _diagnose_servo_logs}
+    return by_kind.get(kind, _diagnose_joint_logs)(request)
 
 
 class Origin(TypedDict):
@@ -367,3 +373,31 @@ def _read(
     torques = [x for x in given if isinstance(x, str | Path | JointLog)]
     logs = read_logs(torques, n, limits=limits, naming=naming) if torques else []
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]
+
+
+class Stages:
+    """Converts a stage and its part done into the share of the whole, which never falls."""
+
+    def __init__(self, say: Callable[[str, float | None], None], *, check: bool) -> None:
+        """Start at zero.
+
+        Args:
+            say: called with a stage and the share of the whole that is done [0 to 1]; None for a
+                stage of unknown share.
+            check: whether there are logs to check with.
+        """
+        self._say, self._share = say, 0.0
+        weights = {k: x for k, x in WEIGHTS.items() if check or k != "check"}
+        ends = accumulate(weights.values(), initial=0)
+        self._span = dict(
+            zip(weights, pairwise(x / sum(weights.values()) for x in ends), strict=True)
+        )
+
+    def __call__(self, stage: str, part: float) -> None:
+        """Report that a part [0 to 1] of a stage is done."""
+        if stage not in self._span:
+            self._say(stage, None)
+            return
+        start, end = self._span[stage]
+        self._share = max(self._share, start + (end - start) * min(max(part, 0.0), 1.0))
+        self._say(stage, min(self._share, 1.0))

@@ -116,9 +116,8 @@ class Nominal:
 def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data against a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
-        mine = [p for p in parts if p.level == level]
-        causes = [(p, cause_named(p.cause)) for p in mine]
-        arm = changed_arm(data.arm, mine)
+        causes = [(p, cause_named(p.cause)) for p in parts if p.level == level]
+        arm = changed_arm(data.arm, [p for p, _ in causes])
         changed = data if arm is data.arm else data.on(arm)
         torque = changed.recording.rigid - data.recording.rigid
         small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
@@ -134,10 +133,9 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
             if isinstance(cause, ActuatorDelay):
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + torque_of(whole, data, p)
-        friction = any(cause.adds_to in FRICTION for _, cause in causes)
-        rotor = np.zeros(data.n)
-        for p, cause in causes:
-            rotor[p.joint - 1] += p.coefficients[0] if cause.adds_to == ROTOR else 0.0
+        friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
+        for p in (p for p, c in causes if c.adds_to == ROTOR):
+            rotor[p.joint - 1] += p.coefficients[0]
         data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
     return data
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -172,7 +173,8 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     if s.q_cmd is not None:
         lines = {"commanded": (s.q_cmd[:, joint], "0.75")} | lines
     for name, (y, colour) in lines.items():
-        _trace(top, t[near], y[near], segment[near], style, colour, name)
+        look = {"color": colour, "label": name, "lw": 1.6 if name == "measured" else 1.0}
+        _trace(top, t[near], y[near], segment[near], style, **look)
     top.set_ylabel(f"{s.quantity} [{s.unit}]", fontsize=9)
     top.set_title(f"joint {joint + 1}", fontsize=11, loc="left")
     top.legend(fontsize=8, frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98))
@@ -192,7 +194,7 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     for k, label in enumerate(against, start=3 - len(against)):
         panels[label] = figure.add_subplot(grid[1, k])
     for y, colour in left:
-        _trace(over_time, t, y, segment, style, colour)
+        _trace(over_time, t, y, segment, style, color=colour)
         for label, x in against.items():
             _dots(panels[label], x[rows, joint], y[rows], colour)
     for label, axes in panels.items():
@@ -228,18 +230,10 @@ def _fastest(t: Array, q: Array) -> Index:
     return np.flatnonzero((t >= begin) & (t <= begin + STRETCH))
 
 
-def _trace(
-    axes: Axes,
-    t: Array,
-    y: Array,
-    segment: Index,
-    style: str,
-    colour: str,
-    label: str = "",
-) -> None:
+def _trace(axes: Axes, t: Array, y: Array, segment: Index, style: str, **look: Any) -> None:
     """Draw a signal over time, with gaps between segments."""
     at = _thin(len(t), LONG)
     y = y[at].copy()
     if style == "-":
         y[np.flatnonzero(np.diff(segment[at]))] = np.nan
-    axes.plot(t[at], y, style, color=colour, lw=1.6 if label == "measured" else 1.0, label=label)
+    axes.plot(t[at], y, style, **{"lw": 1.0, **look})

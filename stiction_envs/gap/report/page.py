@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -43,13 +43,14 @@ class Errors:
     extended: Array
     noise: Array
     """Noise floor; NaN where unknown."""
-    more: Mapping[str, Array] = field(default_factory=dict)
-    """Error on other data, by a column's heading."""
+    check: tuple[Array, Array] | None = None
+    """Nominal and extended error on logs that took no part."""
 
     def table(self) -> str:
         """Return the table of the report."""
         columns = {"nominal": self.nominal, "extended": self.extended, "noise floor": self.noise}
-        columns |= self.more
+        if self.check is not None:
+            columns |= {"check, nominal": self.check[0], "check, extended": self.check[1]}
         change = 100 * (self.extended / np.maximum(self.nominal, 1e-300) - 1)
         rows = [
             [f"joint {j}", percent(change[k], 0), *(short(x[k]) for x in columns.values())]

@@ -30,23 +30,10 @@ from stiction_envs.gap.servo.parameters import FAR, PARAMETERS
 from stiction_envs.gap.tables.causes import cause_named
 from stiction_envs.gap.tables.diagnosis import TableDiagnosis
 from stiction_envs.gap.validation.check import Check
-from stiction_envs.gap.validation.forward import (
-    REPLAY,
-    SECONDS,
-    ForwardValidation,
-    validate_forward,
-)
+from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.measured.logs.robot_log import JointLog
 from stiction_envs.reporting.json_text import plain
-from stiction_envs.reporting.markdown import (
-    joints,
-    listed,
-    number,
-    percent,
-    sentence,
-    short,
-    table_text,
-)
+from stiction_envs.reporting.markdown import joints, listed, number, sentence, short, table_text
 from stiction_envs.robots import Arm
 
 NO_TOLERANCE = 3.0
@@ -89,10 +76,7 @@ class LogDiagnosis(DiagnosisResult):
     @property
     def errors(self) -> Errors:
         """Held-out residual, and that of the check logs [N·m]."""
-        d, c, more = self.diagnosis, self.check, {}
-        some = d.data.measured
-        if c is not None:
-            more = {"check, nominal": c.nominal_rms[some], "check, extended": c.extended_rms[some]}
+        d, c, some = self.diagnosis, self.check, self.diagnosis.data.measured
         return Errors(
             what="Root mean square of measured less modelled torque, on rows with which the model "
             "was neither chosen nor fitted",
@@ -101,7 +85,7 @@ class LogDiagnosis(DiagnosisResult):
             nominal=d.nominal_rms[some],
             extended=d.extended_rms[some],
             noise=d.noise[some],
-            more=more,
+            check=None if c is None else (c.nominal_rms[some], c.extended_rms[some]),
         )
 
     @property
@@ -151,12 +135,12 @@ class LogDiagnosis(DiagnosisResult):
 
     def details(self) -> dict[str, object]:
         """Return links, forward validation, and what was corrected."""
-        d, check = self.diagnosis, self.check
-        about = [f"torques of the {self.torque} side of the gears", *_about(d.logs)]
+        d, check, forward = self.diagnosis, self.check, self.forward
         notes = dict.fromkeys(d.notes)
+        about = [f"torques of the {self.torque} side of the gears", *_about(d.logs)]
         out: dict[str, object] = {
             "record": d.what_to_record or ("nothing: every cause could be seen",),
-            "forward": forward_text(self.forward),
+            "forward": f"None: {forward}." if isinstance(forward, str) else forward.text(),
         }
         if check is not None:
             about += _about(check.logs, " (check)")
@@ -196,29 +180,6 @@ def link_table(links: LinkErrors) -> str:
     return table_text(header, rows)
 
 
-def forward_text(forward: ForwardValidation | str) -> str:
-    """Return how both models fare in simulation, as Markdown."""
-    if isinstance(forward, str):
-        return f"None: {forward}."
-    columns = [*forward.replay.values(), *forward.tracking.values()]
-    rows = [
-        [f"joint {j}", *(short(x) for x in values)]
-        for j, values in enumerate(zip(*columns, strict=True), start=1)
-    ]
-    means = [f"**{percent(-x.mean(), 0)}**" for x in forward.gains]
-    rows.append(["mean", "", means[0], "", means[1]])
-    text = (
-        f"Both models run in stock MuJoCo on {forward.windows} windows of {SECONDS:g} s that "
-        "were not fitted, each from the measured state. Replay: how far the arm strays in "
-        f"{REPLAY:g} s under the measured torques alone. Tracking: what a servo must add to keep "
-        "it on the measured motion."
-    )
-    if forward.unstable:
-        text += f" What is unstable does not count: {forward.unstable}."
-    header = ["", "replay, nominal [rad]", "extended", "tracking, nominal [N·m]", "extended"]
-    return f"{text}\n\n{table_text(header, rows)}"
-
-
 def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
     """Return each log's content, its corrections, and its defects that were not corrected."""
     out = []
@@ -244,9 +205,7 @@ class ServoResult(DiagnosisResult):
     @property
     def errors(self) -> Errors:
         """Held-out error of the angle, and that of the check logs [mrad]."""
-        d, c, more = self.diagnosis, self.diagnosis.check, {}
-        if c is not None:
-            more = {"check, nominal": 1e3 * c.nominal_rms, "check, extended": 1e3 * c.extended_rms}
+        d, c = self.diagnosis, self.diagnosis.check
         return Errors(
             what="Root mean square of measured less simulated angle, the whole arm simulated from "
             "its commands alone, each part of the time under the fit of the others",
@@ -255,7 +214,7 @@ class ServoResult(DiagnosisResult):
             nominal=1e3 * d.nominal_rms,
             extended=1e3 * d.extended_rms,
             noise=1e3 * d.noise,
-            more=more,
+            check=None if c is None else (1e3 * c.nominal_rms, 1e3 * c.extended_rms),
         )
 
     @property

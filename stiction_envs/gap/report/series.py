@@ -144,12 +144,8 @@ def servo_series(d: ServoDiagnosis, arm: Arm) -> Series:
 def common_time(t: Array, log: Index, logs: Sequence[RobotLog]) -> Array:
     """Return (T,) time of all rows on the clock of the first log [s].
 
-    A log that does not follow the one before it on that clock begins `PAUSE` after it.
-
-    Args:
-        t: (T,) time of each row on the clock of its log [s].
-        log: (T,) number of its log, rising.
-        logs: all of them.
+    A log that does not follow the one before it on that clock begins `PAUSE` after it. ``t`` (T,)
+    is the time of each row on the clock of its log [s], ``log`` (T,) the number of its log, rising.
     """
     dates = [x.date for x in logs]
     known = [x for x in dates if x is not None]
@@ -171,12 +167,7 @@ def _step(count: int) -> int:
 
 
 def check_rrd(path: Path, *, force: bool = False, made: Path | None = None) -> None:
-    """Raise if a recording cannot be written.
-
-    Args:
-        path: the file.
-        force: whether it may replace another.
-        made: a folder that will be there.
+    """Raise if a recording cannot be written; the folder ``made`` will be there.
 
     Raises:
         StictionError: Rerun's SDK is not installed, or the name or place is wrong.

@@ -63,12 +63,9 @@ class LoneJointTorques:
     def nominal(self, name: str) -> float:
         """Return the nominal value of a parameter."""
         w, j = self.whole, self.joint - 1
-        of_experiment = {
-            "ramp_rate": w.protocol.ramp_rate,
-            "torque_rate": float(w.interface.torque_rate[j]),
-            "breakaway_ratio": 0.0,
-            "lowpass_hz": w.interface.lowpass_hz or np.inf,
-        }
+        of_experiment = {"ramp_rate": w.protocol.ramp_rate, "breakaway_ratio": 0.0}
+        of_experiment["torque_rate"] = float(w.interface.torque_rate[j])
+        of_experiment["lowpass_hz"] = w.interface.lowpass_hz or np.inf
         if name in of_experiment:
             return of_experiment[name]
         return float(np.mean(getattr(w.friction, name)[j]))
@@ -81,11 +78,8 @@ class LoneJointTorques:
     ) -> Array:
         """Return (population, columns) breakaway torque without offset [N·m].
 
-        Args:
-            columns: what to simulate.
-            population: parameters by name; others are nominal.
-            hold: number of steps for which a commanded torque is held; None for the torque
-                interface's.
+        A population's parameters are by name; others are nominal. A commanded torque is held for
+        ``hold`` steps; None for the torque interface's.
         """
         level, link, frequency, amplitude = np.tile(np.array(columns).T, len(population))
         p = {

@@ -48,10 +48,7 @@ class Cells(Channel):
         self._normal: dict[int, Array] = {}
 
     def normal(self, held_out: int) -> Array:
-        """Return (G, P + 1, P + 1) normal equations for each size of the errors.
-
-        The last row and column are the residual's; ``held_out`` is as of `sums`.
-        """
+        """Return (G, P + 1, P + 1) normal equations of columns and residual for each size."""
         if held_out not in self._normal:
             xx, xr, rr = self.sums(held_out)
             whole = np.block([[xx, xr[:, None]], [xr[None], np.array([[rr]])]])

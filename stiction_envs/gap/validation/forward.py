@@ -29,6 +29,7 @@ from stiction_envs.gap.predictors.torque import FOLDS
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
+from stiction_envs.reporting.markdown import percent, short, table_text
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB
 
 SECONDS = 0.5
@@ -67,11 +68,7 @@ class ForwardValidation:
 
     def to_json(self) -> dict[str, object]:
         """Return ``forward`` of ``diagnosis.json``."""
-        out = {
-            "windows": self.windows,
-            "replay_rad": self.replay,
-            "tracking_nm": self.tracking,
-        }
+        out = {"windows": self.windows, "replay_rad": self.replay, "tracking_nm": self.tracking}
         return out | ({"unstable": self.unstable} if self.unstable else {})
 
     @property
@@ -82,6 +79,24 @@ class ForwardValidation:
             for x in (self.replay, self.tracking)
         )
         return replay, tracking
+
+    def text(self) -> str:
+        """Return how both models fare, as Markdown."""
+        columns = [*self.replay.values(), *self.tracking.values()]
+        rows = [
+            [f"joint {j}", *(short(x) for x in values)]
+            for j, values in enumerate(zip(*columns, strict=True), start=1)
+        ]
+        means = [f"**{percent(-x.mean(), 0)}**" for x in self.gains]
+        rows.append(["mean", "", means[0], "", means[1]])
+        header = ["", "replay, nominal [rad]", "extended", "tracking, nominal [N·m]", "extended"]
+        left_out = f" What is unstable does not count: {self.unstable}." if self.unstable else ""
+        return (
+            f"Both models run in stock MuJoCo on {self.windows} windows of {SECONDS:g} s that were "
+            "not fitted, each from the measured state. Replay: how far the arm strays in "
+            f"{REPLAY:g} s under the measured torques alone. Tracking: what a servo must add to "
+            f"keep it on the measured motion.{left_out}\n\n{table_text(header, rows)}"
+        )
 
 
 def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValidation | str:

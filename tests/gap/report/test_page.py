@@ -61,12 +61,7 @@ def test_the_table_has_value_interval_unit_nats_and_the_best_rival() -> None:
 )
 def test_values_of_every_kind(parameters: dict[str, Estimate], cell: str) -> None:
     cause = replace(COULOMB, joints=(), parameters={0: parameters}, rivals=(), confused_with=())
-    assert cause_table([cause]).splitlines()[2].split(" | ")[1:] == [
-        "whole arm",
-        cell,
-        "120",
-        "none |",
-    ]
+    assert cause_table([cause]).splitlines()[2].endswith(f"| whole arm | {cell} | 120 | none |")
 
 
 def test_what_was_not_shown_has_its_numbers() -> None:
@@ -124,12 +119,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
     replace(torques, diagnosis=d).write(tmp_path)
     text = (tmp_path / "report.md").read_text("utf-8")
     first, section = text.split("## 1. coulomb_friction, joints 1 and 2")
-    for words in (
-        "**Explained.**",
-        "plots/summary.png",
-        "| 50 |",
-        "payload, whole arm: `mass_kg` 0.0 ± 6.0 kg",
-    ):
+    for words in ("**Explained.**", "plots/summary.png", "| 50 |", "payload, whole arm: `mass_kg`"):
         assert words in first
     assert "[nats]: **viscous_friction** (1.2), link_inertia (33)." in section
     assert "from viscous_friction: constant speed" in section
@@ -141,10 +131,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
 @pytest.mark.parametrize(
     ("verdict", "says"),
     [
-        (
-            "no discrepancy",
-            "The simulation agrees with the logs; no cause is significant. The rigid",
-        ),
+        ("no discrepancy", "agrees with the logs; no cause is significant. The rigid"),
         ("cannot tell", "they cannot tell what it gets wrong. The rigid model is off by 0.496 N·m"),
         ("explained", "Errors of links and set-up explain what it gets wrong. The extended model"),
     ],

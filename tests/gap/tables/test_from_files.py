@@ -13,7 +13,7 @@ from stiction_envs.experiments.sje.protocol import Job
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.extended_model import load_model
-from stiction_envs.gap.tables.from_files import read_tables
+from stiction_envs.gap.tables.data import read_tables
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import SETTINGS
@@ -49,9 +49,9 @@ def test_base_and_dithered_torques_may_lie_in_several_files(put):
     """As `tune` writes them; a base torque that both hold is one, and joints keep their own."""
     paths = [put("base.csv", base(5) + base(7, tau=0.7)), put("scale.csv", base(5) + dithered(5))]
     table, cells = read_tables(paths, ARM)
+    assert table.tau.shape == (7, 2, 2)
     np.testing.assert_array_equal(table.tau[4], [[0.8, -0.8], [0.8, -0.8]])
     np.testing.assert_array_equal(table.tau[6], [[0.7, -0.7], [0.7, -0.7]])
-    assert table.n_joints == 7
     assert len(cells) == 4
     row = cells[1]
     assert (row.joint, row.load, row.direction) == (5, "load", "-")

@@ -10,15 +10,8 @@ from functools import partial
 
 from stiction_envs.gap.causes import register, unregister
 from stiction_envs.gap.causes import registry as _registry
-from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
-from stiction_envs.gap.tables.causes.friction_level import BaseDrift, FrictionLevel
-from stiction_envs.gap.tables.causes.gravity_error import GravityError
-from stiction_envs.gap.tables.causes.simulated import (
-    LowPass,
-    Presliding,
-    RotorInertia,
-    SimulatedCause,
-)
+from stiction_envs.gap.tables.causes import direct, simulated
+from stiction_envs.gap.tables.causes.simulated import SimulatedCause
 
 registered = partial(_registry.registered, _registry.IN_TABLES)
 cause_named = partial(_registry.cause_named, method=_registry.IN_TABLES)
@@ -32,13 +25,8 @@ def what_tells_apart(one: str, other: str) -> str:
 
 
 for _cause in (
-    LowPass,
-    RotorInertia,
-    Presliding,
-    GravityError,
-    FrictionLevel,
-    BaseDrift,
-    CorruptedCell,
+    *(simulated.LowPass, simulated.RotorInertia, simulated.Presliding),
+    *(direct.GravityError, direct.FrictionLevel, direct.BaseDrift, direct.CorruptedCell),
 ):
     register(_cause())
 
