@@ -285,10 +285,10 @@ def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[
 
 def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> DitheredRow:
     where = Configuration(row.joint, row.load, row.direction)
-    if where not in base:
+    if not base.get(where):
         raise StictionError(
             f"{path}: joint {row.joint}, {row.load} {row.direction} has dithered torques: "
-            "expected its base torque too (a row with frequency and amplitude 0)"
+            "expected its base torque too, not 0 (a row with frequency and amplitude 0)"
         )
     same = ("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm")
     return DitheredRow(

@@ -75,6 +75,7 @@ def test_rows_of_other_robots_are_left_out(put):
         (base(5) + base(5, tau=0.9) + dithered(5), "is 0.9 N·m and 0.8 N·m: expected one"),
         (base(5)[:3] + dithered(5)[:3], "no base torque in no_load -: expected all four"),
         (base(5)[:3] + dithered(5), "joint 5, no_load - has dithered torques: expected its base"),
+        (base(5, tau=0.0) + dithered(5), "expected its base torque too, not 0"),
         (base(5), "expected rows with dither too"),
         (base(5, "ur5") + dithered(5, "ur5"), "torques of ur5: expected robot panda"),
         (base(8) + dithered(8), "joint 8: panda has 7"),
