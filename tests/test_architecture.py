@@ -119,7 +119,7 @@ def test_no_files_need_each_other():
 @pytest.mark.parametrize(
     ("name", "target", "wrong"),
     [
-        ("stiction_envs.gap.extended_mjcf", "stiction_envs.cli.common", True),
+        ("stiction_envs.gap.extended_model", "stiction_envs.cli.common", True),
         ("benchmarks.accuracy.blind_logs", "tests.gap.small_logs", True),
         ("stiction_envs.cli.sje", "tuning.protocol.tune", True),
         ("stiction_envs.plant", "stiction_envs", True),

@@ -22,7 +22,7 @@ from benchmarks.accuracy.peers import cut
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.results import LogDiagnosis
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from stiction_envs import diagnose
 from stiction_envs.gap.model_file import resolve
-from stiction_envs.gap.report.log_result import LogDiagnosis
+from stiction_envs.gap.report.results import LogDiagnosis
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden.hidden_logs import TAU_NOISE, Case, make_case

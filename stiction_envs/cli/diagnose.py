@@ -11,7 +11,7 @@ from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
 
 if TYPE_CHECKING:
-    from stiction_envs.gap.options import LogOptions
+    from stiction_envs.gap.diagnose import LogOptions
 
 
 def add_parser(subparsers: common.Subparsers) -> None:
@@ -98,14 +98,13 @@ def run(args: argparse.Namespace) -> common.Answer:
         return _rehearse(args)
     if args.rehearse_causes:
         raise StictionError("--rehearse-causes: expected --rehearse too")
-    from stiction_envs.gap.diagnose import diagnose
-    from stiction_envs.gap.stages import Stages
+    from stiction_envs.gap.diagnose import Stages, diagnose
 
     inputs = _inputs(args)
     folder = common.output_folder(args, common.arm_name(args), inputs)
     _check_rrd(args, folder.path)
     with Progress() as progress:
-        say = Stages(progress.whole, without=() if args.check else ("check",))
+        say = Stages(progress.whole, check=bool(args.check))
         # an error up to here is one of the data: bad input
         result = diagnose(
             args.logs,
@@ -132,7 +131,7 @@ def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
 
     if args.rrd is None:
         return
-    from stiction_envs.gap.report.rerun_file import check_rrd
+    from stiction_envs.gap.report.series import check_rrd
 
     for table in (x for x in args.logs if file_kind(x) == TABLE):
         raise StictionError(f"--rrd: {table} is a torque table: expected logs")
@@ -154,7 +153,7 @@ def _inputs(args: argparse.Namespace) -> dict[str, Path]:
 
 def _options(args: argparse.Namespace) -> LogOptions:
     """Return the options that a diagnosis and a rehearsal share."""
-    from stiction_envs.gap.options import DEFAULTS
+    from stiction_envs.gap.diagnose import DEFAULTS
 
     given = {k: v for k, v in vars(args).items() if k in DEFAULTS}
     return cast("LogOptions", {**given, "cutoff_hz": args.cutoff})

@@ -1,6 +1,6 @@
 """The experiments that have environments, a line each. Light: nothing here imports MuJoCo.
 
-A further experiment calls `register_experiment`; its folder holds what `experiments.base` names.
+A further experiment calls `register_experiment`; its folder holds what `experiments.rig` names.
 """
 
 from __future__ import annotations

@@ -9,42 +9,94 @@ d.save("runs/why")             # diagnosis.json, report.html, model.xml, model.t
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Unpack
+from typing import TypedDict, Unpack, cast
 
 from threadpoolctl import threadpool_limits
 
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.friction.sticking import friction_of
 from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, changed_arm, nominal_of
-from stiction_envs.gap.options import JOINT_LOGS, SERVO_LOGS, TABLES, LogOptions, Options, checked
-from stiction_envs.gap.report.log_result import LogDiagnosis
 from stiction_envs.gap.report.result import DiagnosisResult
-from stiction_envs.gap.report.servo_result import ServoResult
-from stiction_envs.gap.report.table_result import TableResult
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult, TableResult
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.gap.servo_logs import (
-    check_servo_logs,
-    read_servo_files,
-    servo_nominal,
-    servo_of,
-)
+from stiction_envs.gap.servo_logs import read_servo_files, servo_of
+from stiction_envs.gap.tables.data import WholeArm, read_tables
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.from_files import read_tables
-from stiction_envs.gap.validation.check import check_model, refuse_unfit
+from stiction_envs.gap.validation.check import check_model, refuse_diagnosed, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
-from stiction_envs.measured.logs.joint_names import Naming, naming_of
+from stiction_envs.measured.logs.joint_names import Naming, Reading, naming_of
 from stiction_envs.measured.logs.reader import JointLog, drive_of, read_logs, read_poses
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.logs.sources import Log, torque_side
+from stiction_envs.measured.logs.sources import Log, LogSources, log_sources, torque_side
+from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import ARMS, Arm, load_arm
+from stiction_envs.robots.registry import robot_files
 
+TABLES, SERVO_LOGS, JOINT_LOGS = "torque tables", "servo logs", "joint logs"
+"""Kinds of data."""
+WEIGHTS = {
+    "reading": 6,
+    "inverse dynamics": 1,
+    "columns of all causes": 10,
+    "choosing causes": 40,
+    "held-out rows": 20,
+    "evidence": 4,
+    "check": 10,
+    "extended model": 1,
+    "report": 16,
+}
+"""Share of each stage of a diagnosis of logs, in order; assumed."""
 BEHIND = (
     "the friction that the robot's file states is left out: it acts in front of the gear, and "
     "these torques were measured behind it"
+)
+
+
+class LogOptions(Reading, total=False):
+    """Options of a diagnosis that a rehearsal takes too."""
+
+    torque: str | None
+    """Side of the gear on which a log's torque was measured, "motor" or "link"; None takes what the
+    log says (those of libfranka, franka_ros, iiwa_ros: link), else motor."""
+    nominal: str | Path | FrictionParameters | Nominal | None
+    """The simulation to judge: "rigid", "file" (with friction, springs and gravity compensation of
+    the robot's own file), "shipped" (with our friction), a TOML (friction, or an earlier
+    ``model.toml``), or parameters; None for `default_nominal`."""
+    drive: str | None
+    """Drive of the joints, "torque" or "position"; None takes the drive that a log shows, and
+    torque where it shows both."""
+    servo_stiffness: Sequence[float] | None
+    """Stiffness of position servos [N·m/rad], one or one per joint; None where unknown: the
+    simulation that is judged then follows its commands exactly."""
+    servo_damping: Sequence[float] | None
+    """Damping of position servos [N·m·s/rad]; None where unknown: it is fitted and not judged."""
+    same_servo: bool
+    """Whether all joints have the same servo, so that those without gravity get the stiffness of
+    the others."""
+    payload: Sequence[float] | None
+    """Known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for that of an
+    earlier diagnosis, or none. What that diagnosis found is added to it."""
+    tilt: Sequence[float] | None
+    """Known roll and pitch of the base [rad]; None as for ``payload``."""
+    chain: Sequence[str] | None
+    """Links at the base and the tip of the arm in a file of a bigger robot."""
+    cutoff_hz: float | None
+    """Bandwidth of a log's zero-phase filter [Hz]; None chooses it from the data."""
+    seed: int
+    """Seed of the draws of the posterior."""
+
+
+DEFAULTS = cast(
+    "LogOptions",
+    {**dict.fromkeys(LogOptions.__annotations__), "joints": (), "columns": ()}
+    | {"same_servo": False, "seed": 0},
 )
 
 
@@ -73,7 +125,7 @@ def diagnose(
         threads: threads, 0 for all processors.
         progress: called with a stage and the part of it that is done.
         options: how the data were measured and read, and what they are compared with; see
-            `gap.options.LogOptions` and `measured.logs.joint_names.Naming`.
+            `LogOptions` and `measured.logs.joint_names.Naming`.
 
     Returns:
         `LogDiagnosis`, `ServoResult` or `TableResult`: verdict, causes, ``save``.
@@ -83,103 +135,161 @@ def diagnose(
             robot, or are of two kinds; logs to check with that show no joint that moved in the
             others, or were diagnosed too.
     """
-    given, check = _listed(data), _listed(check)
-    if not given and not poses:
+    logs, check = _listed(data), _listed(check)
+    if not logs and not poses:
         raise StictionError("no log given: expected one or more logs, or poses")
-    more = checked(options)
+    for name in options:
+        if name not in DEFAULTS:
+            raise unknown("option", name, DEFAULTS)
+    more: LogOptions = {**DEFAULTS, **options}
     torque_side(more["torque"], ())  # report an invalid side first
-    kind = _kind(given, more["drive"], naming_of(None, more))
+    kind = _kind(logs, more["drive"], naming_of(None, more))
     nominal = more["nominal"]
-    asked = Options(
-        given=given,
-        check=check,
-        poses=poses,
-        robot=robot,
-        nominal=default_nominal(given, robot, more["chain"]) if nominal is None else nominal,
-        more=more,
-        threads=threads,
-        progress=progress,
-    )
-    asked.refuse_unfit(kind)
-    arm, judged = _robot(asked, kind)
-    if kind == TABLES:
-        return _diagnose_tables(asked, arm, judged)
-    naming = naming_of(arm, more)
-    if kind == SERVO_LOGS:
-        return _diagnose_servo_logs(asked, arm, judged, naming)
-    return _diagnose_joint_logs(asked, arm, judged, naming)
+    if nominal is None:
+        nominal = default_nominal(logs, robot, more["chain"])
+    request = Request(logs, check, poses, robot, nominal, more, threads, progress)
+    request.refuse_unfit(kind)
+    by_kind = {TABLES: _diagnose_tables, SERVO_LOGS: _diagnose_servo_logs}
+    return by_kind.get(kind, _diagnose_joint_logs)(request)
 
 
-def _robot(options: Options, kind: str) -> tuple[Arm, Nominal]:
-    """Return the rigid arm, and what is added to it for the simulation that is judged.
+class Origin(TypedDict):
+    """Fields of `DiagnosisResult` that say what it was made from."""
 
-    Servos are judged on the rigid arm, with the payload and tilt of an earlier diagnosis.
-    """
-    more = options.more
-    payload, tilt, chain = more["payload"], more["tilt"], more["chain"]
-    if isinstance(options.robot, Arm) and not (payload is tilt is chain is None):
-        raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
-    nominal = options.nominal
-    if kind == SERVO_LOGS:
-        nominal = servo_nominal(nominal)
-    return nominal_of(options.robot, nominal, payload=payload, tilt=tilt, chain=chain)
+    nominal_name: str
+    sources: LogSources
+    provenance: Provenance
+    threads: int
 
 
-def _diagnose_tables(options: Options, arm: Arm, judged: Nominal) -> DiagnosisResult:
-    identity = options.identify(arm, "motor")
+@dataclass(frozen=True)
+class Request:
+    """Arguments of `diagnose`, with defaults for those that are not given."""
+
+    logs: list[Log]
+    """Argument ``data``, as a list."""
+    check: list[Log]
+    poses: Sequence[str | Path]
+    robot: str | Path | Arm
+    nominal: str | Path | FrictionParameters | Nominal
+    options: LogOptions
+    threads: int
+    progress: Callable[[str, float], None] | None
+
+    def refuse_unfit(self, kind: str) -> None:
+        """Raise a StictionError for an option that the kind of data does not take."""
+        o = self.options
+        used: dict[str, object] = {"poses": self.poses, "cutoff": o["cutoff_hz"] is not None}
+        of_servos = {
+            "servo stiffness": o["servo_stiffness"],
+            "same servo": o["same_servo"],
+            "servo damping": o["servo_damping"],
+        }
+        if kind == SERVO_LOGS:
+            _refuse(used | {"torque": o["torque"]}, "expected joint logs (tau1..n)")
+        else:
+            _refuse(of_servos, "expected servo logs (q_cmd1..n)")
+        if kind == TABLES:
+            used |= {"torque": o["torque"] == "link", "check": self.check}
+            used |= {"joints": o["joints"], "topic": o["topic"] is not None}
+            _refuse(used, f"{self.logs[0]} is a torque table: expected joint logs")
+        for table in (x for x in self.check if isinstance(x, str | Path) and file_kind(x) == TABLE):
+            raise StictionError(f"check: {table} is a torque table: expected joint logs")
+        mounting = o["payload"], o["tilt"], o["chain"]
+        if isinstance(self.robot, Arm) and any(x is not None for x in mounting):
+            raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
+
+    def arm(self) -> tuple[Arm, Nominal]:
+        """Return the rigid arm, and the nominal model."""
+        o = self.options
+        payload, tilt, chain = o["payload"], o["tilt"], o["chain"]
+        return nominal_of(self.robot, self.nominal, payload=payload, tilt=tilt, chain=chain)
+
+    def origin(self, arm: Arm, side: str) -> Origin:
+        """Return what a result is made from, given the side of the gear of its torques."""
+        nominal, calibration = self.nominal, self.options["calibration"]
+        sources = log_sources([*self.logs, *self.poses]) | log_sources(self.check, "check")
+        arguments: dict[str, object] = {
+            **{k: x for k, x in self.options.items() if k not in ("seed", "cutoff_hz")},
+            "logs": [_name(x) for x in self.logs],
+            "check": [_name(x) for x in self.check],
+            "poses": self.poses,
+            "robot": arm.name if isinstance(self.robot, Arm) else self.robot,
+            "torque": side,
+            "calibration": None if calibration is None else str(calibration),
+            "cutoff": self.options["cutoff_hz"],
+            "nominal": nominal if isinstance(nominal, str | Path) else "parameters",
+        }
+        inputs = sources.files | ({} if isinstance(self.robot, Arm) else robot_files(self.robot))
+        if calibration is not None:
+            inputs["calibration"] = Path(calibration)
+        if isinstance(nominal, str | Path) and Path(nominal).is_file():
+            inputs["nominal"] = Path(nominal)
+        seed = self.options["seed"]
+        return {
+            "nominal_name": Path(nominal).name if isinstance(nominal, str | Path) else "given",
+            "sources": sources,
+            "provenance": provenance(
+                "diagnose", arguments | sources.in_memory, seed=seed, inputs=inputs
+            ),
+            "threads": self.threads,
+        }
+
+
+def _refuse(used: Mapping[str, object], text: str) -> None:
+    for option in (k for k, is_used in used.items() if is_used):
+        raise StictionError(f"{option}: {text}")
+
+
+def _name(log: Log) -> str:
+    return log.source if isinstance(log, RobotLog) else str(log)
+
+
+def _diagnose_tables(request: Request) -> DiagnosisResult:
+    arm, judged = request.arm()
+    origin = request.origin(arm, "motor")
     if judged.friction is None:
         raise StictionError(
-            f"nominal {identity['nominal_name']}: joints of an arm without friction do not break "
+            f"nominal {origin['nominal_name']}: joints of an arm without friction do not break "
             "away: expected shipped, file or a path to a .toml"
         )
-    base, dithered = read_tables([x for x in options.given if isinstance(x, str | Path)], arm)
-    friction, say = friction_of(arm, judged.friction), options.progress
-    found = diagnose_tables(
-        base,
-        dithered,
-        arm,
-        friction,
-        threads=options.threads,
-        progress=None if say is None else lambda text: say(text, 0.0),
-    )
-    return TableResult(diagnosis=found, arm=arm, friction=friction, **identity)
+    base, dithered = read_tables([x for x in request.logs if isinstance(x, str | Path)], arm)
+    friction = friction_of(arm, judged.friction)
+    whole = WholeArm(arm, friction, threads=request.threads)
+    found = diagnose_tables(base, dithered, whole, progress=request.progress)
+    return TableResult(diagnosis=found, arm=arm, friction=friction, **origin)
 
 
-def _diagnose_servo_logs(
-    options: Options, arm: Arm, judged: Nominal, naming: Naming
-) -> DiagnosisResult:
-    known = servo_of(
-        arm,
-        servo_nominal(options.nominal),
-        stiffness=options.more["servo_stiffness"],
-        damping=options.more["servo_damping"],
-        same=options.more["same_servo"],
-    )
+def _diagnose_servo_logs(request: Request) -> DiagnosisResult:
+    """Judge servos on the rigid arm, with the payload and tilt of an earlier diagnosis."""
+    o, (arm, judged) = request.options, request.arm()
+    stiffness, damping, same = o["servo_stiffness"], o["servo_damping"], o["same_servo"]
+    known = servo_of(arm, request.nominal, stiffness=stiffness, damping=damping, same=same)
     # report problems of all logs before the long computation
-    logs = read_servo_files(options.given, arm, naming)
-    others = read_servo_files(options.check, arm, naming)
-    check_servo_logs(others, logs)
-    identity = options.identify(arm, "motor")
+    logs, check = (
+        read_servo_files(x, arm, naming_of(arm, o)) for x in (request.logs, request.check)
+    )
+    refuse_diagnosed(check, logs)
+    origin = request.origin(arm, "motor")
     found = diagnose_servo(
         logs,
         changed_arm(arm, judged.parts),
         known,
-        check=others,
-        threads=options.threads,
-        progress=options.progress,
+        check=check,
+        threads=request.threads,
+        progress=request.progress,
     )
-    return ServoResult(diagnosis=found, arm=arm, before=judged, **identity)
+    return ServoResult(diagnosis=found, arm=arm, before=judged, **origin)
 
 
-def _diagnose_joint_logs(
-    options: Options, arm: Arm, judged: Nominal, naming: Naming
-) -> DiagnosisResult:
+def _diagnose_joint_logs(request: Request) -> DiagnosisResult:
+    o, (arm, judged) = request.options, request.arm()
     # report problems of all logs before the long computation
-    logs = _read(options.given, options.poses, arm, naming)
-    others = _read(options.check, (), arm, naming)
-    side = torque_side(options.more["torque"], [*logs, *others])
-    identity = options.identify(arm, side)
-    refuse_unfit(others, logs, arm)
+    logs = _read(request.logs, request.poses, arm, naming_of(arm, o))
+    check = _read(request.check, (), arm, naming_of(arm, o))
+    side = torque_side(o["torque"], [*logs, *check])
+    origin = request.origin(arm, side)
+    refuse_unfit(check, logs, arm)
     notes: tuple[str, ...] = ()
     if side == "link" and judged.file and judged.friction is not None:
         judged, notes = dataclasses.replace(judged, friction=None), (BEHIND,)
@@ -190,19 +300,15 @@ def _diagnose_joint_logs(
             arm,
             nominal=judged,
             torque=side,
-            cutoff_hz=options.more["cutoff_hz"],
-            seed=options.more["seed"],
-            progress=options.progress,
+            cutoff_hz=o["cutoff_hz"],
+            seed=o["seed"],
+            progress=request.progress,
         )
     found = dataclasses.replace(found, notes=(*found.notes, *notes))
-    if others and options.progress is not None:
-        options.progress("check", 0.0)
-    return LogDiagnosis(
-        diagnosis=found,
-        torque=side,
-        check=check_model(found, others) if others else None,
-        **identity,
-    )
+    if check and request.progress is not None:
+        request.progress("check", 0.0)
+    checked = check_model(found, check) if check else None
+    return LogDiagnosis(diagnosis=found, torque=side, check=checked, **origin)
 
 
 def default_nominal(
@@ -230,11 +336,19 @@ def _kind(data: Sequence[Log], drive: str | None, naming: Naming) -> str:
     """Return the kind of data: `TABLES`, `SERVO_LOGS` or `JOINT_LOGS`.
 
     Raises:
-        StictionError: data of two kinds, or of none.
+        StictionError: data of two kinds, or of none; an unknown drive.
     """
     if _of_tables(data):
         return TABLES
-    return SERVO_LOGS if _drive(data, drive, naming) == POSITION else JOINT_LOGS
+    if drive not in (None, TORQUE, POSITION):
+        raise unknown("drive", drive, (TORQUE, POSITION))
+    found = {drive_of(x, naming): x for x in data} if drive is None else {drive: None}
+    if len(found) > 1:
+        raise StictionError(
+            f"{found[POSITION]}: a servo log, {found[TORQUE]} has torques: expected one kind, or "
+            "drive torque or position"
+        )
+    return SERVO_LOGS if POSITION in found else JOINT_LOGS
 
 
 def _of_tables(data: Sequence[Log]) -> bool:
@@ -251,25 +365,6 @@ def _of_tables(data: Sequence[Log]) -> bool:
     return TABLE in kinds
 
 
-def _drive(data: Sequence[Log], asked: str | None, naming: Naming) -> str:
-    """Return what drives the joints of all logs, "torque" or "position".
-
-    Raises:
-        StictionError: an unknown drive, a log with neither torques nor commands, or logs of both.
-    """
-    if asked is not None:
-        if asked not in (TORQUE, POSITION):
-            raise unknown("drive", asked, (TORQUE, POSITION))
-        return asked
-    found = {drive_of(x, naming): x for x in data}
-    if len(found) > 1:
-        raise StictionError(
-            f"{found[POSITION]}: a servo log, {found[TORQUE]} has torques: expected one kind, or "
-            "drive torque or position"
-        )
-    return next(iter(found), TORQUE)
-
-
 def _read(
     given: Sequence[Log], poses: Sequence[str | Path], arm: Arm, naming: Naming
 ) -> list[JointLog]:
@@ -278,3 +373,31 @@ def _read(
     torques = [x for x in given if isinstance(x, str | Path | JointLog)]
     logs = read_logs(torques, n, limits=limits, naming=naming) if torques else []
     return logs + [read_poses(x, n, limits=limits, naming=naming) for x in poses]
+
+
+class Stages:
+    """Converts a stage and its part done into the share of the whole, which never falls."""
+
+    def __init__(self, say: Callable[[str, float | None], None], *, check: bool) -> None:
+        """Start at zero.
+
+        Args:
+            say: called with a stage and the share of the whole that is done [0 to 1]; None for a
+                stage of unknown share.
+            check: whether there are logs to check with.
+        """
+        self._say, self._share = say, 0.0
+        weights = {k: x for k, x in WEIGHTS.items() if check or k != "check"}
+        ends = accumulate(weights.values(), initial=0)
+        self._span = dict(
+            zip(weights, pairwise(x / sum(weights.values()) for x in ends), strict=True)
+        )
+
+    def __call__(self, stage: str, part: float) -> None:
+        """Report that a part [0 to 1] of a stage is done."""
+        if stage not in self._span:
+            self._say(stage, None)
+            return
+        start, end = self._span[stage]
+        self._share = max(self._share, start + (end - start) * min(max(part, 0.0), 1.0))
+        self._say(stage, min(self._share, 1.0))

@@ -6,15 +6,18 @@ compensate it. What MuJoCo cannot represent is described, and given as torque al
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.model import StickingModel
+from stiction_envs.friction.export import plain_mjcf
+from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
     FrictionParameters,
@@ -27,12 +30,12 @@ from stiction_envs.friction.sticking import sticking_model, with_rotors
 from stiction_envs.gap.causes import ModelDraft, Part, cause_named, registered
 from stiction_envs.gap.causes.base import torque_of
 from stiction_envs.gap.causes.draft import LEAST_FRICTION
-from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm, dump, nominal_of, read
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.robots import ARMS, Arm
+from stiction_envs.robots import ARMS, Arm, mjcf
 
-Array = NDArray[np.float64]
+TIMESTEP = 1e-3
+"""Time step of the model [s]; assumed."""
 LEAST_BRISTLE = 1.0
 """Stiffness of the softest bristle [N·m/rad]; assumed."""
 MOST_ASYMMETRY = 0.9
@@ -97,18 +100,23 @@ def extend(data: Data, nominal: Nominal) -> Extension:
     elif nominal.file:
         draft.bristle[arm.stated.bristle == 0] = np.nan  # frictionloss has none
     draft.pull += np.stack([arm.stated.stiffness, arm.stated.springref], axis=1)
-    causes = {p.cause: cause_named(p.cause) for p in parts}
     order = [c.name for c in registered()]  # drift needs the level that it drifts from
-    for part in sorted(parts, key=lambda p: _turn(p, order)):
-        causes[part.cause].contribute(draft, part)
+
+    def turn(part: Part) -> tuple[int, int, float]:
+        """Return a sort key: causes as registered, level by level, strongest first."""
+        of_cause = order.index(part.cause) if part.cause in order else len(order)
+        return of_cause, part.level, -float(np.linalg.norm(part.coefficients))
+
+    for part in sorted(parts, key=turn):
+        cause_named(part.cause).contribute(draft, part)
     loaded = changed_arm(arm, parts)
     friction, sources = _friction(draft, data, nominal.friction, loaded)
     plain = _for_mjcf(friction, draft, level)
     missing = tuple(dict.fromkeys(draft.not_in_mjcf))
-    root, _ = mjcf_tree(loaded, plain, pull=draft.pull, offset=draft.offset, waves=draft.waves)
+    root, _ = mjcf_tree(loaded, plain, draft)
     left = np.zeros_like(data.q)
     for part, dry in draft.left_out:
-        left += torque_of(causes[part.cause], data, part)
+        left += torque_of(cause_named(part.cause), data, part)
         if dry:
             left[:, part.joint - 1] -= dry * data.smooth(data.direction(part.joint - 1))
     return Extension(
@@ -120,12 +128,6 @@ def extend(data: Data, nominal: Nominal) -> Extension:
         friction_missing=tuple(dict.fromkeys(draft.not_in_tables)),
         left_out=left,
     )
-
-
-def _turn(part: Part, order: Sequence[str]) -> tuple[int, int, float]:
-    """Return a sort key of parts: causes as registered, level by level, strongest first."""
-    turn = order.index(part.cause) if part.cause in order else len(order)
-    return turn, part.level, -float(np.linalg.norm(part.coefficients))
 
 
 def load_model(
@@ -173,7 +175,7 @@ def _friction(
 ) -> tuple[FrictionParameters, dict[str, str]]:
     """Return the friction and the source of each of its quantities."""
 
-    def limited(which: NDArray[np.bool_], text: str) -> None:
+    def limited(which: Bools, text: str) -> None:
         for j in np.flatnonzero(which):
             said = text.format(j=j + 1)
             draft.not_in_mjcf.append(said)
@@ -192,7 +194,6 @@ def _friction(
     stiction = coulomb + np.maximum(rise, 0.0)
     distance = data.friction.presliding_distance
     bristle = np.where(unknown, np.maximum(mean / distance, LEAST_BRISTLE), draft.bristle)
-    rotor = np.maximum(draft.rotor, 0.0)
     values: dict[str, Array] = {
         k: np.full(n, q.default) for k, q in QUANTITIES.items() if q.default is not None
     }
@@ -209,7 +210,7 @@ def _friction(
         "viscous": np.maximum(draft.viscous, 0.0),
         "load_coefficient": np.maximum(load, np.minimum(own, 0.0)),
         "bristle_stiffness": np.maximum(bristle, 1e-3),
-        "rotor_inertia": rotor,
+        "rotor_inertia": np.maximum(draft.rotor, 0.0),
         "joint_stiffness": draft.spring,
         "ripple_amplitude": draft.ripple[:, 0],
         "ripple_periods": draft.ripple[:, 1],
@@ -224,11 +225,9 @@ def _friction(
             limited(np.arange(n) == joint, "joint {j}: " + text)
 
     friction = steady(FrictionParameters(**values), arm, data.arm, say=say)
-    found = "stiction diagnose: nominal model and causes of [[cause]]"
-    sources = dict.fromkeys(QUANTITIES, found)
-    sources |= dict.fromkeys(
-        ("bristle_damping_ratio", "joint_damping_ratio"), "assumed, or of the nominal model"
-    )
+    sources = dict.fromkeys(QUANTITIES, "stiction diagnose: nominal model and causes of [[cause]]")
+    for name in ("bristle_damping_ratio", "joint_damping_ratio"):
+        sources[name] = "assumed, or of the nominal model"
     if unknown.any():
         sources["bristle_stiffness"] = (
             "assumed where no presliding was found: Coulomb friction over a distance of "
@@ -253,3 +252,67 @@ def _for_mjcf(friction: FrictionParameters, draft: ModelDraft, level: Array) -> 
         warm_up_friction=np.zeros_like(level),
         warm_up_viscous=np.zeros_like(level),
     )
+
+
+def mjcf_tree(
+    arm: Arm, friction: FrictionParameters, draft: ModelDraft | None = None
+) -> tuple[ET.Element, ET.Element]:
+    """Return plain MJCF of an arm that sticks, and its actuators.
+
+    Gravity is compensated as far as the robot's own file does it.
+
+    Args:
+        arm: the arm with its payloads and gravity.
+        friction: the part of the friction that MuJoCo can represent.
+        draft: springs to the world, offsets and further cogging; None for none.
+
+    Raises:
+        StictionError: MuJoCo cannot represent the model.
+    """
+    text = plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
+    root = ET.fromstring(text)
+    for body in root.iter("body"):
+        share = arm.stated.gravcomp.get(body.get("name", ""), 0.0)
+        body.attrib.pop("gravcomp", None)
+        body.attrib |= {"gravcomp": repr(share)} if share else {}
+    actuators = root.find("actuator")
+    assert actuators is not None
+    if draft is None:
+        return root, actuators
+    compiler = root.find("compiler")
+    degrees = compiler is None or compiler.get("angle", "degree") == "degree"
+    joints = {e.get("name"): e for e in root.iter("joint")}
+    for name, (stiffness, rest), offset in zip(
+        arm.joint_names, draft.pull, draft.offset.tolist(), strict=True
+    ):
+        if stiffness > 0:
+            joints[name].set("stiffness", repr(float(stiffness)))
+            joints[name].set("springref", repr(float(np.degrees(rest) if degrees else rest)))
+        if offset:
+            general = {"name": f"{name}_offset", "joint": name, "gainprm": "0"}
+            general |= {"biastype": "affine", "biasprm": f"{-offset!r} 0 0"}
+            ET.SubElement(actuators, "general", general)
+    for number, (j, *wave) in enumerate(draft.waves, start=1):
+        name = arm.joint_names[j]
+        # a motor without a command; in torque control it does not brake
+        motor = {"name": f"{name}_wave{number}", "joint": name, "input": "ff"}
+        motor |= {"motorconst": "1", "resistance": "1", "cogging": mjcf.numbers(wave)}
+        ET.SubElement(actuators, "dcmotor", motor)
+    return root, actuators
+
+
+def mjcf_text(arm: Arm, root: ET.Element, comment: str, missing: Sequence[str]) -> str:
+    """Return a tree as text with a comment, which has places for name, timestep and ``missing``.
+
+    Raises:
+        StictionError: MuJoCo does not read it.
+    """
+    listed = [f"     - {m}" for m in missing] or ["     - nothing"]
+    said = comment.format(name=arm.name, timestep=TIMESTEP, missing="\n".join(listed))
+    ET.indent(root)
+    out = f"<!--{said.replace('--', '- -')}-->\n{ET.tostring(root, encoding='unicode')}\n"
+    try:
+        mujoco.MjModel.from_xml_string(out)
+    except ValueError as error:
+        raise StictionError(f"{arm.name}: the extended model cannot be built: {error}") from None
+    return out

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.from_file import file_friction, shipped_friction
 from stiction_envs.friction.parameters import (
@@ -40,7 +40,6 @@ from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.stated import without_springs
 from stiction_envs.robots.tables import Table, check_range, largest, read_toml
 
-Array = NDArray[np.float64]
 LEAST_UNIT = 1e-9
 """Least factor of another unit of torques [-]: it divides."""
 FACTOR = "covariance_factor"
@@ -117,9 +116,8 @@ class Nominal:
 def with_causes(data: Data, parts: Sequence[Part]) -> Data:
     """Return data against a nominal model to which causes were added."""
     for level in sorted({p.level for p in parts}):
-        mine = [p for p in parts if p.level == level]
-        causes = [(p, cause_named(p.cause)) for p in mine]
-        arm = changed_arm(data.arm, mine)
+        causes = [(p, cause_named(p.cause)) for p in parts if p.level == level]
+        arm = changed_arm(data.arm, [p for p, _ in causes])
         changed = data if arm is data.arm else data.on(arm)
         torque = changed.recording.rigid - data.recording.rigid
         small = any(cause.adds_to == ALL_LINKS for _, cause in causes)
@@ -135,10 +133,9 @@ def with_causes(data: Data, parts: Sequence[Part]) -> Data:
             if isinstance(cause, ActuatorDelay):
                 whole = cause.acting_on(data.nominal + sound) if p.carried else cause
                 added = added + torque_of(whole, data, p)
-        friction = any(cause.adds_to in FRICTION for _, cause in causes)
-        rotor = np.zeros(data.n)
-        for p, cause in causes:
-            rotor[p.joint - 1] += p.coefficients[0] if cause.adds_to == ROTOR else 0.0
+        friction, rotor = any(c.adds_to in FRICTION for _, c in causes), np.zeros(data.n)
+        for p in (p for p, c in causes if c.adds_to == ROTOR):
+            rotor[p.joint - 1] += p.coefficients[0]
         data = loaded.corrected(added, friction=friction, rotor=rotor).on(arm)
     return data
 
@@ -150,9 +147,7 @@ def changed_arm(arm: Arm, parts: Sequence[Part]) -> Arm:
         StictionError: a part that makes a body physically impossible.
     """
     for part in sorted(parts, key=lambda p: p.level):
-        cause = cause_named(part.cause)
-        if cause.adds_to in OF_ARM:
-            arm = cause.changed(arm, part)
+        arm = cause_named(part.cause).changed(arm, part)
     return arm
 
 
@@ -166,13 +161,8 @@ def nominal_of(
 ) -> tuple[Arm, Nominal]:
     """Return the rigid arm with its known payload and tilt, and the nominal model of `resolve`.
 
-    Args:
-        robot: name, model file or arm; an arm has its payload and tilt.
-        nominal: as of `resolve`.
-        payload: known mass [kg] and centre of mass in the flange's frame [m] of a mounted body;
-            None for that of the nominal model. What was found is added to it.
-        tilt: known roll and pitch of the base [rad]; None as for ``payload``.
-        chain: as of `load_arm`.
+    An arm has its payload [kg, m], tilt [rad] and chain; for a name or a file they are as of
+    `load_model`.
     """
     if not isinstance(robot, Arm):
         before = nominal if isinstance(nominal, Nominal) else Nominal()
@@ -239,7 +229,7 @@ def _parsed(table: Table, where: str) -> Nominal:
     friction = FrictionParameters(**{k: np.array(base[k]) for k in QUANTITIES}) if base else None
     if friction:
         check_possible(friction, own)
-    payload = _numbers(arm["payload"], f"{own} payload", "", sizes=(0, 4))
+    payload = _numbers(arm["payload"], f"{own} payload", sizes=(0, 4))
     check_range(payload[:1], "kg", f"{own} payload", low=0.0)
     check_range(payload[1:], "m", f"{own} payload")
     lag = _numbers(arm.get("torque_lag", ()), f"{own} torque_lag", "s", low=0.0, sizes=(0, 2))
@@ -276,10 +266,10 @@ def _part(table: Table, where: str) -> Part:
         cause = cause_named(name)
     except StictionError as error:
         raise StictionError(f"{where}: {error}") from None
-    most = 0 if cause.acts_on == THE_ARM else np.inf
-    least = 0 if cause.acts_on in (THE_ARM, EITHER) else 1
-    if not least <= joint <= most:
-        raise StictionError(f"{at}: expected {'0, the whole arm' if most == 0 else '1 or more'}")
+    if joint != 0 and cause.acts_on == THE_ARM:
+        raise StictionError(f"{at}: expected 0, the whole arm")
+    if joint < (0 if cause.acts_on in (THE_ARM, EITHER) else 1):
+        raise StictionError(f"{at}: expected 1 or more")
     doubt = _matrix(table[FACTOR], at).tolist() if table.get(FACTOR) else []
     if len(doubt) > len(coefficients):
         raise StictionError(f"{at}: {FACTOR}: expected up to {len(coefficients)} rows")
@@ -318,35 +308,35 @@ def _matrix(rows: Any, where: str) -> Array:
 
 def dump(nominal: Nominal) -> str:
     """Return the TOML tables ``[arm]`` and ``[[cause]]``; floats read back exactly."""
+    unit, friction = nominal.torque_unit, nominal.friction
+    known = {
+        "file": nominal.file,
+        "torque_sign": nominal.torque_sign,
+        "torque_unit": () if unit is None else unit.tolist(),
+        "torque_lag": list(nominal.torque_lag or ()),
+        "sessions": [list(x) for x in nominal.sessions],
+        "friction": friction and {k: getattr(friction, k).tolist() for k in QUANTITIES},
+    }
     arm: dict[str, object] = {
         "robot": nominal.robot or "",
         "payload": [float(x) for x in nominal.payload or ()],
         "tilt": [float(x) for x in nominal.tilt],
         "distance": [float(x) for x in nominal.distance or ()],
+        **{k: x for k, x in known.items() if x},
     }
-    known = {
-        "file": nominal.file,
-        "torque_sign": nominal.torque_sign,
-        "torque_unit": () if nominal.torque_unit is None else nominal.torque_unit.tolist(),
-        "torque_lag": list(nominal.torque_lag or ()),
-        "sessions": [list(x) for x in nominal.sessions],
-        "friction": nominal.friction
-        and {k: getattr(nominal.friction, k).tolist() for k in QUANTITIES},
-    }
-    tables: dict[str, object] = {"arm": arm | {k: x for k, x in known.items() if x}}
-    if nominal.parts:
-        tables["cause"] = [
-            {
-                "name": part.cause,
-                "joint": part.joint,
-                "shape": list(part.shape),
-                "coefficients": list(part.coefficients),
-                "level": part.level,
-                "carried": part.carried,
-                **({FACTOR: [list(row) for row in part.doubt]} if part.doubt else {}),
-            }
-            for part in nominal.parts
-        ]
+    causes = [
+        {
+            "name": part.cause,
+            "joint": part.joint,
+            "shape": list(part.shape),
+            "coefficients": list(part.coefficients),
+            "level": part.level,
+            "carried": part.carried,
+            **({FACTOR: [list(row) for row in part.doubt]} if part.doubt else {}),
+        }
+        for part in nominal.parts
+    ]
+    tables: dict[str, object] = {"arm": arm} | ({"cause": causes} if causes else {})
     if nominal.links is not None:
         tables["links"] = {FACTOR: nominal.links.tolist()}
     what = "Baseline of the causes, and the causes exactly: for --nominal of stiction diagnose."

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stiction_envs.gap.causes import TOLERANCES, registered
 from stiction_envs.gap.causes.base import THE_ARM
@@ -31,7 +30,6 @@ from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 MOST_SAMPLES = 1500
 """Samples that are used [-]; assumed, to answer within a second."""
 TOGETHER = 0.98
@@ -57,7 +55,7 @@ class Overview:
     """Logged torque, the same."""
     factor: list[float]
     """Logged over needed torque, with friction, offset and rotor free."""
-    factor_ci95: list[tuple[float, float]]
+    factor_ci95: list[list[float]]
     about: list[str]
     """Remark on each joint: rests, opposite sign, not measured, moves with others; or nothing."""
     gravity: list[float]
@@ -71,29 +69,25 @@ class Overview:
 
     def __str__(self) -> str:
         down = " ".join(f"{x:.2g}" for x in np.round(self.gravity, 2) + 0.0)
+        late = f"{1e3 * self.lag_s:.0f} ms late" if self.lag_s else "in step with the angles"
+        rows = []
+        for k, (low, high) in enumerate(self.factor_ci95):
+            factor, wide = self.factor[k], (high - low) / 2
+            shown = wide < max(0.5, abs(factor) / 2)
+            torques = f"{self.needed_nm[k]:.3g} N·m", f"{self.logged_nm[k]:.3g} N·m"
+            number = f"{factor:.3f} ± {wide:.3f}" if shown else "not shown"
+            rows.append([f"{k + 1}", f"{self.span_rad[k]:.3g} rad", *torques, number])
+        table = aligned(["joint", "turns by", "needs", "logged", "factor"], rows).splitlines()
         lines = [
             f"{self.file}: {self.rows} rows, {self.seconds:.1f} s, {self.rate_hz:.4g} rows/s"
             f" (new values: {self.effective_rate_hz:.4g}/s)",
             self.cutoff,
-            f"gravity along {down}; torques "
-            + (f"{1e3 * self.lag_s:.0f} ms late" if self.lag_s else "in step with the angles"),
+            f"gravity along {down}; torques {late}",
             "",
+            *(f"{x}  {about}".rstrip() for x, about in zip(table, ["", *self.about], strict=True)),
+            "",
+            "part of the prior that is left, by joint (up to 0.5: the log shows it)",
         ]
-        rows = []
-        each = zip(
-            *(self.span_rad, self.needed_nm, self.logged_nm, self.factor, self.factor_ci95),
-            strict=True,
-        )
-        for k, (span, needed, logged, factor, ci) in enumerate(each, start=1):
-            wide = (ci[1] - ci[0]) / 2
-            sure = wide < max(0.5, abs(factor) / 2)
-            number = f"{factor:.3f} ± {wide:.3f}" if sure else "not shown"
-            torques = f"{needed:.3g} N·m", f"{logged:.3g} N·m"
-            rows.append([f"{k}", f"{span:.3g} rad", *torques, number])
-        table = aligned(["joint", "turns by", "needs", "logged", "factor"], rows).splitlines()
-        remarks = zip(table, ["", *self.about], strict=True)
-        lines += [f"{line}  {about}".rstrip() for line, about in remarks]
-        lines += ["", "part of the prior that is left, by joint (up to 0.5: the log shows it)"]
         for name, parts in self.left.items():
             lines.append(f"{name:<30}" + "".join(f"{x:>7.2f}" for x in parts))
         return "\n".join(lines)
@@ -112,7 +106,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
     )
     findings = [("corrected", c.text) for c in read.corrections[len(log.corrections) :]]
     findings += [("warning", x) for x in (*read.warnings[len(log.warnings) :], *signals.findings)]
-    half = zip(found.factor - found.width, found.factor + found.width, strict=True)
+    ends = np.stack([found.factor - found.width, found.factor + found.width], axis=1)
     return Overview(
         file=Path(log.source).name,
         rows=len(log.t),
@@ -124,7 +118,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
         needed_nm=found.needed.tolist(),
         logged_nm=found.logged.tolist(),
         factor=found.factor.tolist(),
-        factor_ci95=[(float(a), float(b)) for a, b in half],
+        factor_ci95=ends.tolist(),
         about=_about(log, signals, found),
         gravity=found.gravity.tolist(),
         lag_s=sum(lag_of([read]) or (0.0,)),
@@ -137,17 +131,18 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
     """Return what is special about each joint."""
     speed = signals.dq
     moves = np.ptp(log.q, axis=0) > TRAVEL_SPAN
+    # a joint at rest has no correlation but that of the ramp
     alike = np.abs(np.atleast_2d(np.corrcoef(speed.T + 1e-12 * np.arange(len(speed))))) > TOGETHER
     out = []
     for j in range(log.n):
         others = [k + 1 for k in range(log.n) if k != j and alike[j, k] and moves[j] and moves[k]]
-        said = [
-            "" if moves[j] else "rests",
-            "" if found.measured[j] else "torque not measured",
-            "opposite sign" if found.sign[j] < 0 else "",
-            f"moves with {joint_list(others)}" if others else "",
-        ]
-        out.append(", ".join(x for x in said if x))
+        remarks = {
+            "rests": not moves[j],
+            "torque not measured": not found.measured[j],
+            "opposite sign": found.sign[j] < 0,
+            f"moves with {joint_list(others)}": bool(others),
+        }
+        out.append(", ".join(text for text, is_so in remarks.items() if is_so))
     return out
 
 
@@ -164,22 +159,21 @@ def _thinned(signals: Signals) -> Signals:
 
 def _left(data: Data) -> dict[str, list[float]]:
     """Return what is left of each linear cause's prior beside usual friction and small errors."""
-    causes = [c for c in registered() if c.is_linear]
-    if not np.isfinite(data.dt):
-        causes = [c for c in causes if c.shown_at_rest]
+    at_rest = not np.isfinite(data.dt)
+    causes = [c for c in registered() if c.is_linear and (c.shown_at_rest or not at_rest)]
     predictor = TorquePredictor(data, [TOLERANCES, *causes])
     problem, usual = predictor.problem, plain_friction(predictor)
+    first = {t[:2]: t for t in reversed(predictor.candidates)}
     out = dict[str, list[float]]()
     for cause in causes:
         for joint in cause.joints(data):
             if joint == ARM and cause.acts_on != THE_ARM:
                 continue
-            left = 1.0
-            same = (t for t in predictor.candidates if t[:2] == (cause.name, joint))
-            if term := next(same, None):
+            left, term = 1.0, first.get((cause.name, joint))
+            if term is not None:
                 others = [t for t in usual if t[:2] != term[:2]]
                 number = len(problem.numbers[term])
                 variance = problem.covariance(problem.model([*others, term]))[-number, -number]
-                left = float(np.sqrt(variance) / problem.sd(term)[0])
-            out.setdefault(cause.name, []).append(min(left, 1.0))
+                left = min(1.0, float(np.sqrt(variance) / problem.sd(term)[0]))
+            out.setdefault(cause.name, []).append(left)
     return out

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.servo.model import read_servo
 from stiction_envs.gap.servo.parameters import PARAMETERS
@@ -25,57 +25,39 @@ LEAVES = 0.1
 assumed."""
 
 
-def servo_nominal(nominal: object) -> str | Path:
-    """Return "rigid", "file" or the path of an earlier diagnosis.
-
-    Raises:
-        StictionError: another nominal model.
-    """
-    if isinstance(nominal, str | Path):
-        if nominal in ("rigid", "file") or Path(nominal).suffix == ".toml":
-            return nominal
-    else:
-        nominal = "parameters"
-    raise StictionError(
-        f"nominal {nominal}: servo logs expect rigid, file, or the model.toml of an earlier one"
-    )
-
-
 def servo_of(
     arm: Arm,
-    nominal: str | Path,
+    nominal: object,
     *,
     stiffness: Sequence[float] | None,
     damping: Sequence[float] | None,
     same: bool,
 ) -> Servo:
-    """Return what is known of the servos.
-
-    Args:
-        arm: the rigid arm.
-        nominal: "rigid", "file", or the ``model.toml`` of an earlier diagnosis of servo logs.
-        stiffness: one for all joints or one each [N·m/rad]; None where unknown.
-        damping: likewise [N·m·s/rad].
-        same: whether all joints have the same servo.
+    """Return what is known of the servos: the options of `diagnose` of these names.
 
     Raises:
-        StictionError: numbers that cannot be, or a nominal model of other logs.
+        StictionError: numbers that cannot be, or another nominal model.
     """
-    if nominal not in ("rigid", "file"):
-        if stiffness is not None or damping is not None:
-            raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
-        return Servo(parameters=read_servo(Path(nominal), arm.n), same=same)
-    if damping is not None and stiffness is None:
-        raise StictionError("servo damping: expected with a servo stiffness")
-    return Servo(
-        stiffness=_each(stiffness, "stiffness", arm.n),
-        damping=_each(damping, "damping", arm.n),
-        same=same,
-        arm=arm if nominal == "file" else None,
-    )
+    if nominal in ("rigid", "file"):
+        if damping is not None and stiffness is None:
+            raise StictionError("servo damping: expected with a servo stiffness")
+        return Servo(
+            stiffness=_each(stiffness, "stiffness", arm.n),
+            damping=_each(damping, "damping", arm.n),
+            same=same,
+            arm=arm if nominal == "file" else None,
+        )
+    path = Path(nominal if isinstance(nominal, str | Path) else "parameters")
+    if path.suffix != ".toml":
+        raise StictionError(
+            f"nominal {path}: servo logs expect rigid, file, or the model.toml of an earlier one"
+        )
+    if stiffness is not None or damping is not None:
+        raise StictionError("servo stiffness, damping: expected in the nominal model.toml")
+    return Servo(parameters=read_servo(path, arm.n), same=same)
 
 
-def _each(values: Sequence[float] | None, name: str, n: int) -> NDArray[np.float64] | None:
+def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
     p = PARAMETERS[name]
@@ -124,12 +106,3 @@ def _refuse_differences(log: ServoLog) -> None:
             f"{log.source}: q_cmd are differences of angles from row to row: expected angles; "
             "their sums from the first angle on follow the joints"
         )
-
-
-def check_servo_logs(check: Sequence[ServoLog], diagnosed: Sequence[ServoLog]) -> None:
-    """Raise a StictionError for a log to check with that was diagnosed too."""
-    for log in check:
-        if any(np.array_equal(log.q, other.q) for other in diagnosed):
-            raise StictionError(
-                f"check log {log.source}: it is diagnosed too: expected a log that takes no part"
-            )

@@ -64,8 +64,7 @@ SMOOTH = (
 )
 LISTED = (
     *("direction_asymmetry", "load_dependent_friction", "warm_up_drift", "torque_scale"),
-    "falling_torque",
-    *("joint_elasticity", "actuator_delay", "gravity_compensation_missing"),
+    *("falling_torque", "joint_elasticity", "actuator_delay", "gravity_compensation_missing"),
 )
 MADE = {"title": "made up"}
 
@@ -144,13 +143,11 @@ def test_model_file_and_mjcf_want_the_same_torque(robot, body, tmp_path):
     judged = data_of(arm, log)
     links = []
     for j in (2, 3, 5, 6):
-        link = part(
-            "link_parameters", 0.4 * (-1) ** j, 0.02, -0.03, 0.01, joint=j, shape=(float(j), 1.0)
-        )
+        numbers = 0.4 * (-1) ** j, 0.02, -0.03, 0.01
+        link = part("link_parameters", *numbers, joint=j, shape=(float(j), 1.0))
         links.append(dataclasses.replace(link, level=1 + j // 5))
-    own = dataclasses.replace(
-        PARTS["payload"], coefficients=PAYLOAD if load is None else PHANTOM, level=2
-    )
+    body = PAYLOAD if load is None else PHANTOM
+    own = dataclasses.replace(PARTS["payload"], coefficients=body, level=2)
     more = [PARTS[x] for x in ("base_tilt", "link_inertia", "external_spring", "viscous_friction")]
     model = Nominal(robot=arm.name, payload=arm.payload, parts=(*links, *more, own))
     made = extend(judged, model)
@@ -244,10 +241,9 @@ def test_a_found_ripple_is_added_to_that_of_the_nominal_friction(periods):
 
 def test_the_nominal_torque_has_the_friction_s_ripple_and_warm_up():
     """As the plant simulates both, and the model file writes both."""
-    with_both = sticky(
-        ripple_amplitude=0.3, ripple_periods=12.0, ripple_phase=0.4,
-        warm_up_friction=0.5, warm_up_viscous=0.2, warm_up_time=20.0,
-    )  # fmt: skip
+    ripple = {"ripple_amplitude": 0.3, "ripple_periods": 12.0, "ripple_phase": 0.4}
+    warm_up = {"warm_up_friction": 0.5, "warm_up_viscous": 0.2, "warm_up_time": 20.0}
+    with_both = sticky(**ripple, **warm_up)
     plain = judged_by(Nominal(robot="panda", friction=sticky()))
     both = judged_by(Nominal(robot="panda", friction=with_both))
     added = (both.nominal - plain.nominal)[:, 3]
@@ -277,11 +273,8 @@ def test_mjcf_has_the_nominal_warm_up_half_way_through_the_logs():
 
 
 def test_a_drift_on_a_nominal_warm_up_is_left_out_whole():
-    nominal = Nominal(
-        robot="panda",
-        friction=sticky(warm_up_friction=0.5, warm_up_time=20.0),
-        parts=(part("warm_up_drift", 0.01),),
-    )
+    friction = sticky(warm_up_friction=0.5, warm_up_time=20.0)
+    nominal = Nominal(robot="panda", friction=friction, parts=(part("warm_up_drift", 0.01),))
     data = judged_by(nominal)
     made = extend(data, nominal)
     drift = torque_of(cause_named("warm_up_drift"), data, nominal.parts[0])
@@ -289,11 +282,9 @@ def test_a_drift_on_a_nominal_warm_up_is_left_out_whole():
 
 
 def test_toml_is_exact_and_loads_in_the_plant(data, tmp_path):
-    everything = found(*PARTS)
+    distance = tuple(data.friction.presliding_distance)
     everything = dataclasses.replace(
-        everything,
-        distance=tuple(data.friction.presliding_distance),
-        friction=load_friction("panda"),
+        found(*PARTS), distance=distance, friction=load_friction("panda")
     )
     made = extend(data, everything)
     path = tmp_path / "model.toml"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from contextlib import suppress
 from dataclasses import replace
 
 import mujoco
@@ -13,8 +14,7 @@ from stiction_envs.friction.inertia import mass_matrix
 from stiction_envs.friction.model import BRISTLE_DAMPING
 from stiction_envs.gap.causes import Part, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
-from stiction_envs.gap.extended_mjcf import TIMESTEP
-from stiction_envs.gap.extended_model import Extension, extend
+from stiction_envs.gap.extended_model import TIMESTEP, Extension, extend
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.validation import forward
@@ -31,16 +31,10 @@ def upright() -> Arm:
     return replace(load_arm("iiwa14"), rest=np.array([0.0, 0.05, 0.0, -0.05, 0.0, 0.05, 0.0]))
 
 
-def slow(arm: Arm, **options):
-    """A log that stays about the arm's rest."""
-    log = hidden(arm, lambda q, dq, ddq: DRY * sliding(q), noise=0.02, **options)
-    return log
-
-
 @pytest.fixture(scope="module")
 def stretched(upright) -> Diagnosis:
     bent = load_arm("iiwa14")
-    log = slow(upright, seconds=10.0)
+    log = hidden(upright, lambda q, dq, ddq: DRY * sliding(q), noise=0.02, seconds=10.0)
     # the model is that of the bent arm: the pose of its rest says nothing of the logs'
     return diagnose_logs([log], bent, causes=[cause_named("coulomb_friction")])
 
@@ -71,10 +65,9 @@ def test_a_stretched_arm_follows_its_log(stretched, tmp_path, monkeypatch, capfd
     result = validate_forward(stretched, threads=1)
     assert isinstance(result, ForwardValidation)
     assert result.unstable == ""
-    for run in (result.nominal, result.extended):
-        assert np.isfinite(run.position_rms).all()
-        assert np.isfinite(run.torque_rms).all()
-    assert result.torque_gain.mean() > 50
+    for errors in (result.replay, result.tracking):
+        assert all(np.isfinite(x).all() for x in errors.values())
+    assert result.gains[1].mean() > 50
     assert list(tmp_path.iterdir()) == []
     assert capfd.readouterr().err == ""
 
@@ -103,17 +96,10 @@ def test_an_unstable_model_is_a_reason_and_no_result(stretched, tmp_path, monkey
     assert capfd.readouterr().err == ""
 
 
-def test_the_engine_speaks_again_afterwards():
-    """Also after an error within."""
+def test_the_engine_speaks_again_after_an_error():
     before = mujoco.MjLogConfig.get()
-    with silent_engine():
+    with suppress(ValueError), silent_engine():
         assert not mujoco.MjLogConfig.get().logto_file
-
-    def fails() -> None:
-        with silent_engine():
-            raise ValueError("stop")
-
-    with pytest.raises(ValueError, match="stop"):
-        fails()
+        raise ValueError("stop")
     after = mujoco.MjLogConfig.get()
     assert (after.logto_file, after.logto_console) == (before.logto_file, before.logto_console)

@@ -46,14 +46,6 @@ def changed(number: str, value: str) -> str:
     return MODEL.replace(number, re.sub(r"[-\d.e]+$", value, number))
 
 
-def test_a_good_file_is_read(tmp_path):
-    path = tmp_path / "model.toml"
-    path.write_text(MODEL, encoding="utf-8")
-    found = read(path)
-    assert found.parts[0].coefficients == (-0.1, 0.001, -0.008, -0.001)
-    assert found.payload == (0.5, 0.0, 0.0, 0.1)
-
-
 @pytest.mark.parametrize("value", ["1e308", "-1e308", "nan", "inf", "9" * 400, "9" * 5000])
 @pytest.mark.parametrize("number", NUMBERS)
 def test_a_number_that_no_joint_can_have_is_refused(number, value, tmp_path):

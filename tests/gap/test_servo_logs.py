@@ -44,26 +44,16 @@ def test_bad_options_of_a_servo_log_are_one_line(
     assert "\n" not in str(error.value)
 
 
-def test_what_is_known_of_servos_is_refused_for_logs_of_torque(tmp_path: Path, robot: Path) -> None:
+def test_logs_that_do_not_fit_are_refused(tmp_path: Path, robot: Path) -> None:
+    log, torques = _log(tmp_path / "log.csv"), _log(tmp_path / "torques.csv", torque=True)
     with pytest.raises(StictionError, match="servo stiffness: expected servo logs"):
-        diagnose(_log(tmp_path / "log.csv", torque=True), robot, servo_stiffness=[10.0])
-
-
-def test_a_log_cannot_check_itself(tmp_path: Path, robot: Path) -> None:
-    log = _log(tmp_path / "log.csv")
+        diagnose(torques, robot, servo_stiffness=[10.0])
     with pytest.raises(StictionError, match=r"check log .*log\.csv: it is diagnosed too"):
         diagnose(log, robot, check=[log])
-
-
-def test_logs_of_both_kinds_are_refused(tmp_path: Path, robot: Path) -> None:
-    logs = [_log(tmp_path / "a.csv"), _log(tmp_path / "b.csv", torque=True)]
     with pytest.raises(StictionError, match="expected one kind"):
-        diagnose(logs, robot)
-
-
-def test_a_servo_log_of_another_robot_is_refused(tmp_path: Path, robot: Path) -> None:
+        diagnose([log, torques], robot)
     with pytest.raises(StictionError, match="3 joints, but the robot has 2"):
-        diagnose(_log(tmp_path / "log.csv", joints=3), robot)
+        diagnose(_log(tmp_path / "three.csv", joints=3), robot)
 
 
 def test_commands_that_are_differences_are_refused(tmp_path: Path, robot: Path) -> None:

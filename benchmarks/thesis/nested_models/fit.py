@@ -19,8 +19,8 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Configuration, Job
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters, load_friction
-from stiction_envs.gap.tables.lone_joint import LoneJointTorques
-from stiction_envs.gap.tables.whole_arm import WholeArm
+from stiction_envs.gap.tables.data import WholeArm
+from stiction_envs.gap.tables.predictor import LoneJointTorques
 from stiction_envs.measured import thesis_base, thesis_robots
 from stiction_envs.robots import load_arm
 

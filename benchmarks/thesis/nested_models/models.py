@@ -34,7 +34,7 @@ from benchmarks.thesis.nested_models.fit import (
     with_drift,
     with_parameters,
 )
-from stiction_envs.gap.tables.whole_arm import WholeArm
+from stiction_envs.gap.tables.data import WholeArm
 from stiction_envs.measured import thesis_base
 from stiction_envs.robots import load_arm
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis
 from stiction_envs.gap.judge.judgement import NamedCause
@@ -19,12 +20,10 @@ from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.series import Series
 from stiction_envs.reporting.png import save_small
 
-Array = NDArray[np.float64]
 PLOTS = "plots"
 """Folder of the pictures, in the report's."""
 BEFORE, AFTER, CAUSE, MEASURED = "#c2590c", "#1f5fa8", "0.1", "0.35"
-Style = str | tuple[int, tuple[int, int]]
-LINES: tuple[tuple[str, Style], ...] = ((BEFORE, "-"), (CAUSE, (0, (4, 2))), (AFTER, "-"))
+DASHED = (0, (4, 2))
 DOTS = 1500
 """Samples drawn per panel [-]; assumed."""
 BINS = 36
@@ -39,7 +38,7 @@ GAP = 5.0
 """Step between rows, over the usual one, that begins a new segment [-]; assumed."""
 
 
-def _thin(count: int, most: int) -> NDArray[np.int64]:
+def _thin(count: int, most: int) -> Index:
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(np.int64))
 
 
@@ -82,10 +81,7 @@ def tidy(axes: Axes, *, zero: bool = True) -> None:
 
 
 def draw_errors(e: Errors, plots: Path) -> str:
-    """Draw the error of each joint: nominal, extended, noise floor.
-
-    This and other pictures are PNG files in a folder; they are returned as Markdown with a caption.
-    """
+    """Draw the error of each joint as a PNG; return it as Markdown with a caption, as all do."""
     x = np.arange(len(e.joints))
     figure = Figure(figsize=(max(4.4, 1.6 + 0.95 * len(x)), 3.4), layout="constrained")
     axes = figure.subplots()
@@ -124,19 +120,15 @@ def draw_cause(d: Diagnosis, cause: NamedCause, plots: Path) -> str:
         term = next(
             t for t in d.terms if t.cause == cause.name and t.joint in (j, ARM) and not t.small
         )
-        after, alone = data.residual[:, j] - d.torque(j), effect[:, j]
-        before = after + alone
+        after, alone, speed = data.residual[:, j] - d.torque(j), effect[:, j], data.dq[:, j]
         x = alone if view.of is None else view.of(data, j, term.shape).astype(np.float64)
-        rows = np.ones(len(x), dtype=bool)
-        if view.folded:
-            rows = np.abs(data.dq[:, j]) > 1e-3
-            before, after, alone = (y * np.sign(data.dq[:, j]) for y in (before, after, alone))
-        if view.limit is not None:
-            rows &= np.abs(x) < view.limit(term.shape)
-        x, before, after, alone = x[rows], before[rows], after[rows], alone[rows]
+        rows = np.abs(x) < (np.inf if view.limit is None else view.limit(term.shape))
+        rows &= (np.abs(speed) > 1e-3) | (not view.folded)
+        sign = np.sign(speed[rows]) if view.folded else 1.0
+        x, before, after, alone = x[rows], *(sign * y[rows] for y in (after + alone, after, alone))
         _dots(upper, x, before, BEFORE)
         centre, middle, *_ = _binned(x, alone)
-        upper.plot(centre, middle, color=CAUSE, lw=1.4, ls=(0, (4, 2)))
+        upper.plot(centre, middle, color=CAUSE, lw=1.4, ls=DASHED)
         _dots(lower, x, after, AFTER)
         upper.set_title(f"joint {j + 1}", fontsize=10, loc="left")
         lower.set_xlabel(view.label, fontsize=9)
@@ -150,9 +142,12 @@ def draw_cause(d: Diagnosis, cause: NamedCause, plots: Path) -> str:
     folded = " in the direction of motion" if view.folded else ""
     for row, text in enumerate(("without", "with")):
         grid[row, 0].set_ylabel(f"residual{folded},\n{text} the cause [N·m]", fontsize=9)
-    handles = [Line2D([], [], color=c, ls=s) for c, s in LINES]
-    names = ["residual without it", "what the cause predicts", "residual with it"]
-    figure.legend(handles, names, loc="lower center", ncols=3, fontsize=8.5, frameon=False)
+    handles = [
+        Line2D([], [], color=BEFORE, label="residual without it"),
+        Line2D([], [], color=CAUSE, ls=DASHED, label="what the cause predicts"),
+        Line2D([], [], color=AFTER, label="residual with it"),
+    ]
+    figure.legend(handles=handles, loc="lower center", ncols=3, fontsize=8.5, frameon=False)
     figure.suptitle(f"{cause.name}: {view.note}", fontsize=10.5)
     caption = (
         f"{cause.name}: residual torque{folded} against {view.label}. Above without this cause "
@@ -173,15 +168,13 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     grid = figure.add_gridspec(2, 3)
     top = figure.add_subplot(grid[0, :])
     near = _fastest(t, (s.q if s.q_cmd is None else s.q_cmd)[:, joint])
-    lines = [("measured", measured, MEASURED), ("extended", model, AFTER)]
-    if s.q_cmd is not None and np.array_equal(s.q_cmd, s.nominal):
-        lines.insert(0, ("commanded, nominal", nominal, BEFORE))
-    else:
-        lines.insert(0, ("nominal", nominal, BEFORE))
-        if s.q_cmd is not None:
-            lines.insert(0, ("commanded", s.q_cmd[:, joint], "0.75"))
-    for name, y, colour in lines:
-        _trace(top, t[near], y[near], segment[near], style, colour, name)
+    lines = {"nominal": (nominal, BEFORE), "measured": (measured, MEASURED)}
+    lines["extended"] = model, AFTER
+    if s.q_cmd is not None:
+        lines = {"commanded": (s.q_cmd[:, joint], "0.75")} | lines
+    for name, (y, colour) in lines.items():
+        look = {"color": colour, "label": name, "lw": 1.6 if name == "measured" else 1.0}
+        _trace(top, t[near], y[near], segment[near], style, **look)
     top.set_ylabel(f"{s.quantity} [{s.unit}]", fontsize=9)
     top.set_title(f"joint {joint + 1}", fontsize=11, loc="left")
     top.legend(fontsize=8, frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98))
@@ -194,19 +187,17 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
         for y, colour in ((nominal, BEFORE), (model, AFTER))
     ]
     limit = 1.3 * max(float(np.nanpercentile(np.abs(y), 99.5)) for y, _ in left) + 1e-9
-    against = {clock: t, "angle [rad]": s.q[:, joint]}
-    if s.dq is not None:
-        against["speed [rad/s]"] = s.dq[:, joint]
-    begin = 0
-    for label, x in against.items():
-        end = 4 - len(against) if label == clock else begin + 1
-        axes, begin = figure.add_subplot(grid[1, begin:end]), end
-        for y, colour in left:
-            if label == clock:
-                _trace(axes, t, y, segment, style, colour)
-                axes.set_ylabel(f"measured less simulated [{unit}]", fontsize=9)
-            else:
-                _dots(axes, x[rows], y[rows], colour)
+    against = {"angle [rad]": s.q} | ({} if s.dq is None else {"speed [rad/s]": s.dq})
+    over_time = figure.add_subplot(grid[1, : 3 - len(against)])
+    over_time.set_ylabel(f"measured less simulated [{unit}]", fontsize=9)
+    panels = {clock: over_time}
+    for k, label in enumerate(against, start=3 - len(against)):
+        panels[label] = figure.add_subplot(grid[1, k])
+    for y, colour in left:
+        _trace(over_time, t, y, segment, style, color=colour)
+        for label, x in against.items():
+            _dots(panels[label], x[rows, joint], y[rows], colour)
+    for label, axes in panels.items():
         axes.set_xlabel(label, fontsize=9)
         axes.set_ylim(-limit, limit)
         axes.xaxis.set_major_locator(MaxNLocator(6))
@@ -224,7 +215,7 @@ def _saved(figure: Figure, path: Path, caption: str) -> str:
     return f"![{path.stem.replace('_', ' ')}]({PLOTS}/{path.name})\n\n{caption}"
 
 
-def _joined(time: Array) -> tuple[Array, NDArray[np.int64]]:
+def _joined(time: Array) -> tuple[Array, Index]:
     """Return (T,) time without the pauses between segments [s], and the number of each segment."""
     step = np.diff(time, prepend=time[0])
     usual = float(np.median(step))
@@ -232,25 +223,17 @@ def _joined(time: Array) -> tuple[Array, NDArray[np.int64]]:
     return np.cumsum(np.where(pause, usual, step)), np.cumsum(pause)
 
 
-def _fastest(t: Array, q: Array) -> NDArray[np.int64]:
+def _fastest(t: Array, q: Array) -> Index:
     """Return the rows of the `STRETCH` in which a joint moves most."""
     path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(q)))])
     begin = t[int(np.argmax(np.interp(t + STRETCH, t, path) - path))]
     return np.flatnonzero((t >= begin) & (t <= begin + STRETCH))
 
 
-def _trace(
-    axes: Axes,
-    t: Array,
-    y: Array,
-    segment: NDArray[np.int64],
-    style: str,
-    colour: str,
-    label: str = "",
-) -> None:
+def _trace(axes: Axes, t: Array, y: Array, segment: Index, style: str, **look: Any) -> None:
     """Draw a signal over time, with gaps between segments."""
     at = _thin(len(t), LONG)
     y = y[at].copy()
     if style == "-":
         y[np.flatnonzero(np.diff(segment[at]))] = np.nan
-    axes.plot(t[at], y, style, color=colour, lw=1.6 if label == "measured" else 1.0, label=label)
+    axes.plot(t[at], y, style, **{"lw": 1.0, **look})

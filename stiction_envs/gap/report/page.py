@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes import parameter_units
 from stiction_envs.gap.judge.judgement import Estimate, Judgement, NamedCause, NotShown
-from stiction_envs.reporting.markdown import joints, number, percent, short, table_text
+from stiction_envs.reporting.markdown import joints, number, percent, short, span, table_text
 
-Array = NDArray[np.float64]
 UNITS = {
     "nm": "N·m",
     "nms": "N·m·s",
@@ -44,13 +43,14 @@ class Errors:
     extended: Array
     noise: Array
     """Noise floor; NaN where unknown."""
-    more: Mapping[str, Array] = field(default_factory=dict)
-    """Error on other data, by a column's heading."""
+    check: tuple[Array, Array] | None = None
+    """Nominal and extended error on logs that took no part."""
 
     def table(self) -> str:
         """Return the table of the report."""
         columns = {"nominal": self.nominal, "extended": self.extended, "noise floor": self.noise}
-        columns |= self.more
+        if self.check is not None:
+            columns |= {"check, nominal": self.check[0], "check, extended": self.check[1]}
         change = 100 * (self.extended / np.maximum(self.nominal, 1e-300) - 1)
         rows = [
             [f"joint {j}", percent(change[k], 0), *(short(x[k]) for x in columns.values())]
@@ -84,16 +84,10 @@ def shares(d: Judgement, errors: Errors) -> str:
 
 def cause_table(causes: Sequence[NamedCause]) -> str:
     """Return the report's first table."""
-    rows = [
-        [
-            c.name,
-            where(c.joints),
-            _main_value(c),
-            _nats(c.nats),
-            (rivals(c) or ["–" if np.isnan(c.nats) else "none"])[0],
-        ]
-        for c in causes
-    ]
+    rows = []
+    for c in causes:
+        (best, *_) = rivals(c) or ["–" if np.isnan(c.nats) else "none"]
+        rows.append([c.name, where(c.joints), _main_value(c), _nats(c.nats), best])
     header = ["cause", "where", "value (95 % interval)", "evidence [nats]", "best rival [nats]"]
     return table_text(header, rows) if rows else ""
 
@@ -116,30 +110,22 @@ def _main_value(cause: NamedCause) -> str:
     text = f"`{key}` {quantity(key, e)}"
     others = [x.value for j, k, x in measured if k == key and j != joint]
     single = [x for x in others if isinstance(x, float)]
-    if not single:
-        return text
-    ends = dict.fromkeys(short(x, 2) for x in (min(single), max(single)))
-    return f"{text} on joint {joint}, {' to '.join(ends)} on the others"
+    return f"{text} on joint {joint}, {span(single)} on the others" if single else text
 
 
 def quantity(key: str, e: Estimate) -> str:
     """Return ``0.5 [0.4, 0.6] kg``, or some of these; stretches of time as ``2 to 3 s``."""
-    return f"{_with_interval(e)} {unit_of(key)}".rstrip()
-
-
-def _with_interval(e: Estimate) -> str:
-    if isinstance(e.value, int):
-        return str(e.value)
-    if not isinstance(e.value, list):
-        return f"{short(e.value)} [{short(e.ci95[0])}, {short(e.ci95[1])}]"
-    if e.value and isinstance(e.value[0], list):
-        each = [f"{begin:.4g} to {end:.4g}" for begin, end in e.value]
-    else:
-        each = [
-            f"{short(x)} [{short(low)}, {short(high)}]"
-            for x, (low, high) in zip(e.value, e.ci95, strict=True)
-        ]
-    return ", ".join([*each[:LISTED], *["…"][: len(each) - LISTED]])
+    values, ends = (e.value, e.ci95) if isinstance(e.value, list) else ([e.value], [e.ci95])
+    each = []
+    for value, (low, high) in zip(values, ends, strict=True):
+        if isinstance(value, int):
+            each.append(str(value))
+        elif isinstance(value, list):
+            each.append(f"{value[0]:.4g} to {value[1]:.4g}")
+        else:
+            each.append(f"{short(value)} [{short(low)}, {short(high)}]")
+    more = ["…"] if len(each) > LISTED else []
+    return f"{', '.join([*each[:LISTED], *more])} {unit_of(key)}".rstrip()
 
 
 def _nats(value: float) -> str:

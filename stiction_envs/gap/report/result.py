@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +15,8 @@ from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import Judgement, NamedCause
 from stiction_envs.gap.report import page
 from stiction_envs.gap.report.figures import PLOTS, draw_errors, draw_joint
-from stiction_envs.gap.report.page import Errors, where
-from stiction_envs.gap.report.series import Series
+from stiction_envs.gap.report.page import Errors
+from stiction_envs.gap.report.series import Series, check_rrd, rrd_bytes
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
 from stiction_envs.reporting.json_text import plain, write_json
@@ -74,8 +73,6 @@ class DiagnosisResult(Result):
         """Return ``diagnosis.json``."""
         return dict(plain(self.diagnosis.to_json()))
 
-    # ---- of each kind of data ----------------------------------------------------------------
-
     @property
     @abc.abstractmethod
     def errors(self) -> Errors:
@@ -86,9 +83,10 @@ class DiagnosisResult(Result):
     def extension(self) -> Extension:
         """The model with its causes."""
 
-    def tells_apart(self, cause: str, other: str) -> str:
-        """Return the measurement that tells two causes apart, a clause."""
-        return "; ".join(cause_named(x).what_to_record for x in (cause, other))
+    def tells_apart(self, cause: NamedCause, other: str) -> str:
+        """Return the measurement that tells a cause from another, a clause."""
+        known = (cause.told_apart_by or {}).get(other)
+        return known or "; ".join(cause_named(x).what_to_record for x in (cause.name, other))
 
     @property
     def checked(self) -> str:
@@ -104,15 +102,13 @@ class DiagnosisResult(Result):
         """Return what was measured and simulated over time; None of torque tables."""
         return None
 
-    def details(self, plots: Path) -> dict[str, object]:
-        """Return more variables of the report's template; pictures go into a folder."""
+    def details(self) -> dict[str, object]:
+        """Return more variables of the report's template."""
         return {}
 
     def drawn(self, cause: NamedCause, plots: Path) -> str:
         """Draw a cause into a folder; return the picture as Markdown, or nothing."""
         return ""
-
-    # ---- of all kinds ------------------------------------------------------------------------
 
     @property
     def headline(self) -> str:
@@ -139,17 +135,12 @@ class DiagnosisResult(Result):
         return f"{self.headline} {self.checked}".rstrip()
 
     def write_rrd(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write a recording for Rerun, of the extra rerun.
-
-        Args:
-            path: ends in ``.rrd``, in a folder that is there.
-            force: whether it may replace another file.
+        """Write a recording for Rerun, of the extra rerun; ``force`` replaces another file.
 
         Raises:
-            StictionError: the extra is missing, the path is wrong, or torque tables were diagnosed.
+            StictionError: the extra is missing, ``path`` is not a .rrd in a folder that is there,
+                or torque tables were diagnosed.
         """
-        from stiction_envs.gap.report.rerun_file import check_rrd, rrd_bytes
-
         series, path = self.series(), Path(path)
         if series is None:
             raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
@@ -159,31 +150,23 @@ class DiagnosisResult(Result):
         return path
 
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
-        """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs.
-
-        Args:
-            folder: an existing one.
-            progress: called with a stage and its part done.
-        """
+        """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs."""
         say = progress or (lambda *_: None)
         say("extended model", 0.0)
         extension = self.extension
         say("report", 0.0)
+        plots, series, e = folder / PLOTS, self.series(), self.errors
         hashes = self.sources.hashes(self.provenance)
         write_json(folder / "diagnosis.json", self.to_json())
         write_text_atomic(folder / "model.xml", extension.xml)
         title = f"{self.robot} as its {self.data} show it"
         meta = {"title": title, "units": "SI", "verdict": self.verdict}
         write_text_atomic(folder / "model.toml", extension.toml(meta=meta, provenance=hashes))
-        plots = folder / PLOTS
         plots.mkdir(exist_ok=True)
-        series, e = self.series(), self.errors
         if series is not None:
             write_text_atomic(folder / "series.csv", series.csv())
-        made = [
-            (re.sub(r"(\d+)$", r" \1", name), f"`{self.sources.names[name]}`, sha256 `{sha[:16]}…`")
-            for name, sha in hashes.items()
-        ]
+        names = self.sources.names
+        made = [(k, f"`{names[k]}`, sha256 `{sha[:16]}…`") for k, sha in hashes.items()]
         made.append(("commit", str(self.provenance["git_commit"])))
         made += [(k, str(v)) for k, v in self.provenance["versions"].items() if v]
         write_md_and_html(
@@ -191,35 +174,17 @@ class DiagnosisResult(Result):
             TEMPLATE,
             f"Diagnosis of {self.robot}: {self.verdict}",
             note=self.note,
-            d=self.diagnosis,
-            data=self.data,
-            headline=self.headline,
-            checked=self.checked,
-            nominal_name=self.nominal_name,
+            r=self,
+            page=page,
             errors=e,
             picture=draw_errors(e, plots) if (e.nominal > 0).any() else "",
-            sections=[self._section(c, plots) for c in self.causes],
-            cause_table=page.cause_table([*self.causes, *self.diagnosis.minor]),
-            not_shown=page.not_shown(self.diagnosis.not_shown),
+            pictures={c.name: self.drawn(c, plots) for c in self.causes},
             joints=[draw_joint(series, j, plots) for j in range(series.arm.n)] if series else [],
             lacking={"model.xml": extension.missing, "model.toml": extension.friction_missing},
             provenance=table_text(["", ""], made),
-            **self.details(plots),
+            **self.details(),
         )
         say("report", 1.0)
-
-    def _section(self, c: NamedCause, plots: Path) -> dict[str, object]:
-        """Return what a cause's section shows besides its own fields."""
-        known = c.told_apart_by or {}
-        apart = {x: known.get(x) or self.tells_apart(c.name, x) for x in c.confused_with}
-        return {
-            "cause": c,
-            "where": where(c.joints),
-            "rivals": page.rivals(c),
-            "apart": [f"from {other}: {text}" for other, text in apart.items()],
-            "picture": self.drawn(c, plots),
-            "parameters": page.parameter_table(c),
-        }
 
     def __repr__(self) -> str:
         names = ", ".join(c.name for c in self.causes) or "no cause"

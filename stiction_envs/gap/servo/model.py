@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES
-from stiction_envs.gap.extended_mjcf import mjcf_text, mjcf_tree
-from stiction_envs.gap.extended_model import Extension
+from stiction_envs.gap.extended_model import Extension, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm
 from stiction_envs.gap.servo.arm import friction_of, reaching
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis

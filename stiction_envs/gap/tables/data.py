@@ -1,33 +1,148 @@
-"""Torque tables as arrays, and what causes change in them."""
+"""Torque tables read and as arrays, the whole arm that is simulated, and what causes change."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.experiments.sje.protocol import Configuration, Job, configurations
-from stiction_envs.gap.tables.whole_arm import NOMINAL, Quantity, WholeArm
-from stiction_envs.measured import BaseTable, DitheredRow
+from stiction_envs.arrays import Array, Index
+from stiction_envs.control.torque_path import TorqueInterface
+from stiction_envs.errors import StictionError
+from stiction_envs.experiments.poses import find_poses
+from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import (
+    Configuration,
+    Job,
+    Protocol,
+    configurations,
+    load_protocol,
+)
+from stiction_envs.friction.inertia import link_inertia
+from stiction_envs.friction.parameters import FrictionParameters
+from stiction_envs.measured import BaseTable, DitheredRow, SJERow, read_sje
+from stiction_envs.measured.tables import our_name
+from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+UNUSED_NM = 1.0
+"""Base torque of joints where none was measured and none is used [N·m]; without effect."""
+STEP = 0.1
+"""Step of a quantity's logarithm between states [-]; assumed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quantity:
+    """A parameter of a joint that can be simulated with other values."""
+
+    fields: tuple[str, ...]
+    """Friction parameters of the joint that it multiplies, or one field of the torque interface."""
+    of_interface: bool = False
+    """Whether it is a value of the torque interface, common to all joints, and not a factor."""
+    low: float
+    """Least value [-], or in units of the interface."""
+    high: float
+    """Largest value."""
+
+
+FRICTION_LEVEL = Quantity(fields=("stiction", "load_coefficient"), low=0.5, high=2.0)
+"""Factor of a joint's friction; the range is assumed."""
+State = frozenset[tuple[Quantity, int]]
+"""The quantities of a joint that are not nominal, and by how many steps of the logarithm."""
+NOMINAL: State = frozenset()
+
+
+class WholeArm:
+    """The nominal arm; simulated readings are kept, for other tables of it too."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        friction: FrictionParameters,
+        *,
+        protocol: Protocol | None = None,
+        threads: int = 0,
+    ) -> None:
+        """Set the arm up, with the protocol of the measurement; None for the robot's.
+
+        ``threads`` 0 is all processors.
+        """
+        self.arm, self.friction, self.threads = arm, friction, threads
+        self.interface = TorqueInterface.of(arm)
+        self.protocol = load_protocol(arm.registered_name) if protocol is None else protocol
+        self.poses = find_poses(arm)
+        self._known: dict[tuple[State, Job], float] = {}
+
+    @cached_property
+    def level(self) -> Array:
+        """(n, 2) stiction in the load and the no-load pose, mean over directions [N·m]."""
+        each = [self.friction.stiction_at(self.poses.load[:, k]).mean(axis=1) for k in range(2)]
+        return np.stack(each, axis=1)
+
+    @cached_property
+    def link(self) -> Array:
+        """(n, 2) link inertia in both poses [kg·m²]."""
+        each = [link_inertia(self.arm, self.poses.q[:, k]) for k in range(2)]
+        return np.stack([np.einsum("jj->j", x) for x in each], axis=1)
+
+    def value(self, state: State, q: Quantity) -> float:
+        """Return a factor, or a value of the torque interface; inf for a filter that is off."""
+        if steps := dict(state).get(q):
+            return self.neutral(q) * float(np.exp(STEP * steps))
+        return (getattr(self.interface, q.fields[0]) or np.inf) if q.of_interface else 1.0
+
+    def neutral(self, q: Quantity) -> float:
+        """Return the nominal value of a quantity; a filter that is off has its largest."""
+        return float(np.clip(self.value(NOMINAL, q), q.low, q.high))
+
+    def torques(self, state: State, jobs: Sequence[Job]) -> Array:
+        """Return (jobs,) simulated readings [N·m]."""
+        return np.array([self._known[state, job] for job in jobs])
+
+    def simulate(self, wanted: Sequence[tuple[State, Sequence[Job]]]) -> None:
+        """Simulate the jobs of each joint in one state; equal torque interfaces run together."""
+        groups: dict[State, dict[Job, State]] = {}
+        for state, jobs in wanted:
+            new = {x: state for x in jobs if (state, x) not in self._known}
+            groups.setdefault(frozenset(x for x in state if x[0].of_interface), {}).update(new)
+        for shared, states in groups.items():
+            if states:
+                self._simulate(shared, states)
+
+    def _simulate(self, shared: State, states: dict[Job, State]) -> None:
+        fields: dict[str, Array] = {}
+        of_joint = {job.configuration.joint: state for job, state in states.items()}
+        for joint, state in of_joint.items():
+            for q, _ in state - shared:
+                for field in q.fields:
+                    array = fields.setdefault(field, np.array(getattr(self.friction, field)))
+                    array[joint - 1] *= self.value(state, q)
+        path = {q.fields[0]: self.value(shared, q) for q, _ in shared}
+        experiment = SingleJointExperiment(
+            self.arm,
+            friction=self.friction.replace(**fields),
+            protocol=self.protocol,
+            interface=dataclasses.replace(self.interface, **path),  # type: ignore[arg-type]
+            scatter=False,
+            threads=self.threads,
+        )
+        # the first ramp starts with the arm as it was placed, the others after the move back
+        repeats = min(2, int(self.protocol.iterations))
+        share = 1.0 / self.protocol.iterations if repeats == 2 else 1.0
+        for m in experiment.run(list(states), iterations=repeats):
+            tau = m.job.configuration.sign * (share * m.tau[0] + (1 - share) * m.tau[-1])
+            stuck = self.protocol.give_up_factor * experiment.expected(m.job)
+            self._known[states[m.job], m.job] = float(tau) if np.isfinite(tau) else stuck
 
 
 class TableData:
     """The readings of all joints that have dithered torques, as arrays of length N."""
 
     def __init__(self, base: BaseTable, dithered: Sequence[DitheredRow], whole: WholeArm) -> None:
-        """Take the readings, base torques first.
-
-        Args:
-            base: base torques of all joints.
-            dithered: torques of some or all joints; those that are no numbers are left out.
-            whole: the nominal arm.
-        """
+        """Take the readings of one arm, base torques first; leave out those that are no numbers."""
         self.whole = whole
         good = [x for x in dithered if np.isfinite(x.tau_sje_nm)]
         self.joints = tuple(sorted({x.joint for x in good}))
@@ -37,15 +152,15 @@ class TableData:
             Job(w, x.frequency_hz, x.amplitude_nm) for w, x in zip(places, good, strict=True)
         ]
         """(N) simulated experiments that predict the readings."""
-        each = [float(base.tau[w.index]) for w in first] + [x.tau_sje_nm for x in good]
-        keys = [(0.0, 0.0)] * len(first) + [(x.frequency_hz, round(x.scale, 1)) for x in good]
         where = [job.configuration for job in self.jobs]
         self.joint = np.array([w.joint for w in where], dtype=np.int64)
         self.pose = np.array([w.index[1] for w in where], dtype=np.int64)
         self.sign = np.array([w.sign for w in where], dtype=np.float64)
+        each = [float(base.tau[w.index]) for w in first] + [x.tau_sje_nm for x in good]
         self.torque = self.sign * each
         """Measured, along the ramp: negative if the joint moved against it [N·m]."""
         self.base = np.arange(len(where)) < len(first)
+        keys = [(0.0, 0.0)] * len(first) + [(x.frequency_hz, round(x.scale, 1)) for x in good]
         self.blocks = len(set(keys))
         """Number of parts that are left out together: base torques, each frequency and scale."""
         self.block = np.unique(keys, axis=0, return_inverse=True)[1].ravel() if keys else self.joint
@@ -63,11 +178,6 @@ class TableData:
         mean = {k: tau[self.base & (level == k)].mean() for k in np.unique(level).tolist()}
         return np.array([mean[k] for k in level.tolist()])
 
-    @property
-    def load(self) -> Array:
-        """(N,) load of the joint in the pose, along the ramp [N·m]."""
-        return np.asarray(self.sign * self.whole.poses.signed[self.joint - 1, self.pose])
-
     def dithered(self, joint: int) -> dict[Configuration, Index]:
         """Return the dithered torques of each configuration of a joint."""
         out: dict[Configuration, list[int]] = {}
@@ -82,10 +192,6 @@ class TableData:
         dither = f"{job.frequency_hz:g} Hz, {job.amplitude_nm:.4g} N·m"
         place = f"joint {where.joint} {where.load} {where.direction}"
         return f"{place}, {'no dither' if self.base[i] else dither}"
-
-    def nominal(self, field: str, joint: int) -> float:
-        """Return a friction parameter of a joint (from 1), mean over directions."""
-        return float(np.mean(getattr(self.whole.friction, field)[joint - 1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,3 +235,69 @@ class Effect:
         """Return the parameters of ``diagnosis.json`` for x."""
         each = float(np.exp(x)) if self.log else x
         return {name: scale * each for name, scale in self.parameters.items()}
+
+
+def read_tables(paths: Sequence[str | Path], arm: Arm) -> tuple[BaseTable, list[DitheredRow]]:
+    """Read base torques and dithered torques of an arm from SJE tables.
+
+    Args:
+        paths: files in the form of ``sje.csv``; a base torque in several files must be the same.
+        arm: the arm; rows of other robots are left out.
+
+    Raises:
+        StictionError: a file that cannot be read, no row of the arm, or a joint with dithered
+            torques that lacks one of its four base torques.
+    """
+    rows = [(str(path), row) for path in paths for row in read_sje(path)]
+    robots = list(dict.fromkeys(our_name(row.robot) for _, row in rows))
+    if arm.name in robots or arm.registered:
+        rows = [(path, row) for path, row in rows if our_name(row.robot) == arm.name]
+    if not rows or (arm.name not in robots and len(robots) > 1):
+        raise StictionError(
+            f"{paths[0]}: torques of {', '.join(robots)}: expected robot {arm.name}"
+        )
+    base: dict[Configuration, float] = {}
+    for path, row in rows:
+        where = Configuration(row.joint, row.load, row.direction)
+        if row.is_base and base.setdefault(where, row.tau_nm) != row.tau_nm:
+            raise StictionError(
+                f"{path}: base torque of joint {row.joint}, {row.load} {row.direction} is "
+                f"{row.tau_nm:g} N·m and {base[where]:g} N·m: expected one"
+            )
+    dithered = [_dithered(path, row, base) for path, row in rows if row.amplitude_nm > 0]
+    if not dithered:
+        raise StictionError(f"{paths[0]}: base torques alone: expected rows with dither too")
+    joints = sorted({x.joint for x in dithered})
+    if joints[-1] > arm.n:
+        raise StictionError(f"{paths[0]}: joint {joints[-1]}: {arm.name} has {arm.n}")
+    for where in configurations(arm.n, joints):
+        if where not in base:
+            raise StictionError(
+                f"{paths[0]}: joint {where.joint} has dithered torques, but no base torque in "
+                f"{where.load} {where.direction}: expected all four"
+            )
+    tau = np.tile([UNUSED_NM, -UNUSED_NM], (arm.n, 2, 1))
+    for where, value in base.items():
+        if where.joint <= arm.n:
+            tau[where.index] = value
+    return BaseTable(arm.name, tau), dithered
+
+
+def _dithered(path: str, row: SJERow, base: dict[Configuration, float]) -> DitheredRow:
+    where = Configuration(row.joint, row.load, row.direction)
+    if not base.get(where):
+        raise StictionError(
+            f"{path}: joint {row.joint}, {row.load} {row.direction} has dithered torques: "
+            "expected its base torque too, not 0 (a row with frequency and amplitude 0)"
+        )
+    same = ("robot", "joint", "load", "direction", "frequency_hz", "amplitude_nm")
+    return DitheredRow(
+        **{name: getattr(row, name) for name in same},
+        scale=row.amplitude_nm / abs(base[where]),
+        tau_base_nm=base[where],
+        tau_sje_nm=row.tau_nm,
+        change_pct=100 * (row.tau_nm / base[where] - 1),
+        table=Path(path).name,
+        amplitude_set="scale",
+        outlier=False,
+    )

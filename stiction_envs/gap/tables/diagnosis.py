@@ -1,11 +1,11 @@
 """What a simulation gets wrong, found in tables of breakaway torques.
 
-    diagnosis = diagnose_tables(base, rows, load_arm("panda"), load_friction("panda"))
+    diagnosis = diagnose_tables(base, rows, WholeArm(load_arm("panda"), load_friction("panda")))
     print(diagnosis.verdict)
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
 
-Causes are named by the evidence of the model with them (`gap.tables.judged`).
+`gap.tables.judged` names causes by the evidence of the model with them.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import FrictionParameters, load_friction
+from stiction_envs.arrays import Array
 from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.judge.judgement import (
     WIDTH,
@@ -30,16 +28,11 @@ from stiction_envs.gap.judge.judgement import (
 )
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
-from stiction_envs.gap.tables.data import Effect, TableData
+from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
 from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
-from stiction_envs.gap.tables.predictor import Predictor
-from stiction_envs.gap.tables.whole_arm import WholeArm
 from stiction_envs.measured import BaseTable, DitheredRow
-from stiction_envs.reporting.json_text import plain
 from stiction_envs.reporting.markdown import joints as named
-from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 UNEXPLAINED = 3.0
 """Log evidence for an error that is common to a frequency and scale above which a joint is not
 explained [nats]; assumed."""
@@ -68,12 +61,12 @@ class TableDiagnosis(Judgement):
         return percent_gained(self.nominal, self.extended) if self.causes else 0.0
 
     def to_json(self) -> dict[str, object]:
-        """Return the contents of a `diagnosis.json`; joints are strings, NaN is None."""
+        """Return the contents of a `diagnosis.json`."""
 
         def by_joint(values: Array) -> dict[str, float]:
             return dict(zip(map(str, self.joints), values.tolist(), strict=True))
 
-        answer = {
+        return {
             "robot": self.robot,
             "verdict": self.verdict,
             "reason": self.reason,
@@ -84,18 +77,14 @@ class TableDiagnosis(Judgement):
             "gain_percent": self.gain_percent,
             **self.judged_json(),
         }
-        return dict(plain(answer))
 
 
 def diagnose_tables(
     base: BaseTable,
     dithered: Sequence[DitheredRow],
-    arm: Arm,
-    friction: FrictionParameters | None = None,
+    whole: WholeArm,
     *,
-    whole: WholeArm | None = None,
-    threads: int = 0,
-    progress: Callable[[str], None] | None = None,
+    progress: Callable[[str, float], None] | None = None,
     causes: Sequence[Cause] | None = None,
 ) -> TableDiagnosis:
     """Say what a simulation gets wrong about measured breakaway torques.
@@ -103,32 +92,20 @@ def diagnose_tables(
     Args:
         base: base torques of all joints; only joints with dithered torques are used.
         dithered: torques of some or all joints; days or sets are not distinguished.
-        arm: the arm that is simulated.
-        friction: nominal parameters of one arm; None for the TOML of that name.
-        whole: the arm of an earlier diagnosis, in place of ``friction`` and ``threads``: its
-            simulations are not repeated. The result is the same.
-        threads: threads of the simulation, 0 for all processors.
-        progress: called with a line about the present step.
+        whole: the nominal arm; a later diagnosis with it does not repeat its simulations.
+        progress: called with the present step, and 0.
         causes: causes to try; None for all registered ones.
-
-    Raises:
-        StictionError: tables of another arm.
     """
-    if base.n_joints != arm.n:
-        raise StictionError(f"base table of {base.n_joints} joints, but {arm.name} has {arm.n}")
-    wrong = [x.joint for x in dithered if not 1 <= x.joint <= arm.n]
-    if wrong:
-        raise StictionError(f"dithered torque of joint {wrong[0]}, but {arm.name} has {arm.n}")
-    if whole is None:
-        if friction is None:
-            friction = load_friction(arm.registered_name, arm.n)
-        whole = WholeArm(arm, friction, threads=threads)
-    say = progress or (lambda _: None)
+
+    def say(step: str) -> None:
+        if progress is not None:
+            progress(step, 0.0)
+
     data = TableData(base, dithered, whole)
     if data.blocks - 1 < LEAST_BLOCKS:
         nothing = np.full(len(data.joints), np.nan)
         return TableDiagnosis(
-            robot=arm.name,
+            robot=whole.arm.name,
             verdict="cannot tell",
             joints=data.joints,
             nominal=nothing,
@@ -139,33 +116,27 @@ def diagnose_tables(
         )
     say("simulating the nominal arm")
     tried = registered() if causes is None else causes
-    effects = [e for c in tried for e in c.in_tables(data)]
-    quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
-    judge = Judge(Predictor(data, list(quantities)), effects)
-    return _report(arm.name, judge, *judge.search(say))
-
-
-def _report(robot: str, judge: Judge, best: Fit, weighed: Sequence[Weighed]) -> TableDiagnosis:
-    nominal = judge.fit({})
-    before, after = _errors(judge, nominal), _errors(judge, best)
+    judge = Judge(data, [e for c in tried for e in c.in_tables(data)])
+    best, weighed = judge.search(say)
+    before, after = _errors(judge, judge.fit({})), _errors(judge, best)
     gained = percent_gained(before, after)
     found = [_named(judge, best, c, before, after) for c in weighed]
-    causes = tuple(sorted(found, key=lambda c: -c.gain_percent))
+    found.sort(key=lambda c: -c.gain_percent)
     verdict, reason = _verdict(judge, best)
-    if causes and gained < 0:  # a verdict is earned
-        verdict, causes, after = "cannot tell", (), before
+    if found and gained < 0:  # a verdict is earned
+        verdict, found, after = "cannot tell", [], before
         reason = "the likeliest causes predict held-out readings worse than the nominal model"
     shares = {"named": gained, "links": 0.0, "set_up": 0.0, "left": 100 - gained}
     return TableDiagnosis(
-        robot=robot,
+        robot=whole.arm.name,
         verdict=verdict,
-        causes=causes,
-        shares_percent=shares if causes else {},
+        causes=tuple(found),
+        shares_percent=shares if found else {},
         not_shown=_not_shown(judge, best),
-        joints=judge.data.joints,
+        joints=data.joints,
         nominal=before,
         extended=after,
-        noise_floor=np.array([100 * best.error(k)[0] for k in range(len(judge.data.joints))]),
+        noise_floor=np.array([100 * best.error(k)[0] for k in range(len(data.joints))]),
         reason=reason,
     )
 
@@ -173,8 +144,8 @@ def _report(robot: str, judge: Judge, best: Fit, weighed: Sequence[Weighed]) -> 
 def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
     """Return what is said of a cause."""
     name, joints = c.effects[0].cause, c.effects[0].joints
-    rivals = {n: best.score - f.score for n, f in c.rivals.items()}
-    nearest = sorted(rivals.items(), key=lambda x: x[1])
+    rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
+    nearest = sorted(rivals, key=lambda x: x[1])
     confused = [n for n, nats in nearest if nats < ALIKE][:MOST_ALIKE]
     return NamedCause(
         name=name,
@@ -244,8 +215,8 @@ def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
             low, high, x = *judge.bounds[e], float(lines.fit(model)[-1])
             ends = [np.clip(e.size * (x + w * sd), low, high) for w in (-WIDTH, WIDTH)]
             (key, a), (_, b) = (next(iter(e.values(float(v)).items())) for v in ends)
-            found = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
-            out[e.cause, term.joint] = found
+            where = e.cause, term.joint
+            out[where] = NotShown(name=e.cause, joints=e.joints, parameters={key: (a, b)})
     return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 

@@ -11,19 +11,18 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array
 from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.tables.data import Effect
+from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.gap.tables.predictor import Predictor, States, Values
 from stiction_envs.gap.tables.problem import SCATTER, SIZES, Cells, TableProblem
 
-Array = NDArray[np.float64]
 LEVEL_SD, OFFSET_SD = 0.03, 0.007
 """Prior sizes of the errors of a pose's friction level, and of its offset over friction [-];
 assumed: half the sum of two base torques of 1 % scatter each, and a level that varies more."""
@@ -90,10 +89,11 @@ class Weighed:
 class Judge:
     """All effects on the tables, and the evidence of any set of them."""
 
-    def __init__(self, predictor: Predictor, effects: Iterable[Effect]) -> None:
+    def __init__(self, data: TableData, effects: Sequence[Effect]) -> None:
         """Take the effects with their priors."""
-        self.predictor, self.data = predictor, predictor.data
-        self.bounds = {e: predictor.bounds(e) for e in effects}
+        quantities = dict.fromkeys(e.quantity for e in effects if e.quantity is not None)
+        self.data, self.predictor = data, Predictor(data, list(quantities))
+        self.bounds = {e: self.predictor.bounds(e) for e in effects}
         self.effects: dict[Term, Effect] = {}
         """By candidate; each trial value of an effect is one."""
         self.term: dict[Effect, Term] = {}
@@ -170,14 +170,15 @@ class Judge:
         """Return the most likely values of terms in a linear model."""
         model = problem.model(terms)
         each = problem.fit(model)[len(problem.at(model)) - len(terms) :].tolist()
-        return {e: x * e.size for t, x in zip(terms, each, strict=True) for e in [self.effects[t]]}
+        effects = [self.effects[t] for t in terms]
+        return {e: x * e.size for e, x in zip(effects, each, strict=True)}
 
     def fit(self, values: Values, states: States | None = None, *, simulate: bool = True) -> Fit:
-        """Return the most likely values of effects, starting from some.
+        """Return the most likely values of effects, starting from some values.
 
         Args:
-            values: from which it starts.
-            states: from which it predicts at first; None for near the values.
+            values: the start.
+            states: the first states; None for those near the values.
             simulate: whether the whole arm is simulated again where the values have moved.
         """
         x, terms = dict(values), [self.term[e] for e in values]
@@ -199,10 +200,7 @@ class Judge:
         return Fit(values=x, states=states, problem=problem, terms=terms, score=score)
 
     def left_out(self, fit: Fit) -> Array:
-        """Return (N,) measured less predicted over friction [-].
-
-        Each block is predicted with values fitted to the others.
-        """
+        """Return (N,) measured less predicted by a fit to the other blocks, over friction [-]."""
         data, out = self.data, np.empty(len(self.data.jobs))
         fixed = fit.problem.on(fit.problem.channels, fit.sizes)
         for block in range(data.blocks):
@@ -222,7 +220,8 @@ class Judge:
         while True:
             say("looking for what else could have been it")
             causes = self._weigh(best)
-            better = max([best, *(f for c in causes for f in c.rivals.values())], key=_worth)
+            rivals = [f for c in causes for f in c.rivals.values()]
+            better = max([best, *rivals], key=lambda f: f.worth)
             if better is best:
                 return best, causes
             best = self._climb(better, say)
@@ -271,12 +270,9 @@ class Judge:
         return best
 
     def _rivals(self, fit: Fit, without: Fit, instead: Sequence[Effect]) -> dict[str, Fit]:
-        """Return models with another cause in place of some effects, by its name.
+        """Return models with another cause in place of some effects of one cause, by its name.
 
-        Args:
-            fit: the model with the effects.
-            without: the model without them.
-            instead: the effects, of one cause and about the same joints.
+        ``fit`` is the model with the effects, ``without`` the model without them.
         """
         lines = self.problem(without.states, without.values, tangents=False)
         rest, joints = without.terms, {self.term[e].joint for e in instead}
@@ -302,10 +298,6 @@ class Judge:
             close = new.score > fit.score - CLOSE
             out[name] = self.fit(new.values, new.states) if close else new
         return out
-
-
-def _worth(fit: Fit) -> float:
-    return fit.worth
 
 
 def _kind(e: Effect) -> tuple[str, bool, bool]:

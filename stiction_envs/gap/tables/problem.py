@@ -13,12 +13,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 SCATTER = 0.01
 """Usual scatter of a reading over friction [-]; assumed: what four iterations of 2 % scatter
 leave."""
@@ -50,10 +48,7 @@ class Cells(Channel):
         self._normal: dict[int, Array] = {}
 
     def normal(self, held_out: int) -> Array:
-        """Return (G, P + 1, P + 1) normal equations for each size of the errors.
-
-        The last row and column are the residual's; ``held_out`` is as of `sums`.
-        """
+        """Return (G, P + 1, P + 1) normal equations of columns and residual for each size."""
         if held_out not in self._normal:
             xx, xr, rr = self.sums(held_out)
             whole = np.block([[xx, xr[:, None]], [xr[None], np.array([[rr]])]])

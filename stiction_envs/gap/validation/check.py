@@ -3,9 +3,8 @@
     refuse_unfit(logs, diagnosed, arm)
     check = check_model(diagnosis, logs)
 
-Nothing is fitted here. The check logs go through the same reader, corrections and preparation as
-the diagnosed ones, with the cutoff of these: the extended model was fitted below it. Both models
-then predict their torque, for the same arm, side of the gear and baseline.
+Nothing is fitted here. The check logs are read, corrected and prepared as the diagnosed ones were,
+with the same cutoff: the extended model was fitted below it.
 
 A joint is **worse** where the extended model's error exceeds the nominal model's by more than
 `WORSE` of it and the added error, √(extended² − nominal²), exceeds the noise floor, or where it is
@@ -24,8 +23,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.causes.base import ALL_OF_ONE, THE_ARM
@@ -36,11 +35,11 @@ from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.sessions import sessions
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import LEAST_SECONDS, JointLog
+from stiction_envs.measured.logs.robot_log import RobotLog
 from stiction_envs.measured.motion import TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
 WORSE = 0.05
 """A joint is worse if its error exceeds the nominal one by this part of it [-]; assumed."""
 HARM = 0.1
@@ -57,36 +56,23 @@ class Transfer:
     """One cause on the check logs."""
 
     name: str
-    torque: Array
-    """(n,) root mean square of what it adds to the model [N·m]."""
     without: Array
     """(n,) error of the extended model without it [N·m]."""
     harmed: tuple[int, ...]
     """Joints, from 1, that its presence makes worse."""
-    as_a_whole: bool
-    """Whether it acts on all of them with the same coefficients, and helps more than it harms."""
-
-    @property
-    def fails(self) -> bool:
-        """Whether it does not transfer."""
-        return bool(self.harmed) and not self.as_a_whole
+    fails: bool
+    """Whether it does not transfer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Check:
-    """Both models on logs that took no part."""
+    """Both models on logs that took no part; errors are root mean squares (n,) [N·m]."""
 
     logs: tuple[JointLog, ...]
     data: Data
     """The logs against the nominal model."""
-    extended: Array
-    """(T, n) torque of the extended model along them [N·m]."""
     nominal_rms: Array
-    """(n,) [N·m]."""
     extended_rms: Array
-    """(n,) [N·m]."""
-    noise: Array
-    """(n,) noise floor [N·m]."""
     worse_joints: tuple[int, ...]
     """From 1."""
     transfers: tuple[Transfer, ...]
@@ -117,20 +103,20 @@ class Check:
 
     def __str__(self) -> str:
         many = "the log that took no part" if len(self.logs) == 1 else "logs that took no part"
-        before, after, worse = self.nominal_rms, self.extended_rms, self.worse_joints
-        if worse:
-            each = ", ".join(f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in worse)
-            text = f"does not hold on {joint_list(worse)}, whose errors go from {each} N·m"
+        before, after = self.nominal_rms, self.extended_rms
+        if self.worse_joints:
+            each = [f"{before[j - 1]:.3g} to {after[j - 1]:.3g}" for j in self.worse_joints]
+            worse = joint_list(self.worse_joints)
+            text = f"does not hold on {worse}, whose errors go from {', '.join(each)} N·m."
         elif not self.transfers:
             text = f"is the nominal one, whose error there is {before.mean():.3g} N·m"
+            text += " (mean of joints)."
         else:
             text = f"holds: error there {before.mean():.3g} N·m without it, {after.mean():.3g} with"
-            text += " it"
-        text = f"On {many} the model {text}" + ("." if worse else " (mean of joints).")
+            text += " it (mean of joints)."
         harm = [f"{x.name} ({joint_list(x.harmed)})" for x in self.transfers if x.fails]
-        if harm:
-            text += f" Not transferring: {', '.join(harm)}."
-        return text
+        also = f" Not transferring: {', '.join(harm)}." if harm else ""
+        return f"On {many} the model {text}{also}"
 
 
 def refuse_unfit(logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: Arm) -> None:
@@ -140,9 +126,8 @@ def refuse_unfit(logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: A
         StictionError: logs of another robot, without a joint that moves in both, too short, poses,
             or one that was diagnosed too.
     """
-    least, span = LEAST_SECONDS, TRAVEL_SPAN
-    reach = _reach(diagnosed)
-    known = np.flatnonzero(np.ptp(reach, axis=0) > span)
+    refuse_diagnosed(logs, diagnosed)
+    known = _moved(diagnosed)
     for log in logs:
         where = f"check log {log.source}"
         if log.n != arm.n:
@@ -150,40 +135,30 @@ def refuse_unfit(logs: Sequence[JointLog], diagnosed: Sequence[JointLog], arm: A
         if log.static:
             raise StictionError(f"{where}: poses without time: expected a log of a motion")
         seconds = float(log.t[-1] - log.t[0])
-        if seconds < least - 1.5 * log.step:
-            raise StictionError(f"{where}: {seconds:.3g} s: expected {least:g} s or more")
-        if any(np.array_equal(log.q, other.q) for other in diagnosed):
-            raise StictionError(f"{where}: it is diagnosed too: expected a log that takes no part")
-        _check_limits(where, _reach([log]), reach, arm, span)
-        moved = np.flatnonzero(np.ptp(_reach([log]), axis=0) > span)
+        if seconds < LEAST_SECONDS - 1.5 * log.step:
+            raise StictionError(f"{where}: {seconds:.3g} s: expected {LEAST_SECONDS:g} s or more")
+        moved = _moved([log])
         if not np.intersect1d(moved, known).size:
-            has, took = (joint_list([int(j) + 1 for j in x]) for x in (moved, known))
+            has, took = (joint_list((x + 1).tolist()) for x in (moved, known))
             raise StictionError(
-                f"{where}: {has} moves more than {span:g} rad in it, {took} in the diagnosed logs: "
-                "expected one or more that move in both"
+                f"{where}: {has} moves more than {TRAVEL_SPAN:g} rad in it, {took} in the "
+                "diagnosed logs: expected one or more that move in both"
             )
 
 
-def _reach(logs: Sequence[JointLog]) -> Array:
-    """Return (2, n) least and largest angles of some logs [rad]."""
-    return np.stack(
-        [
-            np.min([log.q.min(axis=0) for log in logs], axis=0),
-            np.max([log.q.max(axis=0) for log in logs], axis=0),
-        ]
-    )
+def refuse_diagnosed(logs: Sequence[RobotLog], diagnosed: Sequence[RobotLog]) -> None:
+    """Raise a StictionError for a log to check with that was diagnosed too."""
+    for log in logs:
+        if any(np.array_equal(log.q, other.q) for other in diagnosed):
+            raise StictionError(
+                f"check log {log.source}: it is diagnosed too: expected a log that takes no part"
+            )
 
 
-def _check_limits(where: str, reach: Array, diagnosed: Array, arm: Arm, span: float) -> None:
-    """Raise if angles leave the arm's limits where those of the diagnosed logs do not."""
-    low, high = arm.limits.position.T
-    beyond, before = (np.maximum(low - x[0], x[1] - high) for x in (reach, diagnosed))
-    limited = ~arm.limits.assumed("position")
-    for j in np.flatnonzero(limited & (beyond > span) & (before <= span)):
-        raise StictionError(
-            f"{where}: joint {j + 1} turns from {reach[0, j]:.3g} to {reach[1, j]:.3g} rad: "
-            f"expected a log of {arm.name}, which turns from {low[j]:.3g} to {high[j]:.3g} rad"
-        )
+def _moved(logs: Sequence[JointLog]) -> Index:
+    """Return the joints, from 0, that move in some logs."""
+    low, high = [log.q.min(axis=0) for log in logs], [log.q.max(axis=0) for log in logs]
+    return np.flatnonzero(np.max(high, axis=0) - np.min(low, axis=0) > TRAVEL_SPAN)
 
 
 def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
@@ -195,35 +170,28 @@ def check_model(d: Diagnosis, logs: Sequence[JointLog]) -> Check:
     arm, found = d.data.arm, model_of(d)
     cutoff = d.data.cutoff if np.isfinite(d.data.cutoff) else None
     make = partial(prepare, cutoff_hz=cutoff)
-    sign, lag = found.torque_sign, found.torque_lag
-    logs, signals = correct_torques(logs, arm, make, sign, lag, found.torque_unit)
+    sign, lag, unit = found.torque_sign, found.torque_lag, found.torque_unit
+    logs, signals = correct_torques(logs, arm, make, sign, lag, unit)
     shown = d.data.measured if signals.measured is None else d.data.measured & signals.measured
-    signals = replace(signals, sessions=sessions(logs, found.sessions), measured=shown)
-    torque, friction, file = d.data.recording.torque, d.baseline.friction, d.baseline.file
     base = assemble(
         arm,
-        signals,
-        friction=friction,
-        torque=torque,
-        of_file=file,
+        replace(signals, sessions=sessions(logs, found.sessions), measured=shown),
+        friction=d.baseline.friction,
+        torque=d.data.recording.torque,
+        of_file=d.baseline.file,
         known_unit=d.baseline.torque_unit,
     )
     nominal = d.baseline.extend(base)
     extended = found.extend(base).nominal
-    noise = base.noise
-    before, after, torque_rms = (
-        _rms(x) for x in (nominal.logged_residual, base.tau - extended, base.tau)
-    )
+    before, after = _rms(nominal.logged_residual), _rms(base.tau - extended)
     added = np.sqrt(np.maximum(after**2 - before**2, 0.0))
-    worse = (after > (1 + WORSE) * before) & (added > noise)
-    worse |= after > np.maximum(LARGE * torque_rms, noise / LARGE)
+    worse = (after > (1 + WORSE) * before) & (added > base.noise)
+    worse |= after > np.maximum(LARGE * _rms(base.tau), base.noise / LARGE)
     return Check(
         logs=tuple(logs),
         data=nominal,
-        extended=extended,
         nominal_rms=before,
         extended_rms=after,
-        noise=noise,
         worse_joints=tuple(int(j) + 1 for j in np.flatnonzero(worse)),
         transfers=_transfers(base, found, d, extended),
         notes=(f"logs that took no part: cutoff {signals.cutoff:.3g} Hz", *signals.notes),
@@ -238,21 +206,21 @@ def _rms(error: Array) -> Array:
 def _transfers(base: Data, found: Nominal, d: Diagnosis, extended: Array) -> tuple[Transfer, ...]:
     """Judge each named cause by the model without its parts, as the module describes."""
     before, out = d.baseline.parts, []
-    with_it = _rms(base.tau - extended)
+    with_it, noise = _rms(base.tau - extended), base.noise
     for name in [c.name for c in (*d.causes, *d.minor)]:
         rest = [p for p in found.parts[len(before) :] if p.cause != name]
         less = replace(found, parts=(*before, *rest)).extend(base).nominal
-        torque, without = _rms(extended - less), _rms(base.tau - less)
-        harmed = (torque > SEEN * base.noise) & (with_it**2 > (1 + HARM) * without**2)
-        cause = cause_named(name)
-        helps = np.log((without**2 + base.noise**2) / (with_it**2 + base.noise**2)).sum() > 0
+        without = _rms(base.tau - less)
+        seen = _rms(extended - less) > SEEN * noise
+        harmed = np.flatnonzero(seen & (with_it**2 > (1 + HARM) * without**2))
+        helps = np.log((without**2 + noise**2) / (with_it**2 + noise**2)).sum() > 0
+        as_a_whole = helps and cause_named(name).acts_on in (THE_ARM, ALL_OF_ONE)
         out.append(
             Transfer(
                 name=name,
-                torque=torque,
                 without=without,
-                harmed=tuple(int(j) + 1 for j in np.flatnonzero(harmed)),
-                as_a_whole=bool(helps) and cause.acts_on in (THE_ARM, ALL_OF_ONE),
+                harmed=tuple(int(j) + 1 for j in harmed),
+                fails=bool(harmed.size) and not as_a_whole,
             )
         )
     return tuple(out)

@@ -19,20 +19,19 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, model_of
-from stiction_envs.gap.extended_mjcf import TIMESTEP
-from stiction_envs.gap.extended_model import extend
+from stiction_envs.gap.extended_model import TIMESTEP, extend
 from stiction_envs.gap.predictors.torque import FOLDS
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.plant.any_model import steer
+from stiction_envs.reporting.markdown import percent, short, table_text
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB
 
-Array = NDArray[np.float64]
 SECONDS = 0.5
 """Length of a window [s]; assumed."""
 REPLAY = 0.2
@@ -47,54 +46,57 @@ BANDWIDTH = 40.0
 its noise."""
 TRANSIENT = 0.15
 """Start of a window that does not count for tracking [s]; assumed: the servo's transient."""
+TIMES = np.arange(1, round(SECONDS / TIMESTEP) + 1) * TIMESTEP
+"""Times of the simulation in a window [s]."""
 FASTEST = 200.0
 """Speed above which the simulation counts as unstable [rad/s]; assumed: forty times what arms do. A
 wrist without its friction reaches 50 in 0.2 s."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Run:
-    """One model in all windows."""
-
-    position_rms: Array
-    """(n,) distance from the measured angles under the measured torques alone [rad]."""
-    torque_rms: Array
-    """(n,) of what the tracking servo adds [N·m]."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class ForwardValidation:
-    """Nominal against extended, on windows of blocks that were not fitted."""
+    """Nominal against extended model, on windows of blocks that were not fitted."""
 
     windows: int
-    nominal: Run
-    extended: Run
+    replay: dict[str, Array]
+    """(n,) distance from the measured angles under the measured torques alone [rad], of the
+    ``nominal`` and the ``extended`` model."""
+    tracking: dict[str, Array]
+    """(n,) torque that the tracking servo adds [N·m], likewise."""
     unstable: str = ""
     """In how many more windows which model is unstable."""
 
     def to_json(self) -> dict[str, object]:
         """Return ``forward`` of ``diagnosis.json``."""
-        both = {"nominal": self.nominal, "extended": self.extended}
-        out: dict[str, object] = {
-            "windows": self.windows,
-            "replay_rad": {k: x.position_rms for k, x in both.items()},
-            "tracking_nm": {k: x.torque_rms for k, x in both.items()},
-        }
+        out = {"windows": self.windows, "replay_rad": self.replay, "tracking_nm": self.tracking}
         return out | ({"unstable": self.unstable} if self.unstable else {})
 
     @property
-    def position_gain(self) -> Array:
-        """(n,) how much less the extended model strays [%]."""
-        return _gain(self.nominal.position_rms, self.extended.position_rms)
+    def gains(self) -> tuple[Array, Array]:
+        """(n,) how much less the extended model strays, and the servo adds to it [%]."""
+        replay, tracking = (
+            100 * (1 - x["extended"] / np.maximum(x["nominal"], 1e-12))
+            for x in (self.replay, self.tracking)
+        )
+        return replay, tracking
 
-    @property
-    def torque_gain(self) -> Array:
-        """(n,) how much less the servo adds [%]."""
-        return _gain(self.nominal.torque_rms, self.extended.torque_rms)
-
-
-def _gain(before: Array, after: Array) -> Array:
-    return np.asarray(100 * (1 - after / np.maximum(before, 1e-12)))
+    def text(self) -> str:
+        """Return how both models fare, as Markdown."""
+        columns = [*self.replay.values(), *self.tracking.values()]
+        rows = [
+            [f"joint {j}", *(short(x) for x in values)]
+            for j, values in enumerate(zip(*columns, strict=True), start=1)
+        ]
+        means = [f"**{percent(-x.mean(), 0)}**" for x in self.gains]
+        rows.append(["mean", "", means[0], "", means[1]])
+        header = ["", "replay, nominal [rad]", "extended", "tracking, nominal [N·m]", "extended"]
+        left_out = f" What is unstable does not count: {self.unstable}." if self.unstable else ""
+        return (
+            f"Both models run in stock MuJoCo on {self.windows} windows of {SECONDS:g} s that were "
+            "not fitted, each from the measured state. Replay: how far the arm strays in "
+            f"{REPLAY:g} s under the measured torques alone. Tracking: what a servo must add to "
+            f"keep it on the measured motion.{left_out}\n\n{table_text(header, rows)}"
+        )
 
 
 def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValidation | str:
@@ -110,39 +112,32 @@ def validate_forward(diagnosis: Diagnosis, *, threads: int = 0) -> ForwardValida
     if len(windows) < LEAST_WINDOWS:
         return f"no {LEAST_WINDOWS} windows of {SECONDS:g} s without a gap in the held-out blocks"
     found = model_of(diagnosis, diagnosis.predictor.problem.without(1).fit(diagnosis.terms))
-    rolls = []
+    rolls: dict[str, tuple[Array, Array]] = {}
     try:
-        for model in (nominal, found):
+        for name, model in (("nominal", nominal), ("extended", found)):
             made = extend(base, model)
             with silent_engine():
-                rolls.append(_simulate(made.xml, base, windows, made.left_out, threads))
+                rolls[name] = _simulate(made.xml, base, windows, made.left_out, threads)
     except StictionError as error:
         return str(error)
-    stable = [np.isfinite(added).all(axis=(1, 2)) for _, added in rolls]
+    stable = {name: np.isfinite(added).all(axis=(1, 2)) for name, (_, added) in rolls.items()}
     unstable = " and ".join(
         f"the {name} model in {np.count_nonzero(~x)} of {len(windows)} windows"
-        for name, x in zip(("nominal", "extended"), stable, strict=True)
+        for name, x in stable.items()
         if not x.all()
     )
-    good = stable[0] & stable[1]
+    good = np.all([*stable.values()], axis=0)
     if np.count_nonzero(good) < LEAST_WINDOWS:
         return f"the simulation is unstable: {unstable}"
-    runs = [Run(position_rms=_rms(x[good]), torque_rms=_rms(added[good])) for x, added in rolls]
     return ForwardValidation(
-        windows=int(np.count_nonzero(good)), nominal=runs[0], extended=runs[1], unstable=unstable
+        windows=int(np.count_nonzero(good)),
+        replay={name: _rms(strayed[good]) for name, (strayed, _) in rolls.items()},
+        tracking={name: _rms(added[good]) for name, (_, added) in rolls.items()},
+        unstable=unstable,
     )
 
 
-def _steps(seconds: float) -> int:
-    """Return the number of steps of the simulation."""
-    return round(seconds / TIMESTEP)
-
-
-def _times() -> Array:
-    return np.asarray(np.arange(1, _steps(SECONDS) + 1) * TIMESTEP, dtype=np.float64)
-
-
-def _windows(data: Data, held: NDArray[np.int64]) -> list[slice]:
+def _windows(data: Data, held: Index) -> list[slice]:
     """Return rows of windows within one segment and one held-out block, evenly picked."""
     count = int(np.ceil(SECONDS / data.dt)) + 1
     out = []
@@ -163,7 +158,7 @@ def _resampled(data: Data, windows: list[slice], signal: Array, order: int = 0) 
     out = []
     for w in windows:
         spline = CubicSpline(np.arange(w.stop - w.start) * data.dt, signal[w])
-        out.append(spline(_times(), order))
+        out.append(spline(TIMES, order))
     return np.array(out)
 
 
@@ -209,7 +204,7 @@ def _simulate(
     control = np.zeros((*torque.shape[:2], model.nu))
     control[:, :, act] = torque
     # no further than it counts: a joint whose friction is missing spins up in half a second
-    steps, fast = _steps(REPLAY), FASTEST
+    steps, fast = round(REPLAY / TIMESTEP), FASTEST
     replayed = steer(model, start, lambda k, _: control[:, k], steps, fastest=fast, threads=threads)
     added = np.empty_like(torque)
     inertia = np.array([_mass(model, data.q[k], dof) for k in starts])
@@ -229,7 +224,7 @@ def _simulate(
     strayed = _link(replayed, model, names) - measured[:, :steps]
     bad = ~(np.isfinite(replayed).all(axis=(1, 2)) & np.isfinite(tracked).all(axis=(1, 2)))
     strayed[bad] = added[bad] = np.nan
-    return strayed, added[:, _steps(TRANSIENT) :]
+    return strayed, added[:, round(TRANSIENT / TIMESTEP) :]
 
 
 def _rms(x: Array) -> Array:
@@ -247,7 +242,7 @@ def _link(qpos: Array, model: mujoco.MjModel, names: tuple[str, ...]) -> Array:
     return out
 
 
-def _mass(model: mujoco.MjModel, q: Array, dof: NDArray[np.int64]) -> Array:
+def _mass(model: mujoco.MjModel, q: Array, dof: Index) -> Array:
     """Return the (n, n) mass matrix [kg·m²]."""
     work = mujoco.MjData(model)
     work.qpos[dof] = q

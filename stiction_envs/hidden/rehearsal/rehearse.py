@@ -27,11 +27,9 @@ from typing import Unpack
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.gap.causes import Cause, cause_named, register, registered
-from stiction_envs.gap.diagnose import diagnose
+from stiction_envs.gap.diagnose import LogOptions, diagnose
 from stiction_envs.gap.model_file import changed_arm
-from stiction_envs.gap.options import LogOptions
-from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
 from stiction_envs.hidden.rehearsal.replay import replay_of
 from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs import diagnose
-from stiction_envs.gap.report.log_result import LogDiagnosis
-from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.hidden.servo_logs import hide
 from tests.gap.servo.small_arm import held, two_links
 from tests.gap.small_logs import dry, hidden

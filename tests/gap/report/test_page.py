@@ -10,8 +10,8 @@ import pytest
 
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause, NotShown
 from stiction_envs.gap.links import LinkErrors
-from stiction_envs.gap.report.log_result import LogDiagnosis, far_links
 from stiction_envs.gap.report.page import cause_table, not_shown, rivals
+from stiction_envs.gap.report.results import LogDiagnosis, far_links
 
 
 def estimate(value: float, half: float) -> Estimate:
@@ -61,12 +61,7 @@ def test_the_table_has_value_interval_unit_nats_and_the_best_rival() -> None:
 )
 def test_values_of_every_kind(parameters: dict[str, Estimate], cell: str) -> None:
     cause = replace(COULOMB, joints=(), parameters={0: parameters}, rivals=(), confused_with=())
-    assert cause_table([cause]).splitlines()[2].split(" | ")[1:] == [
-        "whole arm",
-        cell,
-        "120",
-        "none |",
-    ]
+    assert cause_table([cause]).splitlines()[2].endswith(f"| whole arm | {cell} | 120 | none |")
 
 
 def test_what_was_not_shown_has_its_numbers() -> None:
@@ -95,9 +90,7 @@ def links(*masses: float) -> LinkErrors:
     return LinkErrors(scale=1.0, changes=changes, covariance=prior, links=bodies, prior=prior)
 
 
-def test_links_beyond_three_deviations_are_no_tolerance(
-    tmp_path: Path, torques: LogDiagnosis
-) -> None:
+def test_links_beyond_three_deviations_are_no_tolerance(torques: LogDiagnosis) -> None:
     assert far_links(links(0.1, 0.25)) == ""
     assert "link 2 is off by 94 prior standard deviations" in far_links(links(0.1, 9.4))
     percent = {"named": 60.0, "links": 30.0, "set_up": 0.0, "left": 10.0}
@@ -108,7 +101,7 @@ def test_links_beyond_three_deviations_are_no_tolerance(
         d = replace(torques.diagnosis, links=links(0.0, mass), shares_percent=percent)
         result = replace(torques, diagnosis=d)
         result.__dict__["forward"] = "not here"
-        text = f"{result.headline} {result.details(tmp_path)['about_links']}"
+        text = f"{result.headline} {result.details()['about_links']}"
         assert says in text
         assert not_said not in text
         shares = "the named causes 60 %, errors of links 30 %, the set-up 0 %; 10 % is left"
@@ -126,12 +119,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
     replace(torques, diagnosis=d).write(tmp_path)
     text = (tmp_path / "report.md").read_text("utf-8")
     first, section = text.split("## 1. coulomb_friction, joints 1 and 2")
-    for words in (
-        "**Explained.**",
-        "plots/summary.png",
-        "| 50 |",
-        "payload, whole arm: `mass_kg` 0.0 ± 6.0 kg",
-    ):
+    for words in ("**Explained.**", "plots/summary.png", "| 50 |", "payload, whole arm: `mass_kg`"):
         assert words in first
     assert "[nats]: **viscous_friction** (1.2), link_inertia (33)." in section
     assert "from viscous_friction: constant speed" in section
@@ -143,10 +131,7 @@ def test_everything_of_the_first_screen_comes_before_the_sections(
 @pytest.mark.parametrize(
     ("verdict", "says"),
     [
-        (
-            "no discrepancy",
-            "The simulation agrees with the logs; no cause is significant. The rigid",
-        ),
+        ("no discrepancy", "agrees with the logs; no cause is significant. The rigid"),
         ("cannot tell", "they cannot tell what it gets wrong. The rigid model is off by 0.49"),
         ("explained", "Errors of links and set-up explain what it gets wrong. The extended model"),
     ],

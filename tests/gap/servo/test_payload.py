@@ -7,7 +7,7 @@ import pytest
 from stiction_envs import diagnose
 from stiction_envs.gap.causes.body.bodies import sphere, with_payload
 from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
-from stiction_envs.gap.report.servo_result import ServoResult
+from stiction_envs.gap.report.results import ServoResult
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.payload import gravity_of_tip, proposed

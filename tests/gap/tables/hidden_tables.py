@@ -69,20 +69,12 @@ class Truth:
 
     def at(self, joint: int) -> Truth:
         """Return what of it concerns a joint."""
-        if self.joint in (0, joint):
-            return self
-        return Truth()
+        return self if self.joint in (0, joint) else Truth()
 
     def friction(self, arm: FrictionParameters, joint: int, load: float) -> FrictionParameters:
         """Return the true friction, given the signed load [N·m] of the load pose."""
-        p = {
-            k: np.array(getattr(arm, k))
-            for k in (
-                *("rotor_inertia", "bristle_stiffness", "offset", "gravity_error", "stiction"),
-                "load_coefficient",
-            )
-        }
-        j = joint - 1
+        j, names = joint - 1, ("rotor_inertia", "bristle_stiffness", "offset", "gravity_error")
+        p = {k: np.array(getattr(arm, k)) for k in (*names, "stiction", "load_coefficient")}
         p["rotor_inertia"][j] *= self.rotor_inertia
         p["bristle_stiffness"][j] *= self.bristle_stiffness
         p["offset"][j] += self.offset_nm
@@ -145,10 +137,8 @@ def _read(joint: int, truth: Truth, seed: int) -> dict[tuple[Configuration, floa
     arm = load_arm("panda")
     load = float(SingleJointExperiment(arm, friction=nominal()).poses.signed[joint - 1, 0])
     friction = truth.friction(nominal(), joint, load)
-    cells: list[tuple[Configuration, float, float]] = []
-    for where in configurations(7, [joint]):
-        cells += [(where, 0.0, 0.0)]
-        cells += [(where, f, s) for f, s in SETTINGS]
+    settings = ((0.0, 0.0), *SETTINGS)
+    cells = [(where, f, s) for where in configurations(7, [joint]) for f, s in settings]
     # a replica of its own, so that no two cells share their scatter
     jobs = {
         c: Job(c[0], c[1], amplitude(c[0], c[2]) if c[1] else 0.0, replica=k)

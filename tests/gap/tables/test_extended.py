@@ -10,7 +10,7 @@ import pytest
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.judge.judgement import Estimate, NamedCause
-from stiction_envs.gap.tables.extended import extended_friction
+from stiction_envs.gap.report.results import extended_friction
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal
 
@@ -57,7 +57,7 @@ def test_a_cause_is_put_where_it_was_hidden(truth, found):
     hidden = Truth(joint=JOINT, **truth).friction(nominal(), JOINT, load=1.0)
     friction, changed, missing = extended_friction(ARM, nominal(), (found,))
     same(friction, hidden)
-    assert missing == ()
+    assert missing == []
     assert set(changed.values()) == {found.name}
 
 

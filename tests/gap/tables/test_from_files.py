@@ -13,7 +13,7 @@ from stiction_envs.experiments.sje.protocol import Job
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.extended_model import load_model
-from stiction_envs.gap.tables.from_files import read_tables
+from stiction_envs.gap.tables.data import read_tables
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import SETTINGS
@@ -49,9 +49,9 @@ def test_base_and_dithered_torques_may_lie_in_several_files(put):
     """As `tune` writes them; a base torque that both hold is one, and joints keep their own."""
     paths = [put("base.csv", base(5) + base(7, tau=0.7)), put("scale.csv", base(5) + dithered(5))]
     table, cells = read_tables(paths, ARM)
+    assert table.tau.shape == (7, 2, 2)
     np.testing.assert_array_equal(table.tau[4], [[0.8, -0.8], [0.8, -0.8]])
     np.testing.assert_array_equal(table.tau[6], [[0.7, -0.7], [0.7, -0.7]])
-    assert table.n_joints == 7
     assert len(cells) == 4
     row = cells[1]
     assert (row.joint, row.load, row.direction) == (5, "load", "-")
@@ -75,6 +75,7 @@ def test_rows_of_other_robots_are_left_out(put):
         (base(5) + base(5, tau=0.9) + dithered(5), "is 0.9 N·m and 0.8 N·m: expected one"),
         (base(5)[:3] + dithered(5)[:3], "no base torque in no_load -: expected all four"),
         (base(5)[:3] + dithered(5), "joint 5, no_load - has dithered torques: expected its base"),
+        (base(5, tau=0.0) + dithered(5), "expected its base torque too, not 0"),
         (base(5), "expected rows with dither too"),
         (base(5, "ur5") + dithered(5, "ur5"), "torques of ur5: expected robot panda"),
         (base(8) + dithered(8), "joint 8: panda has 7"),

@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from stiction_envs.gap.report.table_result import TableResult
+from stiction_envs.gap.report.results import TableResult
 from stiction_envs.gap.tables.causes import SimulatedCause, register, registered, unregister
+from stiction_envs.gap.tables.data import Quantity, WholeArm
 from stiction_envs.gap.tables.diagnosis import diagnose_tables
-from stiction_envs.gap.tables.whole_arm import Quantity, WholeArm
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal, protocol, tables
@@ -19,7 +19,7 @@ class HeavierGear(SimulatedCause):
     """The same as a rotor's inertia, under a name of its own."""
 
     name, absolute = "heavier_gear", "gear_kgm2"
-    quantity = Quantity(name="heavier_gear", fields=("rotor_inertia",), low=0.5, high=4.0)
+    quantity = Quantity(fields=("rotor_inertia",), low=0.5, high=4.0)
     tell_apart = {"rotor_inertia": "the gear on a balance"}  # noqa: RUF012
 
 
@@ -36,7 +36,7 @@ def test_a_registered_cause_is_found_reported_and_put_into_the_model(outside, tm
     measured = tables([7], truth, seed=1)
     whole = WholeArm(arm, nominal(), protocol=protocol())
     assert outside in registered()
-    d = diagnose_tables(*measured, arm, whole=whole, causes=[outside])
+    d = diagnose_tables(*measured, whole, causes=[outside])
     (found,) = d.causes
     assert (found.name, found.joints) == ("heavier_gear", (7,))
     assert found.parameters[7]["factor"].value == pytest.approx(2.0, abs=0.1)

@@ -1,4 +1,4 @@
-"""The causes that torque tables alone show, one module each; one line here registers a cause.
+"""The causes that torque tables alone show, a class each; one line here registers a cause.
 
 `torque_offset` and `direction_asymmetry`, which logs show too, are in `gap.causes`. Other packages
 add a cause by `register`; `gap.causes.base.Cause` says how, and `SimulatedCause` does most of it.
@@ -10,13 +10,7 @@ from functools import partial
 
 from stiction_envs.gap.causes import register, unregister
 from stiction_envs.gap.causes import registry as _registry
-from stiction_envs.gap.tables.causes.base_drift import BaseDrift
-from stiction_envs.gap.tables.causes.corrupted_cell import CorruptedCell
-from stiction_envs.gap.tables.causes.friction_level import FrictionLevel
-from stiction_envs.gap.tables.causes.gravity_error import GravityError
-from stiction_envs.gap.tables.causes.low_pass import LowPass
-from stiction_envs.gap.tables.causes.presliding import Presliding
-from stiction_envs.gap.tables.causes.rotor_inertia import RotorInertia
+from stiction_envs.gap.tables.causes import direct, simulated
 from stiction_envs.gap.tables.causes.simulated import SimulatedCause
 
 registered = partial(_registry.registered, _registry.IN_TABLES)
@@ -31,13 +25,8 @@ def what_tells_apart(one: str, other: str) -> str:
 
 
 for _cause in (
-    LowPass,
-    RotorInertia,
-    Presliding,
-    GravityError,
-    FrictionLevel,
-    BaseDrift,
-    CorruptedCell,
+    *(simulated.LowPass, simulated.RotorInertia, simulated.Presliding),
+    *(direct.GravityError, direct.FrictionLevel, direct.BaseDrift, direct.CorruptedCell),
 ):
     register(_cause())
 
