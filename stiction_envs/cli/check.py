@@ -37,6 +37,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         help=f"whose logs these are, for units and limits: {common.robot_help()}",
     )
     common.add_chain_option(parser)
+    common.add_mounting_options(parser)
     log_options.add_reading_options(parser)
     common.add_drive_option(parser, log_options.LOG_DRIVE)
     common.add_shared_options(parser, out="write findings.csv there too (default: nothing)")
@@ -46,6 +47,8 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Check; write ``findings.csv`` where asked to."""
     from stiction_envs.measured.checks.files import Finding, check
 
+    if args.robot is None and (args.payload or args.tilt):
+        raise StictionError("--payload, --tilt: of no robot: expected --robot too")
     folder = None
     if args.out is not None:
         inputs = {f"file{k}": path for k, path in enumerate(args.files, 1)}
@@ -63,7 +66,8 @@ def run(args: argparse.Namespace) -> common.Answer:
         from stiction_envs.gap.overview import overview
         from stiction_envs.robots import load_arm
 
-        arm = load_arm(args.robot, chain=args.chain)
+        tilt = args.tilt or (0.0, 0.0)
+        arm = load_arm(args.robot, payload=args.payload, tilt=tilt, chain=args.chain)
         for log in result.logs:
             try:
                 pages.append(overview(log, arm, torque=log.side or "motor"))

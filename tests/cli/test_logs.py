@@ -13,9 +13,11 @@ import pytest
 
 import stiction_envs as st
 from stiction_envs.errors import StictionError
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.formats.base import ColumnFile, Header
 from stiction_envs.measured.logs.reader import read_logs
+from tests.gap.small_logs import hidden
 from tests.measured.checks.test_checks import sje, write_sje
 from tests.measured.logs.ros_bags import joint_states, write_bag
 
@@ -37,6 +39,15 @@ def test_nothing_wrong(cli, work, clean, log, two):
     assert list(work.iterdir()) == []
     # the number of joints is told from the columns
     assert cli("check", log).code == 0
+
+
+def test_a_mounting_that_was_found_is_stated(cli, inputs):
+    hanging = hidden(st.load_arm("panda", tilt=(np.pi, 0.0)), lambda q, dq, ddq: np.sign(dq))
+    log = inputs / "hanging.csv"
+    log.write_text(log_csv(hanging.t, q=hanging.q, tau=hanging.tau))
+    assert "mounted on a ceiling? `--tilt 3.14159 0`" in cli("check", log, "--robot", "panda").out
+    assert "ceiling" not in cli("check", log, "--robot", "panda", "--tilt", 3.14159, 0).out
+    assert cli("check", log, "--tilt", 3.14159, 0).code == 2
 
 
 def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):

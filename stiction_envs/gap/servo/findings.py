@@ -128,7 +128,7 @@ def named_causes(
         found = {}
         for j in sorted(of, key=lambda j: -share[j]):
             lag = results[j].lag if cause == SERVO_LAG else None
-            found[j + 1] = _estimates(cause, lag or results[j].fit)
+            found[j + 1] = _estimates(cause, lag or results[j].predicting)
         rivals: dict[str, float] = {}
         for name, nats in (rival for x in of.values() for rival in x.rivals):
             rivals[name] = min(nats, rivals.get(name, nats))

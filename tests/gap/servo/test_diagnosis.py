@@ -83,6 +83,24 @@ def test_a_controller_that_compensates_all_gravity_is_no_stiff_servo(arm: Arm) -
             assert found[key].value == pytest.approx(true, rel=0.1)
 
 
+def test_a_servo_three_times_as_stiff_as_stated_has_its_value(arm: Arm) -> None:
+    """A rotor that is not named takes no part of the stiffness, nor of the friction."""
+    h = _hidden(arm, seed=2, seconds=30.0)
+    p = np.tile(absent(), (2, 1))
+    p[:, INDEX["stiffness"]], p[:, INDEX["damping"]] = h.stiffness, h.damping
+    p[0, INDEX["stiffness"]] *= 3
+    p[0, INDEX["stiction"]], p[0, INDEX["armature"]] = 0.01 * h.stiffness[0], 0.03
+    q = simulate(arm, p, h.log.t, h.log.q_cmd, h.log.q_cmd[0])
+    d = diagnose_servo([replace(h.log, q=np.round(q / 0.0015) * 0.0015)], arm, h.servo)
+    found = {c.name: c.parameters[1] for c in d.causes if 1 in c.joints}
+    for name, key, column in (
+        ("servo_stiffness", "stiffness_nm_per_rad", "stiffness"),
+        ("coulomb_friction", "coulomb_nm", "stiction"),
+    ):
+        low, high = found[name][key].ci95
+        assert low <= p[0, INDEX[column]] <= high < 2.5 * low
+
+
 def test_stiction_is_above_the_coulomb_level_as_in_logs_of_torque(arm: Arm) -> None:
     h = _hidden(arm, "stribeck_friction")
     d = diagnose_servo([h.log], arm, h.servo)
