@@ -64,6 +64,19 @@ def search_of(predictor: TorquePredictor, fold: int = -1, *, resizes: bool = Tru
     return Search(problem, predictor.candidates, predictor.needs, refresh, predictor.possible)
 
 
+def climbed(
+    predictor: TorquePredictor, search: Search, start: Sequence[Term], *, swaps: bool = True
+) -> Model:
+    """Return the model that a search reaches, at first as if the arm never came back.
+
+    What the model lacks at the start would else count as an error that comes back, and stay out.
+    """
+    often, predictor.repeats = predictor.repeats, 1.0
+    model = search.climb(start, swaps=swaps)
+    predictor.repeats = often
+    return search.climb(model.terms, swaps=swaps) if often > 1 else model
+
+
 def plain_friction(predictor: TorquePredictor) -> list[Term]:
     """Return dry and viscous friction of every joint: a usual start of a search."""
     return [
@@ -169,7 +182,7 @@ def _first(predictor: TorquePredictor) -> Model:
             found.append(_freed(predictor, start))
     best = max(found, key=lambda m: m.evidence)
     problem.given(best.inflation, best.scales)
-    return search_of(predictor).climb(best.terms)
+    return climbed(predictor, search_of(predictor), best.terms)
 
 
 def _refined(predictor: TorquePredictor, model: Model) -> Model:
@@ -193,7 +206,7 @@ def best_of(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Mod
     on with small errors of the least size, under which the large one is named.
     """
     problem, search = predictor.problem, search_of(predictor)
-    best = max((search.climb(x) for x in starts), key=lambda m: m.evidence)
+    best = max((climbed(predictor, search, x) for x in starts), key=lambda m: m.evidence)
     small = (min(STARTS[0], best.scales[0]), min(STARTS[0], best.scales[1]))
     if small != best.scales:
         problem.given(best.inflation, small)
@@ -206,8 +219,8 @@ def best_of(predictor: TorquePredictor, starts: Sequence[Sequence[Term]]) -> Mod
 
 def _freed(predictor: TorquePredictor, start: Sequence[Term]) -> Model:
     """Return the model of a search with the given sizes of the small errors, then with any."""
-    model = search_of(predictor, resizes=False).climb(start, swaps=False)
-    return search_of(predictor).climb(model.terms, swaps=False)
+    model = climbed(predictor, search_of(predictor, resizes=False), start, swaps=False)
+    return climbed(predictor, search_of(predictor), model.terms, swaps=False)
 
 
 def _given(
@@ -310,7 +323,7 @@ def held_out(judged: Judged, say: Callable[[float], None] = lambda _: None) -> A
             continue
         search = search_of(predictor, fold)
         search.problem.given(best.inflation, best.scales)
-        model = search.climb(plain_friction(predictor), swaps=False)
+        model = climbed(predictor, search, plain_friction(predictor), swaps=False)
         terms = search.problem.model(model.terms)
         c = search.problem.fit(terms)
         for j in range(data.n):

@@ -109,17 +109,17 @@ class TorquePredictor:
 
         Return its evidence.
         """
-        count = problem.counts()
-        model = problem.model(terms)
-        left = problem.errors(model, problem.fit(model)) / np.maximum(count, 1.0)
-        beyond = np.maximum(left, 1.0) - 1
-        problem.given(self.rows * (1 + self.repeats * beyond))
+        count = problem.counts() / self.rows
+        model, r = problem.model(terms), self.repeats
+        size = problem.errors(model, problem.fit(model)) / self.rows / np.maximum(count, 1.0)
+        size = np.maximum(size, 1.0)
+        problem.given(self.rows * (1 + r * (size - 1)))
         for k in range(2):
             if resizes and not (k == 0 and self.links_known):
                 self._resize(problem, terms, k)
-        spread = 0.5 * float(np.sum(count * np.log(problem.inflation / self.rows)))
-        spread /= self.rows * self.repeats
-        return problem.score(terms) - spread + self.volume
+        # errors within a place are noise, whatever the model leaves beyond
+        spread = np.log1p(r * (size - 1)) / r + 1 - size / (1 + r * (size - 1))
+        return problem.score(terms) - 0.5 * float(count @ spread) + self.volume
 
     def _resize(self, problem: Problem, terms: Sequence[Term], kind: int) -> None:
         """Give small errors of a kind the size of the most evidence, from the present one on."""
@@ -157,7 +157,7 @@ class TorquePredictor:
                     return float((square / (size * steady + late)).mean()) - 1
 
                 most = float((square / steady).mean())
-                size = brentq(left, 1.0, most, rtol=SIZED) if left(1.0) > 0 else 1.0
+                size = brentq(left, 1.0, 2 * most, rtol=SIZED) if left(1.0) > 0 else 1.0
                 likely = -float(np.log(size * steady + late).mean()) - left(size)
                 if likely > best:
                     best, out[j] = likely, (share, delay / np.sqrt(size))
