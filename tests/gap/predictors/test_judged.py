@@ -55,3 +55,17 @@ def test_errors_that_come_back_with_the_motion_count_once() -> None:
     assert repeats == pytest.approx([1.0, 3.6], rel=0.15)
     assert gained[0] > 1
     assert gained[1] < 1.5 * gained[0]
+
+
+def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None:
+    """Rows weigh less where a model leaves more; that alone must not make it likelier."""
+    arm = load_arm("panda")
+    log = hidden(arm, lambda q, dq, ddq: 0.06 * dq, seconds=11.0, noise=0.02)
+    data = assemble(arm, prepare([log], cutoff_hz=10.0))
+    causes = [c for c in registered() if c.name == "viscous_friction"]
+    predictor = TorquePredictor(data, causes)
+    true = [t for t in predictor.candidates if t.part == 0.1]
+    predictor.repeats = 20.0
+    worse, better = (predictor.refresh(predictor.problem, x) for x in ([], true))
+    costs = sum(predictor.problem.odds[t] for t in true)
+    assert better + costs > worse + 3
