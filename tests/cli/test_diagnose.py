@@ -27,7 +27,7 @@ FILES = {
 
 
 def check_schema(found: dict, n: int) -> None:
-    """``diagnosis.json`` is that of the contract; more keys are allowed."""
+    """``diagnosis.json`` has the documented keys; more keys are allowed."""
     assert isinstance(found["robot"], str)
     assert found["verdict"] in VERDICTS
     for key in ("nominal", "extended"):

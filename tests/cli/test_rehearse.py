@@ -18,7 +18,7 @@ COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
 
 @pytest.fixture
 def call(log, two):
-    """The command line; as the contract has it, with few causes."""
+    """A command line of a rehearsal with few causes."""
     causes = ("--rehearse-causes", "coulomb_friction", "viscous_friction", "--threads", 1)
     return ("diagnose", "--rehearse", log, "--robot", two, *causes)
 

@@ -86,7 +86,7 @@ class Rehearsal(Result):
 
     robot: str
     rows: tuple[Row, ...]
-    """By cause, in the order of the contract, and joint."""
+    """One row per cause, in the order in which the causes are registered, and joint."""
     named_without: tuple[str, ...]
     """Causes that were named where nothing was hidden."""
     runs: dict[str, list[Run]]
