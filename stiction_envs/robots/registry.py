@@ -213,8 +213,8 @@ def described(name: str) -> Path:
         raise missing_extra(f"robot {name!r}", "robot_descriptions", "descriptions") from None
     except AttributeError:
         raise StictionError(
-            f"robot {name!r}: this version of robot_descriptions is not known: expected another, "
-            "or a path to an MJCF or URDF"
+            f"robot {name!r}: this version of robot_descriptions is not supported: expected "
+            "another, or a path to an MJCF or URDF"
         ) from None
     cache.clone_to_cache = _only_cached(name, repositories)
     try:

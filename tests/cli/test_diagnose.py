@@ -331,7 +331,7 @@ def test_a_recording_is_written_with_the_report(cli, two, log, work):
     ("options", "says"),
     [
         (("--rrd", "x"), "output x: ends in 'nothing': expected a path to a .rrd"),
-        (("--rrd", "none/x.rrd"), "output none/x.rrd: none: expected a folder that is there"),
+        (("--rrd", "none/x.rrd"), "output none/x.rrd: none: expected an existing folder"),
         (("--rrd", "x.rrd", "--rehearse"), "--rrd: cannot be used with --rehearse"),
     ],
 )

@@ -116,7 +116,7 @@ def rehearse(
     progress: Callable[[str, float], None] | None = None,
     **options: Unpack[LogOptions],
 ) -> Rehearsal:
-    """Say which causes, of which size, a diagnosis would find in recordings like these.
+    """Find which causes, and of which size, a diagnosis would find in recordings like these.
 
     Args:
         data: a joint log or servo log, or several.

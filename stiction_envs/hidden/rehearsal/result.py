@@ -126,8 +126,8 @@ class Rehearsal(Result):
         found = sum(r.found for r in self.rows)
         also = sum(r.named and not r.found for r in self.rows)
         text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "
-        text += f"{found} at a size that was tried, with nothing false beside it"
-        text += f", and {also} more that it cannot tell from others." if also else "."
+        text += f"{found} at one of the hidden sizes, without a false cause"
+        text += f", and {also} more that it cannot tell from other causes." if also else "."
         whole = [
             f"{r.cause} from {short(r.smallest_found, 2)}{_unit(r.unit)} on"
             for r in self.rows
@@ -136,8 +136,8 @@ class Rehearsal(Result):
         if whole:
             text += f" It shows {listed(whole)}."
         named = listed(self.named_without)
-        said = f"{named}: a false alarm" if named else "nothing"
-        return f"{text} With nothing hidden it names {said}."
+        names = f"{named}: a false alarm" if named else "no cause"
+        return f"{text} With nothing hidden it names {names}."
 
     def __repr__(self) -> str:
         found = sum(r.found for r in self.rows)
