@@ -28,7 +28,7 @@ class Row:
     parameter: str
     unit: str
     smallest_found: float
-    """Smallest size that was named, told from all others, and nothing false beside it; else NaN."""
+    """Smallest size that was named, told from all other causes, without a false cause; else NaN."""
     smallest_named: float
     """Smallest size that was named, told from others or not; else NaN."""
     tried: tuple[float, ...]
