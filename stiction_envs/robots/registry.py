@@ -240,7 +240,7 @@ def _only_cached(name: str, repositories: Descriptions) -> Callable[..., str]:
         folder = Path(own).expanduser() / (place if commit is None else f"{place}-{commit}/{place}")
         if not folder.is_dir():
             raise StictionError(
-                f"robot {name!r}: {folder} is not there: expected a cached model; to download it: "
+                f"robot {name!r}: {folder} is missing: expected a cached model; to download it: "
                 f"python -c 'import robot_descriptions.{name}'"
             )
         return str(folder)
