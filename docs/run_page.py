@@ -30,7 +30,7 @@ PICTURES = {
     "policies": {"policies.png": "frame.png"},
     "so101": {"so101.png": "runs/so101/plots/joint_3.png"},
 }
-"""Of each way in: its pictures, and the file of the page's run that each one is."""
+"""Pictures of each page, and the file of the page's run that each picture is."""
 STICTION = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
 
 

@@ -145,15 +145,15 @@ def add_chain_option(parser: argparse.ArgumentParser) -> None:
         "--chain",
         nargs=2,
         metavar=("BASE", "TIP"),
-        help="one serial arm of a bigger robot's file: the links at its base and its tip; all "
-        "other joints are locked where the robot rests",
+        help="select one serial arm of a bigger robot by its first and last link; all other "
+        "joints are locked in the robot's rest pose",
     )
 
 
 SERVO_DRIVE = (
-    "what drives the joints: torques, gravity compensated; or the position servos of --friction, a "
-    "model.toml of servo logs: dither is a sine on the commanded angle (default: position where "
-    "that file has [servo])"
+    "drive of the joints: torque, with gravity compensated; or position, by the servos of "
+    "--friction (a model.toml of servo logs), with dither as a sine on the commanded angle "
+    "(default: position if the file has [servo], else torque)"
 )
 
 
@@ -191,7 +191,7 @@ def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
             "--friction",
             type=Path,
             metavar="FILE.toml",
-            help="joint friction, as `stiction calibrate` writes it (default: the robot's)",
+            help="joint friction, written by `stiction calibrate` (default: the robot's)",
         )
 
 
@@ -201,8 +201,8 @@ def add_sensing_option(parser: Parser) -> None:
         "--sensing",
         default=IDEAL,
         metavar="ideal|robot|FILE.toml",
-        help="what the controller sees: the true state at once, what the robot's own sensors and "
-        "delays leave of it, or those of a TOML with a table [sensing] (default: %(default)s)",
+        help="signals of the controller: the true state without delay, or with sensor noise and "
+        "delays of the robot, or of a TOML with a table [sensing] (default: %(default)s)",
     )
 
 
@@ -217,7 +217,7 @@ def add_experiment_options(parser: Parser) -> None:
     parser.add_argument(
         "--no-scatter",
         action="store_true",
-        help="make all iterations alike: no scatter of pose, friction and torque reading",
+        help="no scatter of pose, friction and torque reading: all iterations are equal",
     )
 
 
@@ -239,7 +239,7 @@ def add_json_and_seed(parser: Parser) -> None:
         "--json", action="store_true", help="print the result as JSON; progress is on stderr"
     )
     parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="seed of all that is random"
+        "--seed", type=whole(0), default=0, metavar="S", help="seed of all random numbers"
     )
 
 

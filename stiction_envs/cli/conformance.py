@@ -13,7 +13,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser = common.add_command(
         subparsers,
         "conformance",
-        summary="Test that each joint holds under its stiction for a minute, and goes over it; "
+        summary="Test that each joint holds below its stiction for a minute and moves above it; "
         "exit code 1 if one does not.",
         example="stiction conformance panda",
         run=run,
@@ -21,8 +21,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser.add_argument(
         "robot",
         metavar="ROBOT",
-        help="one of ours, or a path to an MJCF whose joints carry friction (`stiction export` "
-        "writes one)",
+        help="name of an arm of this package, or a path to an MJCF whose joints have friction "
+        "(`stiction export` writes one)",
     )
     common.add_chain_option(parser)
     parser.add_argument(
@@ -30,14 +30,14 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs="+",
         type=common.number(0),
         metavar="NM",
-        help="of every hinge [N·m], 0 to leave one out (default: the model's)",
+        help="stiction of every hinge [N·m], 0 to skip a hinge (default: the model's)",
     )
     parser.add_argument(
         "--engine",
         default="mujoco",
         metavar="NAME",
-        help="where the joints are tested: mujoco (default), or one of the extras warp, mjx and "
-        "newton; there a robot's name means what `stiction export ROBOT --engine NAME` writes",
+        help="engine of the test: mujoco (default), or one of the extras warp, mjx and newton; for "
+        "an extra, a robot's name means the model of `stiction export ROBOT --engine NAME`",
     )
     common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
 

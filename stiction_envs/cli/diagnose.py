@@ -31,7 +31,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         default=[],
         type=Path,
         metavar="FILE",
-        help="poses at rest without time: q1..qn,tau1..taun, a pose in a row; with logs or alone",
+        help="poses at rest, without time: q1..qn,tau1..taun, one row per pose; logs are optional",
     )
     parser.add_argument(
         "--check",
@@ -39,7 +39,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         default=[],
         type=Path,
         metavar="LOG",
-        help="logs that take no part: does the model that is found hold there?",
+        help="test the model on these logs, which are not used to fit it",
     )
     common.add_drive_option(parser, log_options.LOG_DRIVE)
     parser.add_argument(
@@ -47,34 +47,35 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs="+",
         type=common.number(0, above=True),
         metavar="KP",
-        help="of position servos [N·m/rad], one, or one per joint (default: unknown, and the "
-        "simulation that is judged follows its commands exactly)",
+        help="stiffness of position servos [N·m/rad], one, or one per joint (default: unknown; the "
+        "nominal simulation follows its commands exactly)",
     )
     parser.add_argument(
         "--servo-damping",
         nargs="+",
         type=common.number(0),
         metavar="KD",
-        help="of position servos [N·m·s/rad] (default: unknown, fitted and not judged)",
+        help="damping of position servos [N·m·s/rad] (default: unknown; fitted, never a cause)",
     )
     parser.add_argument(
         "--same-servo",
         action="store_true",
-        help="all joints have the same servo: those without gravity get the others' stiffness",
+        help="all joints have the same servo: joints without gravity get the others' stiffness",
     )
     parser.add_argument(
         "--nominal",
         metavar="rigid|file|shipped|MODEL.toml",
-        help="the simulation to judge: rigid bodies without friction (default for logs), with "
-        "friction, springs and gravcomp of the robot's own file (default where it has any), with "
-        "our friction (default for tables), or what an earlier diagnosis wrote",
+        help="nominal simulation: rigid bodies without friction (default for logs); with friction, "
+        "springs and gravcomp of the robot's file (default if the file has any); with the friction "
+        "of this package (default for tables); or the model.toml of an earlier diagnosis",
     )
     common.add_mounting_options(parser)
     parser.add_argument(
         "--rehearse",
         action="store_true",
-        help="instead: hide each cause at three sizes in the motion and noise of the logs, and say "
-        "which sizes a diagnosis finds; takes a minute or more per joint and processor",
+        help="instead of a diagnosis: hide each cause at three sizes in the motion and noise of "
+        "the logs, and report which sizes a diagnosis finds; takes a minute or more per joint and "
+        "processor",
     )
     parser.add_argument(
         "--rehearse-causes",
@@ -86,7 +87,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--rrd",
         type=Path,
         metavar="FILE.rrd",
-        help="also measured and simulated over time, the causes and the arm in 3-D, for Rerun's "
+        help="also write measured and simulated signals, the causes and the arm in 3-D for Rerun's "
         "viewer (needs the extra rerun)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")

@@ -15,7 +15,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser = common.add_command(
         subparsers,
         "excite",
-        summary="Find a motion inside all limits that excites an arm's dynamics well.",
+        summary="Find a motion within all limits that excites an arm's dynamics well.",
         example="stiction excite panda --sweeps --out runs/excite-panda",
         run=run,
     )
@@ -24,22 +24,25 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--base-frequency",
         type=common.number(0, above=True),
         metavar="HZ",
-        help="of the Fourier series; a period is its inverse (default: 0.1)",
+        help="base frequency of the Fourier series, the inverse of its period (default: 0.1)",
     )
     parser.add_argument(
-        "--harmonics", type=common.whole(2), metavar="N", help="of the series (default: 5)"
+        "--harmonics",
+        type=common.whole(2),
+        metavar="N",
+        help="harmonics of the series (default: 5)",
     )
     parser.add_argument(
-        "--periods", type=common.whole(1), metavar="P", help="of the series (default: 2)"
+        "--periods", type=common.whole(1), metavar="P", help="periods of the series (default: 2)"
     )
     parser.add_argument(
         "--clearance",
         type=common.number(0),
         metavar="M",
-        help="least distance to the floor at z = 0 and between links [m] (default: 0.05)",
+        help="minimum distance to the floor at z = 0 and between links [m] (default: 0.05)",
     )
     parser.add_argument(
-        "--sweeps", action="store_true", help="add slow sweeps there and back, for friction"
+        "--sweeps", action="store_true", help="add slow sweeps in both directions, for friction"
     )
     parser.add_argument(
         "--rate",

@@ -26,15 +26,15 @@ def add_parser(subparsers: common.Subparsers) -> None:
         action="append",
         default=[],
         metavar="KIND|FILE.toml",
-        help="dcmotor (LuGre, sticks) or frictionloss (for engines without it; may creep); or the "
-        "joint friction, as `stiction calibrate` writes it (default: the robot's); once each",
+        help="dcmotor (LuGre, sticks; default) or frictionloss (for engines without dcmotor; may "
+        "creep); and/or a TOML of `stiction calibrate` (default: the robot's friction)",
     )
     parser.add_argument(
         "--engine",
         default="mujoco",
         metavar="NAME",
-        help="that must read it: mujoco (default), warp, mjx (frictionloss only) or newton "
-        "(dcmotors driven by voltage)",
+        help="engine that reads the model: mujoco (default), warp, mjx (frictionloss only) or "
+        "newton (dcmotors driven by voltage)",
     )
     parser.add_argument(
         "--from",

@@ -56,21 +56,21 @@ def add_parser(subparsers: common.Subparsers) -> None:
         type=Path,
         metavar="TABLE.csv",
         help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm,gate_rad_s]: "
-        "run with it too, all its joints dithered at once",
+        "run also with dither on all joints of the table",
     )
     parser.add_argument(
         "--compensation",
         metavar="KIND|FILE",
-        help="run with friction compensation too, alone and, if there is dither, with it: "
-        "feedforward of the reference's motion; a push in the sign of the joint error that fades "
-        "with the measured speed; smooth_sign or partial of the measured speed; lugre_observer, "
-        "momentum_observer; or gains that were tuned, final.csv or final.yaml",
+        help="run also with friction compensation, without and (with --dither) with dither: "
+        "feedforward of the reference's motion; push, in the sign of the joint error, fading with "
+        "the measured speed; smooth_sign or partial, from the measured speed; lugre_observer; "
+        "momentum_observer; or tuned gains, final.csv or final.yaml",
     )
     parser.add_argument(
         "--compensation-table",
         type=Path,
         metavar="FILE.csv",
-        help="gains of KIND, joint,gain_nm[,speed_rad_s][,error_rad] … (default: those of the "
+        help="gains of KIND, joint,gain_nm[,speed_rad_s][,error_rad] … (default: gains of the "
         "friction model at the start)",
     )
     parser.add_argument(
@@ -85,8 +85,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         nargs=3,
         type=common.number(),
         metavar=("X", "Y", "Z"),
-        help="the point that is controlled and measured, from the flange in the hand's frame [m]; "
-        "the Panda's hand has 0 0 0.1034 (default: the flange)",
+        help="controlled and measured point, relative to the flange in the hand's frame [m]; "
+        "0 0 0.1034 for the Panda's hand (default: the flange)",
     )
     common.add_experiment_options(parser)
     add_video_option(parser, "show the first iteration of every case")

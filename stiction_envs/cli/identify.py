@@ -13,7 +13,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser = common.add_command(
         subparsers,
         "identify",
-        summary="Identify an arm's links and friction from logs of a motion that excites them.",
+        summary="Identify an arm's links and friction from logs of an exciting motion.",
         example="stiction identify log.csv --robot panda --torque link --out runs/links",
         run=run,
     )

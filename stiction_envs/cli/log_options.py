@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from stiction_envs.measured.logs.joint_names import Reading
 
 LOG_DRIVE = (
-    "what drives the joints: torque (tau1..n), or a servo that is told positions (q_cmd1..n) "
-    "(default: what the log has; torque where it has both)"
+    "drive of the joints: torque (tau1..n), or position, by servos that follow commands "
+    "(q_cmd1..n) (default: the columns of the log; torque if it has both)"
 )
 
 
@@ -27,7 +27,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         type=Path,
         metavar=metavar,
         help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; a CSV of "
-        "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); one robot",
+        "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); all of one robot",
     )
     parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.robot_help())
     common.add_chain_option(parser)
@@ -42,7 +42,7 @@ def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str 
         "--cutoff",
         type=common.number(0, above=True),
         metavar="HZ",
-        help="of the zero-phase filter of all signals (default: chosen from the data)",
+        help="cutoff of the zero-phase filter of all signals (default: chosen from the data)",
     )
 
 
@@ -53,17 +53,17 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help="names of joints 1 to n in a log that names them (default: the robot's, or by their "
+        help="names of joints 1 to n in a log with joint names (default: the robot's names, or "
         "numbers)",
     )
     parser.add_argument(
-        "--topic", metavar="NAME", help="of a ROS bag that has several with joint states"
+        "--topic", metavar="NAME", help="topic to read, if a ROS bag has several with joint states"
     )
     parser.add_argument(
         "--units",
         choices=("rad", "deg", "percent", "ticks"),
-        help="what angles are measured in; percent is of the calibrated range, ticks are encoder "
-        "steps (default: rad, or what a log itself shows)",
+        help="unit of angles; percent is of the calibrated range, ticks are encoder steps "
+        "(default: the unit that the log shows, else rad)",
     )
     parser.add_argument(
         "--calibration",
@@ -76,8 +76,8 @@ def add_reading_options(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="NAME",
-        help="names of a log's columns: all in their order, as t q1..q6 tau1..tau6 for .npy, or "
-        "some of them, as t=Zeit q1=Winkel (default: ours, or well-known ones)",
+        help="names of a log's columns: all in their order, such as t q1..q6 tau1..tau6 for .npy, "
+        "or some of them, such as t=Zeit q1=Winkel (default: standard and well-known names)",
     )
 
 

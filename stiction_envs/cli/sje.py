@@ -43,8 +43,8 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "--dither",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: measure with "
-        "it too, the joint under test dithered by its row",
+        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: measure also "
+        "with dither; only the joint under test is dithered",
     )
     common.add_experiment_options(parser)
     add_video_option(

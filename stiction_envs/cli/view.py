@@ -22,8 +22,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
     parser = common.add_command(
         subparsers,
         "view",
-        summary="Push a joint of an arm that sticks, see it hold, and switch its dither on, in "
-        "MuJoCo's viewer.",
+        summary="Push a sticking joint of an arm, and switch its dither on, in MuJoCo's viewer.",
         example="stiction view panda --joint 7",
         interrupted="the window was closed",
         run=run,
@@ -34,15 +33,15 @@ def add_parser(subparsers: common.Subparsers) -> None:
         type=common.whole(1),
         default=1,
         metavar="N",
-        help="that is pushed at first (default: 1); keys: 1-9 joint, up and down push harder and "
-        "softer, space or D dither, R reset",
+        help="joint to push first (default: 1); keys: 1-9 joint, up/down push harder/softer, space "
+        "or D dither, R reset",
     )
     parser.add_argument(
         "--dither",
         type=Path,
         metavar="TABLE.csv",
-        help="amplitude table (default: the one that is shipped for the robot, else one in "
-        "proportion to the stiction)",
+        help="amplitude table (default: the shipped table of the robot, else amplitudes "
+        "proportional to the stiction)",
     )
     common.add_json_and_seed(parser)
 

@@ -149,12 +149,12 @@ def load_sensing(arm: Arm, what: SensingLike = "ideal") -> Sensing:
         own = {name: files.table for name, files in ARMS.items() if "sensing" in files.table}
         if arm.registered_name not in own:
             raise StictionError(
-                f"sensing robot: no senses of {arm.name} are known, but of {', '.join(own)}: "
+                f"sensing robot: {arm.name} has no table [sensing], only {', '.join(own)}: "
                 "expected ideal, or a TOML with a table [sensing]"
             )
         where, table = ARMS[arm.registered_name].toml, own[arm.registered_name]
     elif not where.is_file():
-        raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or a TOML that is there")
+        raise StictionError(f"sensing {what}: expected {', '.join(NAMED)}, or an existing TOML")
     else:
         table = read_toml(where)
     if not isinstance(table.get("sensing"), Mapping):

@@ -27,11 +27,11 @@ class Dither:
     """Dither torque of N simulations × n joints, immutable.
 
     Torque = A·w(2πft + φ)·exp(−(q̇/v_gate)²) + offset. All (N, n) arguments but ``amplitude`` may
-    have any shape that broadcasts to its shape. A row's torque is bit for bit the same in whatever
-    batch it is computed. The waveforms w are those of `dither.waveforms`.
+    have any shape that broadcasts to its shape. A row's torque does not depend on its batch, bit
+    for bit. The waveforms w are in `dither.waveforms`.
 
-    The mean of the square's samples is zero where a period holds an even number of them; the other
-    waveforms' wherever the sampling theorem holds.
+    Sampled waveforms have zero mean where the sampling theorem holds; the square only with an even
+    number of samples per period.
     """
 
     amplitude: Array

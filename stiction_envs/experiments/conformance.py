@@ -64,9 +64,9 @@ def conformance(
 ) -> Report:
     """Test every hinge that carries friction.
 
-    The model is copied. On the copy gravity, contacts and joint limits are off, controls are zero,
-    and actuators other than ``dcmotor`` are silenced, as are a ``dcmotor``'s own controller and the
-    spring of a tested hinge: none of them is friction, and each could hold the joint.
+    The test uses a copy of the model without anything but friction that could hold a joint:
+    gravity, contacts, joint limits, actuators other than ``dcmotor``, the controller of a
+    ``dcmotor`` and the spring of a tested hinge are off, and controls are zero.
 
     Args:
         model: robot name, path of an MJCF, MJCF text, compiled model, or a sticking model.

@@ -66,23 +66,23 @@ class LogOptions(Reading, total=False):
     """Side of the gear on which a log's torque was measured, "motor" or "link"; None takes what the
     log says (those of libfranka, franka_ros, iiwa_ros: link), else motor."""
     nominal: str | Path | FrictionParameters | Nominal | None
-    """The simulation to judge: "rigid", "file" (with friction, springs and gravity compensation of
-    the robot's own file), "shipped" (with our friction), a TOML (friction, or an earlier
-    ``model.toml``), or parameters; None for `default_nominal`."""
+    """The nominal simulation: "rigid", "file" (with friction, springs and gravity compensation of
+    the robot's file), "shipped" (with the friction of this package), a TOML (friction, or an
+    earlier ``model.toml``), or parameters; None for `default_nominal`."""
     drive: str | None
     """Drive of the joints, "torque" or "position"; None takes the drive that a log shows, and
     torque where it shows both."""
     servo_stiffness: Sequence[float] | None
-    """Stiffness of position servos [N·m/rad], one or one per joint; None where unknown: the
-    simulation that is judged then follows its commands exactly."""
+    """Stiffness of position servos [N·m/rad], one or one per joint; None: unknown, and the
+    nominal simulation follows its commands exactly."""
     servo_damping: Sequence[float] | None
-    """Damping of position servos [N·m·s/rad]; None where unknown: it is fitted and not judged."""
+    """Damping of position servos [N·m·s/rad]; None: unknown; it is fitted and never a cause."""
     same_servo: bool
-    """Whether all joints have the same servo, so that those without gravity get the stiffness of
-    the others."""
+    """Whether all joints have the same servo: joints without gravity get the stiffness of the
+    others."""
     payload: Sequence[float] | None
-    """Known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for that of an
-    earlier diagnosis, or none. What that diagnosis found is added to it."""
+    """Known mass [kg] and its centre of mass x, y, z [m] in the flange frame; None for the known
+    mass of an earlier diagnosis, if any. A payload that the earlier diagnosis found is added."""
     tilt: Sequence[float] | None
     """Known roll and pitch of the base [rad]; None as for ``payload``."""
     chain: Sequence[str] | None
@@ -119,11 +119,11 @@ def diagnose(
     Args:
         data: a file or several of one kind, or logs that were read.
         robot: name, model file or arm.
-        poses: files of poses at rest without time, ``q1..qn,tau1..taun``; with logs or alone.
+        poses: files of poses at rest without time, ``q1..qn,tau1..taun``; logs are optional.
         check: logs that are not used for the diagnosis and test the finished model
             (`gap.validation.check`).
         threads: threads, 0 for all processors.
-        progress: called with a stage and the part of it that is done.
+        progress: called with a stage and its fraction done.
         options: how the data were measured and read, and what they are compared with; see
             `LogOptions` and `measured.logs.joint_names.Naming`.
 
@@ -132,8 +132,8 @@ def diagnose(
 
     Raises:
         StictionError: an option that does not exist; files that cannot be read, do not fit the
-            robot, or are of two kinds; logs to check with that show no joint that moved in the
-            others, or were diagnosed too.
+            robot, or are of two kinds; ``check`` logs that were diagnosed too, or in which no
+            joint moves that moves in ``data``.
     """
     logs, check = _listed(data), _listed(check)
     if not logs and not poses:
@@ -197,7 +197,7 @@ class Request:
             raise StictionError(f"check: {table} is a torque table: expected joint logs")
         mounting = o["payload"], o["tilt"], o["chain"]
         if isinstance(self.robot, Arm) and any(x is not None for x in mounting):
-            raise StictionError("payload, tilt, chain: expected in the arm, where an arm is given")
+            raise StictionError("payload, tilt, chain: the robot is an arm: set them in load_arm")
 
     def arm(self) -> tuple[Arm, Nominal]:
         """Return the rigid arm, and the nominal model."""

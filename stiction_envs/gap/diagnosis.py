@@ -105,7 +105,7 @@ class Diagnosis(Judgement):
         return np.sum([np.zeros_like(self.data.q), *mine], axis=0)
 
     def to_json(self) -> dict[str, object]:
-        """Return ``diagnosis.json`` of the contract."""
+        """Return the content of ``diagnosis.json``."""
         return {
             "robot": self.robot,
             "verdict": self.verdict,
@@ -264,7 +264,7 @@ def _conclude(
 
 
 def _verdict(data: Data, named: bool, nominal: Array, extended: Array) -> str:
-    """Return the verdict of the contract; errors (n,) of both models [N·m]."""
+    """Return the verdict of ``diagnosis.json`` from the errors (n,) of both models [N·m]."""
     size = np.sqrt(np.mean(np.square(data.tau), axis=0))
     enough = np.maximum(CLOSE * data.noise, SMALL * size)
     moved = float(np.ptp(data.q, axis=0).max()) > TRAVEL_SPAN

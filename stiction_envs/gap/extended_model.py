@@ -146,9 +146,9 @@ def load_model(
 
     Args:
         path: the file; with ``robot`` also a friction TOML, as `stiction calibrate` writes it.
-        robot: name or model file; for other arms than the shipped ones the file must be given.
+        robot: name or model file; arms that are not shipped need the file.
         payload: known mass [kg] and centre of mass x, y, z in the flange frame [m] of a mounted
-            body; None for that of the diagnosis. What was found is added to it.
+            body; None for the known payload of the diagnosis. A payload that was found is added.
         tilt: known roll and pitch of the base [rad]; None as for ``payload``.
         chain: links at the base and the tip of the arm in a file of a bigger robot.
 

@@ -237,7 +237,7 @@ def _parsed(table: Table, where: str) -> Nominal:
     spans = tuple((float(a), float(b)) for a, b in arm.get("sessions", ()))
     for a, b in spans:
         if not 0 <= a <= b <= largest():
-            raise StictionError(f"{own} sessions: {a:g} to {b:g} s: expected dates that rise")
+            raise StictionError(f"{own} sessions: {a:g} to {b:g} s: expected increasing dates")
     if (sign := int(arm.get("torque_sign", 0))) not in (-1, 0, 1):
         raise StictionError(f"{own} torque_sign is {sign}: expected 1, -1, or 0 where unknown")
     unit = _numbers(arm.get("torque_unit", ()), f"{own} torque_unit", low=LEAST_UNIT)

@@ -369,4 +369,4 @@ EFFECTS = {
         excludes=OVER_ANGLE,
     ),
 }
-"""By name, in the order of the contract."""
+"""Effects by name, in the order in which the causes are registered."""

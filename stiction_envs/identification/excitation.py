@@ -173,11 +173,11 @@ def excite(
 
     Args:
         robot: name, model file or arm.
-        settings: of the motion: those that differ from ``settings.toml`` by name
-            (``{"harmonics": 3}``), a TOML file of them, or all.
+        settings: settings of the motion: changes to ``settings.toml`` by name
+            (``{"harmonics": 3}``), a TOML file of changes, or all settings.
         sweeps: whether slow sweeps with reversals for friction follow the series.
         rate_hz: samples per second of ``trajectory.csv`` [Hz]; None for the controller's rate.
-        seed: of all that is random; the same seed gives the same motion.
+        seed: seed of all random numbers; the same seed gives the same motion.
         progress: called with a stage and its part done.
 
     Raises:

@@ -236,8 +236,8 @@ def identify(
     Args:
         logs: a file or several, or logs that were read.
         robot: name, model file or arm; its links are the nominal ones.
-        torque: side of the gear on which it was measured, "motor" or "link"; behind the gear
-            rotors are not seen. None for what the logs say, else motor.
+        torque: side of the gear on which torque was measured, "motor" or "link"; behind the gear
+            (link) it does not show rotors. None: as the logs say, else motor.
         cutoff_hz: bandwidth of the zero-phase filter; None chooses it from the data.
         progress: called with a stage and its part done.
         reading: ``joints``, ``topic``, ``units``, ``calibration``, ``columns``; see

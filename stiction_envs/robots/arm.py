@@ -191,8 +191,8 @@ def load_arm(
         tilt: roll about the world's x, then pitch about the world's y [rad] of the base body,
             about its own origin. Gravity stays along the world's -z.
         chain: names of two links (the second may be a site), base and tip of the arm in a file of
-            a bigger robot, whose other joints are locked where it rests; None where the file is
-            one arm.
+            a bigger robot; its other joints are locked in the rest pose. None if the file is one
+            arm.
 
     Raises:
         StictionError: unknown name, unreadable file, not a serial arm of 1 to 9 hinges, a moving

@@ -213,8 +213,8 @@ def described(name: str) -> Path:
         raise missing_extra(f"robot {name!r}", "robot_descriptions", "descriptions") from None
     except AttributeError:
         raise StictionError(
-            f"robot {name!r}: this version of robot_descriptions is not known: expected another, "
-            "or a path to an MJCF or URDF"
+            f"robot {name!r}: this version of robot_descriptions is not supported: expected "
+            "another, or a path to an MJCF or URDF"
         ) from None
     cache.clone_to_cache = _only_cached(name, repositories)
     try:
@@ -240,7 +240,7 @@ def _only_cached(name: str, repositories: Descriptions) -> Callable[..., str]:
         folder = Path(own).expanduser() / (place if commit is None else f"{place}-{commit}/{place}")
         if not folder.is_dir():
             raise StictionError(
-                f"robot {name!r}: {folder} is not there: expected a cached model; to download it: "
+                f"robot {name!r}: {folder} is missing: expected a cached model; to download it: "
                 f"python -c 'import robot_descriptions.{name}'"
             )
         return str(folder)

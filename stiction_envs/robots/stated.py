@@ -235,7 +235,7 @@ def refuse_constraints(model: mujoco.MjModel, names: Sequence[str], path: Path) 
             continue
         raise StictionError(
             f"{path}: {what} (a mimic or closed loop) ties {' to '.join(both)}: expected joints "
-            "that move by themselves; take it out of the file to treat them so"
+            "that move independently; remove it from the file to simulate them so"
         )
     return out
 

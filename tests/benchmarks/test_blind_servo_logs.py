@@ -74,7 +74,7 @@ def test_links_a_little_off_are_no_payload() -> None:
 
 @pytest.mark.slow
 def test_a_zero_that_is_off_is_named_once() -> None:
-    """It changes the gravity of its neighbour, which needs no offset of its own."""
+    """An offset changes the gravity of the neighbour, which needs no second offset."""
     case = hide(
         load_arm(robot_file("so100")), ["delay", "torque_limit", "encoder_offset"], seed=5023
     )

@@ -51,7 +51,7 @@ BAD = {
         "": "ROBOT",
         "ur5": ROBOTS,
         "{two.xml} --joint 3": "1, 2",
-        "{two.xml} --sensing robot": "but of iiwa14, iiwa7, panda",
+        "{two.xml} --sensing robot": "has no table [sensing], only iiwa14, iiwa7, panda",
         "{slide.xml}": "slide",
         "{broken.xml}": "not a readable MJCF",
         "nowhere.xml": "nowhere.xml: no such file",
@@ -98,7 +98,7 @@ BAD = {
         "--compensation-table {good.csv}": "needs --compensation",
         "--start 0 0 3 -2 0 1.5 0": "joint 3: 3 rad",
         "--tool 0 0 inf": "finite",
-        "--sensing human": "sensing human: expected ideal, robot, or a TOML that is there",
+        "--sensing human": "sensing human: expected ideal, robot, or an existing TOML",
     },
     "calibrate": {
         "ur5 {good.csv}": ROBOTS,

@@ -27,7 +27,7 @@ FILES = {
 
 
 def check_schema(found: dict, n: int) -> None:
-    """``diagnosis.json`` is that of the contract; more keys are allowed."""
+    """``diagnosis.json`` has the documented keys; more keys are allowed."""
     assert isinstance(found["robot"], str)
     assert found["verdict"] in VERDICTS
     for key in ("nominal", "extended"):
@@ -331,7 +331,7 @@ def test_a_recording_is_written_with_the_report(cli, two, log, work):
     ("options", "says"),
     [
         (("--rrd", "x"), "output x: ends in 'nothing': expected a path to a .rrd"),
-        (("--rrd", "none/x.rrd"), "output none/x.rrd: none: expected a folder that is there"),
+        (("--rrd", "none/x.rrd"), "output none/x.rrd: none: expected an existing folder"),
         (("--rrd", "x.rrd", "--rehearse"), "--rrd: cannot be used with --rehearse"),
     ],
 )

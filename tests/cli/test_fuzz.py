@@ -187,7 +187,7 @@ def folder(good: Path) -> Iterator[Path]:
 
 
 def check(ran: Ran | None, before: set[Path], place: Path, argv: list[str]) -> None:
-    """Hold a run against the contract of exit codes."""
+    """Check the exit code of a run."""
     if ran is None:
         return
     assert ran.code in (0, 1, BAD_INPUT), (argv, ran)

@@ -18,7 +18,7 @@ COLUMNS = ["cause", "joint", "parameter", "unit", "smallest_found"]
 
 @pytest.fixture
 def call(log, two):
-    """The command line; as the contract has it, with few causes."""
+    """A command line of a rehearsal with few causes."""
     causes = ("--rehearse-causes", "coulomb_friction", "viscous_friction", "--threads", 1)
     return ("diagnose", "--rehearse", log, "--robot", two, *causes)
 
@@ -34,7 +34,7 @@ def test_writes_and_prints_the_smallest_sizes(cli, work, call):
         (name, joint) for name in ("coulomb_friction", "viscous_friction") for joint in "12"
     ]
     assert all(float(r["smallest_found"]) > 0 for r in rows)
-    assert "Of 4 causes, counted on each joint, this recording shows 4 at a size" in ran.out
+    assert "Of 4 causes, counted on each joint, this recording shows 4 at one of" in ran.out
     assert "coulomb_friction, coulomb_nm:\n  shown from joint 1 0.0" in ran.out
     assert ran.out.endswith("written to a: rehearsal.csv\n")
     assert "hid viscous_friction in the log" in ran.err

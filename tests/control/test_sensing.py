@@ -204,7 +204,9 @@ def test_bad_numbers_are_named(tmp_path, text, words):
 
 
 def test_senses_that_are_not_known_are_refused(tmp_path):
-    with pytest.raises(StictionError, match="sensing nothing: expected ideal, robot, or a TOML"):
+    with pytest.raises(
+        StictionError, match="sensing nothing: expected ideal, robot, or an existing TOML"
+    ):
         load_sensing(load_arm("panda"), "nothing")
     with pytest.raises(StictionError, match="expected ideal, robot, a TOML or Sensing"):
         load_sensing(load_arm("panda"), 3)
@@ -213,5 +215,5 @@ def test_senses_that_are_not_known_are_refused(tmp_path):
     with pytest.raises(StictionError, match=r"expected a table \[sensing\]"):
         load_sensing(load_arm("panda"), other)
     own = load_arm(write_arms(tmp_path) / "two.urdf")
-    with pytest.raises(StictionError, match=r"no senses of .* are known, but of .*panda"):
+    with pytest.raises(StictionError, match=r"has no table \[sensing\], only .*panda"):
         load_sensing(own, "robot")

@@ -222,7 +222,7 @@ def test_main_moves_nothing_unasked(built: Path, tmp_path: Path) -> None:
 DITHER = [AmplitudeRow(7, 15.0, 0.8009660772725983), AmplitudeRow(1, 30.0, 1.5, "triangle")]
 NAMES = load_arm("panda").joint_names
 UNITS = np.array([0.1, 0.1, 0.003, 20.0, 3.0, 0.003])
-"""Of a joint's wanted and measured speed, error, gravity, torque and momentum."""
+"""Scales of a joint's wanted and measured speed, error, gravity, torque and momentum."""
 
 
 def friction_of(kind: str) -> Compensation:

@@ -99,7 +99,7 @@ def test_a_light_arm_comes_to_rest_where_it_is_held(light):
 
 
 def test_friction_near_the_torque_limit_does_not_keep_a_joint_from_its_pose(light):
-    """Of a limit of 1 N·m friction takes half, as in a gripper: 1.2 N·m/rad would leave 0.4 rad."""
+    """Friction takes half of a limit of 1 N·m, as in a gripper: 1.2 N·m/rad would leave 0.4 rad."""
     sticking = light(limit=1.0, stiction=0.5, rotor=0.1)
     p = load_protocol("own")
     servos = Servos(sticking, p)

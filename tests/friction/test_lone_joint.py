@@ -161,7 +161,7 @@ def test_torque_rate_limit_takes_dither_away_only_where_it_is_reached():
 
 
 RATE, THRESHOLD = 0.1, 0.15
-"""Of the ramp [N·m/s]; what counts as moved [rad]."""
+"""Rate of the ramp [N·m/s]; angle from which a joint counts as moved [rad]."""
 
 
 def dry(threshold: float = THRESHOLD, **changes: Any) -> np.ndarray:

@@ -27,11 +27,11 @@ from tests.other_arms.arms import ROBOTS, WHEEL
 
 Array = NDArray[np.float64]
 MIDDLE = np.array([0.5, -1.2, 1.2, -0.5, 0.2, 0.3])
-"""Of the UR10's motions [rad]."""
+"""Middle of the UR10's motions [rad]."""
 DRY = np.array([8.0, 10.0, 6.0, 2.0, 2.0, 1.5])
 """Dry friction of the UR10 [N·m]."""
 SLOPE = np.array([10.0, 12.0, 6.0, 2.0, 1.5, 1.5])
-"""Its viscous friction [N·m·s/rad]."""
+"""Viscous friction of the UR10 [N·m·s/rad]."""
 FRICTION = {"coulomb_friction", "viscous_friction"}
 
 

@@ -156,7 +156,7 @@ def test_a_later_log_of_the_same_session_is_warm(tmp_path) -> None:
         ("torque_lag = [nan, 0.0]", "torque_lag: nan s"),
         ("torque_lag = 0.1", "is not as stiction diagnose writes it"),
         ('torque_lag = ["late", 0.0]', "is not as stiction diagnose writes it"),
-        ("sessions = [[2.0, 1.0]]", "sessions: 2 to 1 s: expected dates that rise"),
+        ("sessions = [[2.0, 1.0]]", "sessions: 2 to 1 s: expected increasing dates"),
         ("sessions = [[nan, 1.0]]", "sessions: nan to 1 s"),
         ("sessions = [1.0]", "is not as stiction diagnose writes it"),
     ],

@@ -343,7 +343,7 @@ def test_broken_records_are_refused_in_one_line(tmp_path, text, says):
 
 
 def test_one_unit_of_all_joints_is_one_cause(data, tmp_path):
-    """Of the whole arm, as no other cause of a joint can be."""
+    """A unit is a cause of the whole arm, as no other cause of a joint can be."""
     scale = part("torque_scale", 0.1, joint=0)
     made = extend(data, Nominal(robot="panda", parts=(scale,)))
     path = tmp_path / "model.toml"

@@ -57,7 +57,7 @@ def test_rest_stays_at_rest():
 
 
 def test_arm_as_shipped_comes_to_rest():
-    """Its bias is under its stiction, so bias and ripple bend the bristles and no more."""
+    """The arm's bias is under its stiction, so bias and ripple only bend the bristles."""
     plant = posed()
     assert np.all(np.abs(plant.offset) < 0.8 * plant.stiction)
     plant.run(np.zeros((4, 15_000, 7)))  # the springs of joints 1-4 ring, the bristles settle

@@ -38,7 +38,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
         required=True,
         metavar="POLICY",
         help=f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
-        "amplitude table (.csv); gated: the best gated table that is shipped",
+        "amplitude table (.csv); gated: the best shipped gated table",
     )
     parser.add_argument(
         "--episodes",
@@ -58,7 +58,7 @@ def add_task_options(parser: common.Parser) -> None:
     parser.add_argument(
         "--trajectory",
         choices=PATHS,
-        help="path of every episode (gte); random: drawn ones, others in training than in "
+        help="path of every episode (gte); random: random paths, different in training and "
         "evaluation",
     )
     parser.add_argument(
@@ -72,9 +72,9 @@ def add_task_options(parser: common.Parser) -> None:
     parser.add_argument(
         "--compensation",
         metavar="KIND|FILE",
-        help="friction compensation in every episode, undithered ones too (gte): a kind of "
-        "`stiction gte`, with gains of the model's friction, or gains that were tuned, "
-        "final.csv or final.yaml",
+        help="friction compensation in every episode, also without dither (gte): a kind of "
+        "`stiction gte`, with gains of the model's friction, or tuned gains, final.csv or "
+        "final.yaml",
     )
     parser.add_argument(
         "--env",

@@ -24,13 +24,15 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     evaluate.add_task_options(parser)
-    parser.add_argument("--algo", required=True, metavar="|".join(ALGORITHMS), help="how it learns")
+    parser.add_argument(
+        "--algo", required=True, metavar="|".join(ALGORITHMS), help="learning algorithm"
+    )
     parser.add_argument(
         "--steps",
         required=True,
         type=common.whole(1),
         metavar="N",
-        help="steps of all arms together, each one control interval long (default: 0.1 s)",
+        help="total steps of all arms; a step is one control interval (default: 0.1 s)",
     )
     parser.add_argument(
         "--settings",
@@ -44,13 +46,12 @@ def add_parser(subparsers: common.Subparsers) -> None:
         type=common.whole(1),
         default=CHECKPOINT_EVERY,
         metavar="N",
-        help="steps between two checkpoints; an interruption loses what came after the last "
-        "(default: %(default)s)",
+        help="steps between two checkpoints (default: %(default)s)",
     )
     common.add_shared_options(
         parser,
-        out="output folder (default: runs/train-ROBOT); one that holds a part of the same training "
-        "is continued",
+        out="output folder (default: runs/train-ROBOT); an unfinished training of the same "
+        "command is continued",
     )
 
 

@@ -43,41 +43,41 @@ def add_parser(subparsers: common.Subparsers) -> None:
         choices=("thesis", "search"),
         default="thesis",
         help="thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
-        "amplitude and frequency of every joint, continuous and under constraints",
+        "continuous amplitude and frequency of every joint, under constraints",
     )
     parser.add_argument(
         "--table",
         type=Path,
         metavar="TABLE.csv",
-        help="measured base torques, in the form of base.csv or thesis Table 4.3: the friction is "
-        "calibrated to them first",
+        help="measured base torques, in the form of base.csv or thesis Table 4.3; the friction is "
+        "first calibrated to these torques",
     )
     parser.add_argument(
         "--frequencies",
         nargs="+",
         type=common.number(0, above=True),
         metavar="HZ",
-        help="frequencies to try (default: the thesis's of that robot)",
+        help="frequencies to try (default: the thesis's for this robot)",
     )
     parser.add_argument(
         "--scales",
         nargs="+",
         type=common.number(0, above=True),
         metavar="X",
-        help="amplitudes to try, over the base torque (default: 0.8 1.0 1.2)",
+        help="amplitudes to try, relative to the base torque (default: 0.8 1.0 1.2)",
     )
     _add_search_options(parser)
     common.add_experiment_options(parser)
     parser.add_argument(
         "--storage",
         metavar="URL",
-        help="study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB, "
-        "which machines share (default: a file in --out)",
+        help="database of the study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB "
+        "to share the study between machines (default: a file in --out)",
     )
     parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")
     common.add_shared_options(
         parser,
-        out="output folder (default: runs/tune-ROBOT); one that holds a part of the same run is "
+        out="output folder (default: runs/tune-ROBOT); an unfinished run of the same command is "
         "continued",
     )
 
@@ -87,8 +87,8 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--objective",
         choices=OBJECTIVES,
-        help="sje: torque left to move each joint (default); gte: error left at the goals of a "
-        "path; both: the second starts from the table of the first",
+        help="minimise the breakaway torque of each joint (sje, default), the error left at the "
+        "goals of a path (gte), or both (gte starts from the table of sje)",
     )
     group.add_argument(
         "--sampler",
@@ -99,18 +99,18 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         "--evaluations",
         type=common.whole(1),
         metavar="N",
-        help="trials per joint (SJE) and of whole tables (GTE)",
+        help="number of trials: per joint (SJE), of whole tables (GTE)",
     )
     group.add_argument(
         "--pareto",
         action="store_true",
-        help="shaking is a second objective and no constraint (pareto.csv)",
+        help="make shaking a second objective instead of a constraint (pareto.csv)",
     )
     group.add_argument(
         "--treatment",
         choices=TREATMENTS,
-        help="search this against friction, alone, on paths: dither, a compensation, both "
-        "observers, or all one after the other with the same budget; the report says which wins "
+        help="search only this treatment of friction, on paths: dither, a compensation, both "
+        "observers, or all one after the other with the same budget; the report says which is best "
         "on other paths and what it needs to know",
     )
     group.add_argument(
@@ -132,7 +132,7 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="TABLE.csv",
-        help="amplitude tables to compare with, measured in the same plant",
+        help="amplitude tables to compare with, simulated in the same plant",
     )
     group.add_argument(
         "--ask",
@@ -147,8 +147,8 @@ def _add_search_options(parser: argparse.ArgumentParser) -> None:
         "--tell",
         type=Path,
         metavar="TABLE.csv",
-        help="enter measurements (measure.csv filled in, or any SJE table); then --ask, if it "
-        "is given too",
+        help="read measurements (a filled-in measure.csv, or any SJE table); can be combined with "
+        "--ask",
     )
 
 

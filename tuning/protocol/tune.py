@@ -141,7 +141,7 @@ def tune(
         out: output folder: base.csv, frequency.csv, scale.csv, intermediate.csv, final.csv,
             final.yaml (the same for ROS 2), verification.csv, report.md, plots, friction.toml,
             optuna.db. None for ``runs/tune-ROBOT``.
-        force: whether the files of another run in it are replaced.
+        force: whether the files of another run in ``out`` are replaced.
         frequencies: frequencies to try [Hz]; None for the thesis's for that robot.
         scales: amplitude over base torque [-]; None for 0.8, 1.0, 1.2.
         iterations: per configuration; None for the protocol's.
@@ -151,13 +151,13 @@ def tune(
         study: prefix of the studies' names; None for the arm's name.
         friction: parameters to start from, or their TOML; None for the robot's own.
         sensing: what the controller sees: "ideal", "robot", a TOML, or `Sensing`.
-        drive: "torque", or "position": servos, as of `SingleJointExperiment`; they also write
-            final_command.csv, amplitudes of the commanded angle. None: what the TOML has.
+        drive: "torque", or "position": servos, as in `SingleJointExperiment`; final_command.csv
+            then has amplitudes of the commanded angle. None: position if the TOML has [servo].
         protocol: protocol of the experiment; None for the robot's.
         threads: threads, 0 for all processors.
         progress: called with (stage, simulated seconds done, total).
-        settings: constants that differ from ``settings.toml``: by name
-            (``{"thesis.cap_half_widths": 2.5}``), a TOML file of them, or all.
+        settings: changes to ``settings.toml`` by name (``{"thesis.cap_half_widths": 2.5}``), a
+            TOML file of changes, or all settings.
 
     Raises:
         StictionError: bad input, or an output folder of another run; nothing was written.

@@ -251,9 +251,9 @@ def _words(state: State) -> dict[str, object]:
                     note,
                 ]
             )
-        header = ["f [Hz]", "A [N·m]", "simulated [%]", "measured [%]", "believed [%]"]
+        header = ["f [Hz]", "A [N·m]", "simulated [%]", "measured [%]", "predicted [%]"]
         joints.append((j.candidates.joint, table_text([*header, "displacement [mrad]", ""], rows)))
-    header = ["joint", "best setting", "", "believed reduction [%]", "settings measured"]
+    header = ["joint", "best setting", "", "predicted reduction [%]", "settings measured"]
     return {
         "robot": state.robot,
         "best": table_text([*header, "chance that another is better", "advice"], best),

@@ -62,17 +62,17 @@ def search(
 
     Args:
         robot: name, model file, arm, or an arm with its friction (`load_model`).
-        objective: "sje": torque left to move each joint; "gte": error left at the goals of a path;
-            "both": the second starts from the table of the first. None: "gte" for a treatment.
+        objective: "sje": breakaway torque of each joint; "gte": error left at the goals of a path;
+            "both": gte starts from the table of sje. None: "gte" for a treatment.
         sampler: one of `names.SAMPLERS`; None: gp for the SJE, cmaes for the GTE.
-        pareto: whether shaking is a second objective, and no constraint.
+        pareto: whether shaking is a second objective instead of a constraint.
         treatment: one of `names.TREATMENTS`: each is searched alone with the same budget and
             under the same limits on vibration and torque rate, and the best on other paths that
             does not shake at rest is recommended.
         evaluations: trials per joint (SJE) and of whole tables (GTE); None for the settings'.
-        bounds: TOML of `bounds.bounds_of`; None for what arm and settings allow.
-        limit: amplitude table whose displacement (SJE) and vibration (GTE) may not be passed; None
-            for thesis Table 4.9 on the Panda, and on other arms what ``make tune`` would choose.
+        bounds: TOML of `bounds.bounds_of`; None for the bounds of arm and settings.
+        limit: amplitude table whose displacement (SJE) and vibration (GTE) are the limit; None
+            for thesis Table 4.9 on the Panda, and on other arms the table of ``make tune``.
         beside: more amplitude tables to compare with.
         out: output folder: trials.csv, final.csv (dither, or else gains), final.yaml (both, for
             ROS 2), compensation.csv, a folder for each of several treatments, verification.csv,

@@ -163,7 +163,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return friction compensation whose model of the friction is the nominal one.
 
         Args:
-            kind: one of `control.compensation.KINDS`, or a file that says which and its gains:
+            kind: one of `control.compensation.KINDS`, or a file with kind and gains:
                 ``compensation.csv``, or a ``final.yaml``.
             factor: of the friction that is compensated [-].
             table: of gains; None for those of the friction at the start's load.
@@ -189,10 +189,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
         return float(self._durations(path, ends - 1, ends).sum())
 
     def horizon(self, path: Path) -> float:
-        """Return when a path is given up [s].
+        """Return the time limit of a path [s].
 
-        An arm that lags may start a movement from anywhere it has been: each is given half as
-        much again as from the farthest earlier point. Waiting at the goals comes on top.
+        A lagging arm may start a movement from any earlier point of the path. So each movement
+        gets 1.5 times the time from the farthest earlier point, plus the wait at the goal.
         """
         goals = len(path.position)
         ends = np.repeat(np.arange(goals), goals)

@@ -133,8 +133,8 @@ class SingleJointExperiment(SJESetup):
             dither: each joint under test is dithered by its row; None for no dither.
 
         Raises:
-            StictionError: a joint the arm lacks, or a table that dithers none of the joints, that
-                the arm cannot take, or that cannot be read.
+            StictionError: a joint that the arm lacks; a table that cannot be read, dithers none of
+                the joints, or exceeds the arm's limits.
         """
         chosen = list(joints) if joints is not None else None
         base = [

@@ -178,7 +178,7 @@ def check_rrd(path: Path, *, force: bool = False, made: Path | None = None) -> N
         raise missing_extra("writing for Rerun", "rerun-sdk", "rerun") from None
     check_file(path, ".rrd", force=force)
     if not path.parent.is_dir() and (made is None or path.parent.resolve() != made.resolve()):
-        raise StictionError(f"output {path}: {path.parent}: expected a folder that is there")
+        raise StictionError(f"output {path}: {path.parent}: expected an existing folder")
 
 
 def rrd_bytes(s: Series, words: str) -> bytes:

@@ -116,18 +116,18 @@ def rehearse(
     progress: Callable[[str, float], None] | None = None,
     **options: Unpack[LogOptions],
 ) -> Rehearsal:
-    """Say which causes, of which size, a diagnosis would find in recordings like these.
+    """Find which causes, and of which size, a diagnosis would find in recordings like these.
 
     Args:
         data: a joint log or servo log, or several.
         robot: name, model file or arm.
-        causes: names of the causes to hide; None for all that are registered. All are always
-            looked for.
+        causes: names of the causes to hide; None for all registered causes. Each diagnosis
+            searches all causes.
         threads: processes that diagnose at the same time, 0 for one per processor; with more than
             one, a script needs the guard ``if __name__ == "__main__":``.
         progress: called with what was done and the part of the whole that is done.
-        options: of `diagnose`, for the log itself and for all that is simulated; no ``check``,
-            ``poses``.
+        options: options of `diagnose`, for the log and for all simulated logs, without ``check``
+            and ``poses``.
 
     Raises:
         StictionError: as `diagnose`; poses without motion, a torque table, or an unknown cause.

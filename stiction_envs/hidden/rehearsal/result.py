@@ -28,7 +28,7 @@ class Row:
     parameter: str
     unit: str
     smallest_found: float
-    """Smallest size that was named, told from all others, and nothing false beside it; else NaN."""
+    """Smallest size that was named, told from all other causes, without a false cause; else NaN."""
     smallest_named: float
     """Smallest size that was named, told from others or not; else NaN."""
     tried: tuple[float, ...]
@@ -86,7 +86,7 @@ class Rehearsal(Result):
 
     robot: str
     rows: tuple[Row, ...]
-    """By cause, in the order of the contract, and joint."""
+    """One row per cause, in the order in which the causes are registered, and joint."""
     named_without: tuple[str, ...]
     """Causes that were named where nothing was hidden."""
     runs: dict[str, list[Run]]
@@ -126,8 +126,8 @@ class Rehearsal(Result):
         found = sum(r.found for r in self.rows)
         also = sum(r.named and not r.found for r in self.rows)
         text = f"Of {plural(len(self.rows), 'cause')}, counted on each joint, this recording shows "
-        text += f"{found} at a size that was tried, with nothing false beside it"
-        text += f", and {also} more that it cannot tell from others." if also else "."
+        text += f"{found} at one of the hidden sizes, without a false cause"
+        text += f", and {also} more that it cannot tell from other causes." if also else "."
         whole = [
             f"{r.cause} from {short(r.smallest_found, 2)}{_unit(r.unit)} on"
             for r in self.rows
@@ -136,8 +136,8 @@ class Rehearsal(Result):
         if whole:
             text += f" It shows {listed(whole)}."
         named = listed(self.named_without)
-        said = f"{named}: a false alarm" if named else "nothing"
-        return f"{text} With nothing hidden it names {said}."
+        names = f"{named}: a false alarm" if named else "no cause"
+        return f"{text} With nothing hidden it names {names}."
 
     def __repr__(self) -> str:
         found = sum(r.found for r in self.rows)

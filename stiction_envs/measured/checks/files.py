@@ -104,7 +104,7 @@ def check(
     drive: str | None = None,
     **reading: Unpack[Reading],
 ) -> Findings:
-    """List what is wrong in torque tables, joint logs and servo logs, told apart by their columns.
+    """List defects of torque tables, joint logs and servo logs; the columns show the kind of file.
 
     Tables: reductions that do not follow from their torques, repetitions that contradict each
     other, impossible signs; whatever an SJE table, base torques or an amplitude table may not hold.

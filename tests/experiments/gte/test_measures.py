@@ -134,7 +134,7 @@ def test_written_tables_have_their_columns(tmp_path):
 
 RATE, COUNT = 100.0, 700
 ACCEPTED = np.array([[0.0, 2.0, 4.1], [0.0, 3.0, np.nan], [0.0, 1.5, np.nan]])
-"""Of three arms with 3, 2 and 3 goals, the last of which never comes to its last."""
+"""Times of three arms with 3, 2 and 3 goals; the third arm never reaches its last goal."""
 REACHED = np.array([[2.0, 4.1, 5.6], [3.0, 4.2, np.nan], [1.5, np.nan, np.nan]])
 GOALS = np.array([3, 2, 3])
 
@@ -220,7 +220,7 @@ def test_starting_anew_forgets():
 
 
 def test_window_ends_with_the_record():
-    """Its last error is held; what is complete stays as it is."""
+    """A window holds the record's last error; a complete window stays as it is."""
     error, square, _ = samples()
     sums = Accumulator(3, 2, rate=RATE, window=0.5, tail=1.0)
     sums.start(np.arange(3), np.full(3, 2))

@@ -1,4 +1,4 @@
-"""What a judge says, as ``diagnosis.json`` of the contract holds it."""
+"""Judgements, as ``diagnosis.json`` holds them."""
 
 from __future__ import annotations
 

@@ -171,7 +171,7 @@ def test_what_cannot_be_written_is_refused(
     there.write_text("old")
     for path, says in (
         (tmp_path / "x.csv", "ends in '.csv': expected a path to a .rrd"),
-        (tmp_path / "none" / "x.rrd", "none: expected a folder that is there"),
+        (tmp_path / "none" / "x.rrd", "none: expected an existing folder"),
         (there, "there.rrd: exists: choose another name, or force"),
     ):
         with pytest.raises(StictionError, match=re.escape(says)):

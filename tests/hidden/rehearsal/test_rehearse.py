@@ -51,7 +51,7 @@ def test_a_large_cause_is_found_and_nothing_else(rehearsed):
     assert all(0.001 < r.smallest_found < 0.1 for r in dry_rows.values())
     assert all(r.smallest_found in r.tried for r in rehearsed.rows)
     assert "gravity_compensation_missing from 0." in str(rehearsed)
-    assert "With nothing hidden it names nothing." in rehearsed.summary
+    assert "With nothing hidden it names no cause." in rehearsed.summary
 
 
 def test_a_joint_that_rests_shows_no_friction(two):

@@ -406,7 +406,7 @@ BAD = {
     "cut mcap": (shortened, "damaged or no ROS bag.*mcap recover"),
     "other messages": (
         text_bag,
-        r"no states of joints, its topics are /chat \(std_msgs/msg/String\): expected one of "
+        r"no joint states; its topics are /chat \(std_msgs/msg/String\): expected one of "
         "sensor_msgs/msg/JointState",
     ),
     "no efforts": (

@@ -65,7 +65,7 @@ class RotorInertia(SimulatedCause):
 
     name, absolute = "rotor_inertia", "armature_kgm2"
     quantity = Quantity(fields=("rotor_inertia",), low=0.2, high=5.0)
-    """Its range is assumed."""
+    """The range is assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {
         "presliding": "dither well below the presliding resonance (half of √(σ0/J)/2π): there "
         "inertia plays no part",
@@ -80,7 +80,7 @@ class Presliding(SimulatedCause):
 
     name, absolute = "presliding", "bristle_stiffness"
     quantity = Quantity(fields=("bristle_stiffness",), low=0.1, high=10.0)
-    """Its range is assumed."""
+    """The range is assumed."""
     log_size = 0.7
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": SAME_DAY, "friction_level": SAME_DAY}
 

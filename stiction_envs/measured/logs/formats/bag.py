@@ -189,7 +189,7 @@ def _topic(
         shown = ", ".join(f"{k} ({v})" for k, v in islice(types.items(), 5)) or "none"
         more = f" and {len(types) - 5} more" if len(types) > 5 else ""
         raise StictionError(
-            f"{where}: no states of joints, its topics are {shown}{more}: expected one of "
+            f"{where}: no joint states; its topics are {shown}{more}: expected one of "
             f"{', '.join(BY_TYPE)}"
         )
     for topic in known:
@@ -215,7 +215,7 @@ def _topic(
     if len(full) == 1:
         return next(iter(full.items()))
     raise StictionError(
-        f"{where}: several topics with states of joints: {', '.join(full or filled)}: expected "
+        f"{where}: several topics with joint states: {', '.join(full or filled)}: expected "
         "one; name the topic"
     )
 

@@ -96,7 +96,7 @@ def _topic(states: _Curves, where: str, naming: Naming, n_joints: int | None) ->
     topics = named or list(full)
     if len(topics) > 1:
         raise StictionError(
-            f"{where}: several topics with states of joints: {', '.join(topics)}: "
+            f"{where}: several topics with joint states: {', '.join(topics)}: "
             "expected one; name the topic"
         )
     return topics[0] if topics else None
