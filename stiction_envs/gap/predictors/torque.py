@@ -43,8 +43,8 @@ MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
 """δ that are tried [-]; assumed."""
-DELAYS = (0.001, 0.003, 0.01)
-"""T that are tried [s]; assumed: from a robot's cycle to what filters and lags may leave."""
+DELAYS = (0.002, 0.003, 0.01)
+"""T that are tried [s]; assumed: from two cycles of a robot to what filters and lags may leave."""
 SIZED = 0.01
 """Relative error of s [-]."""
 SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
