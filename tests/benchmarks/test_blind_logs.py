@@ -66,7 +66,7 @@ def test_links_that_are_off_are_a_column_where_there_are_rows(tmp_path: Any) -> 
     options = STUDY.parser().parse_args(["--out", str(tmp_path)])
     text = STUDY.write_page(options, first=1, planned=4, **values)
     assert "In 1/1 = 100 % of simulated logs" in text
-    assert "Links off, and another cause is named first, or none:" in text
+    assert "Cases with link errors in which another cause, or none, is named first:" in text
 
 
 @pytest.mark.slow

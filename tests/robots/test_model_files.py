@@ -98,7 +98,7 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_description_in_the_cache(cache: Path) -> None:
-    with pytest.raises(StictionError, match=r"zoo is not there: .* robot_descriptions.toy_mj_desc"):
+    with pytest.raises(StictionError, match=r"zoo is missing: .* robot_descriptions.toy_mj_desc"):
         load_arm("toy_mj_description")
     (cache / "zoo" / "toy").mkdir(parents=True)
     with pytest.raises(StictionError, match="expected a file there"):

@@ -61,7 +61,7 @@ CAUSES: tuple[Cause, ...] = tuple(
         ExternalSpring,
     )
 )
-"""The causes of the package, in the order of the contract; `registered` returns all causes."""
+"""The causes of the package, in a fixed order; `registered` returns all causes."""
 TOLERANCES = register(LinkTolerances())
 """Small errors of all links, in every model."""
 

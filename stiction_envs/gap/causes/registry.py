@@ -53,7 +53,7 @@ def unregister(name: str) -> None:
 
 
 def registered(method: str = IN_LOGS) -> tuple[Cause, ...]:
-    """Return all causes that can be named, those of the package first, in the contract's order.
+    """Return all causes that can be named, those of the package first, in their order.
 
     ``method`` is `IN_LOGS` or `IN_TABLES`.
     """

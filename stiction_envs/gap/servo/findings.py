@@ -81,7 +81,7 @@ REPORTED = (
         if name not in ("stiction", "drop", "bristle", "dead_zone")
     ),
 )
-"""All such numbers, under the names and in the units of the contract."""
+"""All such numbers, under the names and in the units of `diagnosis.json`."""
 
 
 def _estimates(cause: str, fit: Fit) -> dict[str, Estimate]:
