@@ -72,9 +72,10 @@ def climbed(
     What the model lacks at the start would else count as an error that comes back, and stay out.
     """
     often, predictor.repeats = predictor.repeats, 1.0
-    model = search.climb(start, swaps=swaps)
-    predictor.repeats = often
-    return search.climb(model.terms, swaps=swaps) if often > 1 else model
+    if often > 1:
+        start = search.climb(start, swaps=False).terms
+        predictor.repeats = often
+    return search.climb(start, swaps=swaps)
 
 
 def plain_friction(predictor: TorquePredictor) -> list[Term]:
