@@ -113,12 +113,22 @@ def plain_mjcf(
         100, initial_indent=INDENT, subsequent_indent=INDENT, break_on_hyphens=False
     )
     comment = "\n".join(wrap.fill(p) for p in paragraphs)
+    return mjcf_text(root, f" {comment.strip()} ", f"{arm.name}: cannot be exported")
+
+
+def mjcf_text(root: ET.Element, comment: str, wrong: str) -> str:
+    """Return a tree as text below a comment.
+
+    Raises:
+        StictionError: MuJoCo does not read it, beginning with ``wrong``.
+    """
     ET.indent(root)
-    text = f"<!-- {comment.strip()} -->\n{ET.tostring(root, encoding='unicode')}\n"
+    comment = comment.replace("--", "- -")
+    text = f"<!--{comment}-->\n{ET.tostring(root, encoding='unicode')}\n"
     try:
         mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
-        raise StictionError(f"{arm.name}: cannot be exported: {error}") from None
+        raise StictionError(f"{wrong}: {error}") from None
     return text
 
 

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.export import plain_mjcf
+from stiction_envs.friction import export
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import (
     QUANTITIES,
@@ -269,7 +268,7 @@ def mjcf_tree(
     Raises:
         StictionError: MuJoCo cannot represent the model.
     """
-    text = plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
+    text = export.plain_mjcf(build(arm, friction, timestep=TIMESTEP), friction_name="a diagnosis")
     root = ET.fromstring(text)
     for body in root.iter("body"):
         share = arm.stated.gravcomp.get(body.get("name", ""), 0.0)
@@ -309,10 +308,4 @@ def mjcf_text(arm: Arm, root: ET.Element, comment: str, missing: Sequence[str]) 
     """
     listed = [f"     - {m}" for m in missing] or ["     - nothing"]
     said = comment.format(name=arm.name, timestep=TIMESTEP, missing="\n".join(listed))
-    ET.indent(root)
-    out = f"<!--{said.replace('--', '- -')}-->\n{ET.tostring(root, encoding='unicode')}\n"
-    try:
-        mujoco.MjModel.from_xml_string(out)
-    except ValueError as error:
-        raise StictionError(f"{arm.name}: the extended model cannot be built: {error}") from None
-    return out
+    return export.mjcf_text(root, said, f"{arm.name}: the extended model cannot be built")

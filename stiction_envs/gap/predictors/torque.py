@@ -46,7 +46,7 @@ SHARES = (0.001, 0.003, 0.01, 0.03)
 DELAYS = (0.002, 0.003, 0.01)
 """T that are tried [s]; assumed: from two cycles of a robot to what filters and lags may leave."""
 SIZED = 0.01
-"""Relative error of s [-]."""
+"""Relative error of s [-]; assumed: far below its doubt."""
 SCALES = (0.03, 0.1, 0.2, 0.3, 0.5, 1.0)
 """Sizes of the small errors over their tolerance that are tried [-]; assumed."""
 FOLDS = 4
