@@ -181,7 +181,7 @@ def add_mounting_options(parser: Parser) -> None:
 
 
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
-    """Add the arm to simulate and what is known of its mounting."""
+    """Add the arm to simulate, and its known payload and tilt."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())
     add_chain_option(parser)
     add_mounting_options(parser)

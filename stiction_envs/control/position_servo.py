@@ -42,7 +42,7 @@ class ServoDrive:
         self._followed = np.zeros((plant.nsim, plant.n))
 
     def reset(self, ids: Index, command: Array) -> None:
-        """Let simulations ``ids`` have been told angles ``command`` (M, n) [rad] for long."""
+        """Let simulations ``ids`` start with constant past commands ``command`` (M, n) [rad]."""
         self._commands[ids], self._followed[ids] = command[:, None], command
         stiffness = np.broadcast_to(self.servos.stiffness, command.shape)
         self.plant.set_servo(ids, stiffness, np.zeros_like(stiffness), command)

@@ -1,4 +1,4 @@
-"""What a real robot's controller sees and does: sensors, delays and lost cycles of N arms.
+"""Sensor errors, delays and lost cycles of the controllers of N arms.
 
     joints --lag of the logged speed--> delay + jitter --noise--> resolution --> q, dq, torque
     command --some cycles lost--> delay --> torque path
@@ -105,7 +105,7 @@ class Sensing:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether there is no error: nothing is computed then."""
+        """True if no error is simulated, so nothing is computed."""
         return self == Sensing(spread=self.spread)
 
     def of_joint(self, name: str, n: int) -> Array:

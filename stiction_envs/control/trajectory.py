@@ -36,7 +36,7 @@ _Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """How fast a reference moves and when a goal is reached; ``gte.toml`` has the sources."""
+    """Speed limits of a reference, and tolerances of a goal; ``gte.toml`` has the sources."""
 
     translational_speed: _Finite = _DEFAULT["translational_speed"]  # [m/s]
     rotational_speed: _Finite = _DEFAULT["rotational_speed"]  # [rad/s]

@@ -107,7 +107,7 @@ class Dither:
 
     @property
     def gated(self) -> bool:
-        """Whether :meth:`torque` needs velocities."""
+        """True if :meth:`torque` needs velocities."""
         return self._gate is not None
 
     def __repr__(self) -> str:

@@ -1,6 +1,6 @@
-"""What a diagnosis says of all links: their small errors, as bodies that exist, and the doubt left.
+"""Small errors of all links, as physically consistent inertias, and their uncertainty.
 
-Of a body that was named too, the last link's for a payload, the doubt is in the sum of both.
+If a body is also named (the last link's for a payload), the uncertainty is that of the sum.
 """
 
 from __future__ import annotations

@@ -57,7 +57,7 @@ Law = Callable[[ServoJoint, float], dict[str, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServoEffect(Hideable):
-    """How a cause is hidden in the joints of a servo log."""
+    """A rule that hides a cause in the joints of a servo log."""
 
     law: Law
     largest: float

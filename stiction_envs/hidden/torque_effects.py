@@ -54,7 +54,7 @@ class Draw:
         return self.sign * self.between(low, high)
 
     def more(self, low: float, high: float, known: Array, usual: float) -> float:
-        """Return a share of what is known of the joint, of either sign; else of what is usual."""
+        """Return a share of the joint's ``known`` value, with sign; of ``usual`` if that is 0."""
         sign = self.sign if known[self.joint] else 1.0
         return float(sign * self.between(low, high) * (known[self.joint] or usual))
 
@@ -168,7 +168,7 @@ def _of_friction(w: World, j: int, size: float) -> float:
 
 @dataclass(frozen=True)
 class Effect:
-    """How a cause is hidden."""
+    """A rule that hides a cause in a joint log."""
 
     hide: Hide
 

@@ -166,7 +166,7 @@ class Clearance:
         return out
 
     def keeps(self, q: Array, wanted: float) -> bool:
-        """Whether all links keep a distance [m] at poses (T, n), near ones what they have."""
+        """Return whether all links keep a distance [m] at poses (T, n); neighbours keep less."""
         # the nearest first: one that is too near ends it
         return all(
             self._distance(*pair, 2 * wanted) + self._allowed.get(pair, 0.0) >= wanted

@@ -58,7 +58,7 @@ class SJERow:
 
     @property
     def is_base(self) -> bool:
-        """Whether the row was measured without dither."""
+        """True if the row was measured without dither."""
         return self.frequency_hz == 0 and self.amplitude_nm == 0
 
 

@@ -1,4 +1,4 @@
-"""What compiled code reads and writes of a plant's simulations, one simulation at a time."""
+"""Arrays of a plant's simulations that compiled code reads and writes, one simulation at a time."""
 
 from __future__ import annotations
 

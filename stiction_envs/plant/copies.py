@@ -32,14 +32,14 @@ class CopiedBatch(Batch):
         self._inputs: dict[str, Array] = {}
 
     def bind(self, name: str) -> Array:
-        """As `Batch.bind`."""
+        """Bind as `Batch.bind`; note the output for pickling."""
         out: Array = super().bind(name)
         if not out.flags.writeable:
             self._outputs[name] = out
         return out
 
     def expand(self, name: str) -> Array:
-        """As `Batch.expand`."""
+        """Expand as `Batch.expand`; note the input for pickling."""
         self._inputs[name] = super().expand(name)
         return self._inputs[name]
 

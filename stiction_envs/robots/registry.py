@@ -55,7 +55,7 @@ class ArmFiles:
 
     @property
     def shipped(self) -> bool:
-        """Whether the arm comes with the package."""
+        """True if the arm comes with the package."""
         return self.model.parents[1] == PACKAGE
 
     @cached_property

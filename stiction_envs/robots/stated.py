@@ -81,17 +81,17 @@ class StatedJoints:
 
     @property
     def dry(self) -> bool:
-        """Whether the file states dry friction."""
+        """True if the file states dry friction."""
         return bool(self.stiction.any())
 
     @property
     def friction(self) -> bool:
-        """Whether the file states friction, dry or viscous."""
+        """True if the file states friction, dry or viscous."""
         return self.dry or bool(self.damping.any())
 
     @property
     def passive(self) -> bool:
-        """Whether the file states springs or gravity compensation."""
+        """True if the file states springs or gravity compensation."""
         return bool(self.stiffness.any()) or bool(self.gravcomp)
 
     def line(self, used: bool = True) -> str:

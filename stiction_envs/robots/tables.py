@@ -91,7 +91,7 @@ def payload_radius() -> float:
 
 
 def on_floor(table: Mapping[str, object], where: str) -> bool:
-    """Whether ``mounting`` says ``floor``, z = 0 of the arm's world; ``free`` is the default."""
+    """Return whether ``mounting`` is ``floor``, z = 0 of the world; the default is ``free``."""
     mounting = table.get("mounting", "free")
     if mounting not in MOUNTINGS:
         raise StictionError(f"{where}: {unknown('mounting', mounting, MOUNTINGS)}")

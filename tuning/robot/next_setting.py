@@ -1,4 +1,4 @@
-"""Which settings to measure next, which one is best so far, and when to stop.
+"""The next settings to measure, the best setting so far, and the rule to stop.
 
 The criterion is the expected improvement over the best measured setting (Jones, Schonlau & Welch,
 Efficient global optimization of expensive black-box functions, J. Global Optim. 13, 1998) of the

@@ -150,7 +150,7 @@ class BaseTorques:
         self._file.setdefault((file, cell), []).append(abs(tau))
 
     def measured(self, cell: CELL) -> bool:
-        """Whether a base torque was measured."""
+        """Return whether a base torque was measured."""
         return cell in self._all
 
     def base(self, cell: CELL, file: str = "") -> float:

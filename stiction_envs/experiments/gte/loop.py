@@ -46,7 +46,7 @@ class Dynamics(NamedTuple):
 
 
 class ModelArrays(NamedTuple):
-    """What `renew_dynamics` computes with, and writes."""
+    """Arrays that `renew_dynamics` reads and writes."""
 
     believed: Dynamics  # Dynamics that the controller has
     true: Dynamics  # Dynamics of the plant
@@ -167,9 +167,9 @@ class Shaking(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """What is recorded while arms follow for K control steps, before they move; all is written.
+    """Records of K control steps, each made before the arm moves; all arrays are written.
 
-    A sample has ``stride`` control steps, the first of which is a multiple of it: S samples.
+    Each of the S samples has ``stride`` control steps and begins at a multiple of ``stride``.
     """
 
     stride: int

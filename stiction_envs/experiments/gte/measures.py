@@ -26,10 +26,10 @@ from stiction_envs.experiments.gte.protocol import GTEProtocol, Run, load_gte_pr
 
 
 class Accumulator:
-    """What N arms did since each of them was started.
+    """Sums over the samples of N arms since each arm was started.
 
-    The motion is from the first goal's acceptance until the last goal was reached, all there is
-    where it was not reached yet; the tail, in which the arm rests, comes behind it.
+    The motion lasts from the first goal's acceptance until the last goal is reached (until now for
+    an arm that has not reached it). After the motion comes the tail, in which the arm rests.
     """
 
     def __init__(

@@ -33,7 +33,7 @@ KIND = "random_paths"
 
 @dataclass(frozen=True, kw_only=True)
 class RandomPathSettings:
-    """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
+    """Settings of random paths, and limits that an arm can follow; `gte.toml` has the sources."""
 
     fewest_goals: Count  # Least number of goals of a path
     most_goals: Count  # Largest number of goals of a path

@@ -32,7 +32,7 @@ from stiction_envs.robots import Arm
 
 @dataclass(frozen=True, init=False, repr=False)
 class GTESetup(Experiment):
-    """What an experiment on paths is made of."""
+    """Parts of an experiment on paths."""
 
     protocol: GTEProtocol
     approach: Approach

@@ -65,7 +65,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a cause's k coefficients before the logs."""
+    """The prior of a cause's k coefficients, before any log."""
 
     size: Array
     """(k,) standard deviations about zero."""
@@ -84,7 +84,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class View:
-    """What a cause is drawn against in a report; the ordinate is the residual torque."""
+    """The picture of a cause in a report: the abscissa; the ordinate is the residual torque."""
 
     label: str
     """Label of the axis, with the unit."""
@@ -150,7 +150,7 @@ class Cause:
     # ---- torque ------------------------------------------------------------------------------
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return what is known of its coefficients on a joint (from 0; -1 for the arm)."""
+        """Return the prior of the cause's coefficients on a joint (from 0; -1 for the arm)."""
         raise NotImplementedError
 
     def joints(self, data: Data) -> list[int]:

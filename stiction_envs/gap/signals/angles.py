@@ -43,7 +43,7 @@ NEXT_BEST = 0.7
 
 @dataclass(frozen=True)
 class AngleError:
-    """How a joint's angle differs from the model's."""
+    """Difference between a joint's logged angle and the model's: direction, offset."""
 
     joint: int
     """From 1."""

@@ -301,7 +301,7 @@ def _search(joints: Sequence[Sequence[_Run]]) -> tuple[Lag, Array, Array] | None
 
 
 def _is_time(runs: Sequence[_Run]) -> bool:
-    """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
+    """Return whether runs at several speeds lag by one time; bristles lag by one distance."""
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])

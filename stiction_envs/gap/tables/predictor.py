@@ -132,7 +132,7 @@ class LoneJointTorques:
 
 
 class LoneJoint:
-    """How the readings of a joint change with each quantity, about one state."""
+    """Changes of a joint's readings with each quantity, by simulations of one joint."""
 
     def __init__(
         self, jobs: Sequence[Job], whole: WholeArm, state: State, quantities: Sequence[Quantity]

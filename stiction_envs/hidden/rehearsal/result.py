@@ -42,17 +42,17 @@ class Row:
 
     @property
     def found(self) -> bool:
-        """Whether any size was found."""
+        """True if any size was found."""
         return not math.isnan(self.smallest_found)
 
     @property
     def named(self) -> bool:
-        """Whether any size was named, told from others or not."""
+        """True if any size was named, with or without a rival that fits as well."""
         return not math.isnan(self.smallest_named)
 
 
 def row_of(job: Job, row: int, runs: list[Run]) -> Row:
-    """Return what the runs of a job say of a joint (from 1), or of the arm."""
+    """Return the result row of a job's runs for a joint (from 1), or for the arm."""
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
 

@@ -1,8 +1,8 @@
 """Causes hidden in joint logs: their torque along a motion, their sizes, and a diagnosis of them.
 
-The motion is given, so the motors follow it whatever is hidden, as under a stiff position
-controller. So `joint_elasticity` shows what the gear does to the torque, but not how a controller
-would answer: the motor moves as logged, the link does not.
+The motion is fixed: the motors follow it with every hidden cause, as under a stiff position
+controller. So `joint_elasticity` shows the gear's effect on the torque, but not the response of a
+controller: the motor moves as logged, the link does not.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ def check(
     """List defects of torque tables, joint logs and servo logs; the columns show the kind of file.
 
     Tables: reductions that do not follow from their torques, repetitions that contradict each
-    other, impossible signs; whatever an SJE table, base torques or an amplitude table may not hold.
+    other, impossible signs; values that the kind of table does not allow.
     Logs: units, clock, repeated and missing rows, stuck or saturated channels, speeds that lag.
     Of servo logs also: commands beyond the joints' limits, that never move, or were copied.
 

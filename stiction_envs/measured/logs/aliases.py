@@ -2,7 +2,7 @@
 
 A name is cut into words and numbers: ``joint_a1_pos [deg]`` has the quantity *pos*, the joint *a 1*
 and the unit *deg*. Words such as *target* make a quantity a command; what is left names the joint.
-What is read under another name or in another unit is said.
+The reader reports each column that it reads under another name or in another unit.
 """
 
 from __future__ import annotations

@@ -103,7 +103,7 @@ def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
 
 
 def _not_rising(rows: RawLog) -> Bools:
-    """Whether the next row of a recording has no later time: (T-1,)."""
+    """Return (T-1,) whether the next row of a recording has no later time."""
     return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
 
 

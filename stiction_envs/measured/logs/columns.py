@@ -42,7 +42,7 @@ _CHANNEL = re.compile(r"([a-z_]*[a-z])([1-9]\d?)")
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Where the channels of a log stand among its columns, counted from 0."""
+    """Positions of a log's channels among its columns, from 0."""
 
     t: int
     channels: dict[str, tuple[int, ...]]

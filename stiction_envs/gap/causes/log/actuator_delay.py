@@ -55,7 +55,7 @@ class ActuatorDelay(Cause):
 
     @property
     def acts_on_all(self) -> bool:
-        """Whether it shifts a torque that was given, and not only the nominal torque."""
+        """True if the delay shifts the torque of `acting_on`, not only the nominal torque."""
         return self._torque is not None
 
     def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:
