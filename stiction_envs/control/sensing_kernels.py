@@ -159,7 +159,7 @@ def sense_arm(
 def sense_block(
     ids: Index, step: Index, hold: int, dt: float, q: Array, m: Measured, seen: Array
 ) -> None:
-    """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
+    """Run `sense_arm` for arms ``ids`` (M,) in K control steps, from their angles alone.
 
     The speed of a control step is the mean within it. Steps are (M, K), of ``dt`` [s], with
     ``hold`` between two readings; angles q and those ``seen``, written, are (M, K, n) [rad].

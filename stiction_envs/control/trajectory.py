@@ -218,7 +218,7 @@ def pentagon() -> Path:
 
 
 def _constant(name: str, position: Sequence[ArrayLike] | Array) -> Path:
-    """Path of constant orientation: the thesis names no turns (assumed)."""
+    """Return a path of constant orientation: the thesis names no turns (assumed)."""
     return Path(name, np.array(position), np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1)))
 
 

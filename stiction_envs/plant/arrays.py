@@ -81,6 +81,6 @@ def write_direction(i: int, a: PlantArrays) -> None:
 
 @compiled
 def write_directions(ids: Index, a: PlantArrays) -> None:
-    """`write_direction` of simulations ``ids`` (M,)."""
+    """Run `write_direction` for simulations ``ids`` (M,)."""
     for i in ids:
         write_direction(i, a)

@@ -172,7 +172,7 @@ def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.Mj
 
 
 def _above(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """Bodies above one, up to the world."""
+    """Return the bodies above one, up to the world."""
     while body.name != "world":
         body = body.parent
         yield body

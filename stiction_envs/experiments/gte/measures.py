@@ -112,7 +112,7 @@ class Accumulator:
         self.over = self.count >= np.where(np.isnan(end), np.inf, end + self._tail)
 
     def close(self) -> None:
-        """There are no more samples: windows and tails that are still open hold the last error."""
+        """End the samples: windows and tails that are still open keep the last error."""
         held = np.repeat(self.last[:, None], self._width, axis=1)
         _add_window(held, self.count, self._window_end, self._ring, self.window_sum)
         rows = np.flatnonzero(self._tailing & ~self.over)

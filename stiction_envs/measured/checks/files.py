@@ -246,5 +246,5 @@ def _check_sje(lines: list[Line]) -> Iterator[Cells]:
 
 
 def _rounding(value: Decimal) -> Decimal:
-    """Half a unit in the last printed place."""
+    """Return half a unit in the last printed place."""
     return Decimal((0, (5,), int(value.as_tuple().exponent) - 1))

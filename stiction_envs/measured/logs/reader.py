@@ -241,7 +241,7 @@ def _ignored(raw: RawLog) -> list[str]:
 
 
 def _join_runs(rows: RawLog, date: float | None) -> list[Correction]:
-    """One rising time for all recordings of a file, and small numbers for dates."""
+    """Make one rising time for all recordings of a file; subtract the date."""
     corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
     if date is not None:

@@ -344,7 +344,7 @@ def _order(place: str, sample: Sample, joints: tuple[str, ...], wanted: Wanted) 
 
 
 def _check_size(place: str, kind: Kind, channel: str, size: int, n: int) -> None:
-    """Every joint has an angle, and what is needed or what the first message had."""
+    """Check that a message has one value of a channel for each of ``n`` joints."""
     names = {"q": "position", "dq": "velocity", "tau": kind.tau, "q_cmd": "commanded position"}
     if channel == "tau" and not size:
         raise StictionError(
