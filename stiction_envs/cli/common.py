@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 IDEAL = "ideal"
-"""Senses where none are given."""
+"""Default of the option ``--sensing``."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
 """Subparsers of the main parser; argparse has no public name for the class."""
 

@@ -2,8 +2,7 @@
 
     τ = sat( Jᵀ(−K e − D J q̇) + P τ_0 + dither ),   τ_0 = k_n (q_d − q) − d_n q̇
 
-without gravity, which the robot adds, and with the reference's own velocity left out of the
-damping, as in the package the thesis used (Mayr & Salt-Ducaju; sources.md 6.1). Everything is
+without gravity, which the robot adds, and without the reference velocity in the damping, as in the package the thesis used (Mayr & Salt-Ducaju; sources.md 6.1). Everything is
 computed simulation by simulation: results are the same bits for any N.
 
 Passive are the Cartesian part alone (k_n = 0, equal stiffness about the three axes of rotation) and

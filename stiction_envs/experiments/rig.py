@@ -64,7 +64,7 @@ class Experiment:
 
         Args:
             sticking: the model.
-            interface: path of commanded torques; None for the robot's own.
+            interface: path of commanded torques; None for the robot's.
             sensing: senses of its controller; see `load_sensing`.
             scatter: whether iterations differ by pose, friction and dither.
             seed: of that scatter.

@@ -164,7 +164,7 @@ class Origin(TypedDict):
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of `diagnose`, with defaults for those that are not given."""
+    """Arguments of `diagnose`, with defaults filled in."""
 
     logs: list[Log]
     """Argument ``data``, as a list."""
@@ -206,7 +206,7 @@ class Request:
         return nominal_of(self.robot, self.nominal, payload=payload, tilt=tilt, chain=chain)
 
     def origin(self, arm: Arm, side: str) -> Origin:
-        """Return what a result is made from, given the side of the gear of its torques."""
+        """Return the origin of a result whose torques are of a ``side`` of the gear."""
         nominal, calibration = self.nominal, self.options["calibration"]
         sources = log_sources([*self.logs, *self.poses]) | log_sources(self.check, "check")
         arguments: dict[str, object] = {

@@ -158,7 +158,7 @@ def _thinned(signals: Signals) -> Signals:
 
 
 def _left(data: Data) -> dict[str, list[float]]:
-    """Return what is left of each linear cause's prior beside usual friction and small errors."""
+    """Return posterior over prior of each linear cause beside usual friction and small errors."""
     at_rest = not np.isfinite(data.dt)
     causes = [c for c in registered() if c.is_linear and (c.shown_at_rest or not at_rest)]
     predictor = TorquePredictor(data, [TOLERANCES, *causes])

@@ -27,7 +27,7 @@ OFFSET = 0.1 * COULOMB  # constant torque [N·m]; assumed
 
 
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
-    """Return (n, 10) parameters of links that all differ a little from those given.
+    """Return (n, 10) parameters of links that differ from ``phi`` by a ``scatter``.
 
     Of each link the mass is multiplied by 1 + N(0, s), the centre moved by N(0, s · `CENTRE_M`)
     along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):

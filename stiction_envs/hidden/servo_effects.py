@@ -61,7 +61,7 @@ class ServoEffect(Hideable):
 
     law: Law
     largest: float
-    """Largest size that is tried: more is obvious; assumed."""
+    """Largest size to try: more is obvious; assumed."""
     usual: Callable[[ServoJoint], float] | None = None
     """Size that robots have, which simulated logs hide; assumed. None: they do not hide it."""
     shown_as: Callable[[ServoJoint, float], float] | None = None

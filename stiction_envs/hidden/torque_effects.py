@@ -194,7 +194,7 @@ class Effect:
     start: float = 0.01
     """A small size, from which the first one is found."""
     largest: float = np.inf
-    """Largest size that is tried: more is obvious; assumed."""
+    """Largest size to try: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
     """Causes that are named rightly beside it: the dry friction that it refines, and that must be
     there."""

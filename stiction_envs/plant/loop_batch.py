@@ -70,7 +70,7 @@ class Loop(NamedTuple):
 
 @inlined
 def take_fields(i: int, a: Loop) -> None:
-    """Give the model what simulation ``i`` has of its own."""
+    """Copy the fields of simulation ``i`` that differ into the model."""
     for k in range(a.inputs.shape[0]):
         copy(a.inputs[k, 2], a.inputs[k, 0] + i * a.inputs[k, 1], a.inputs[k, 3])
 

@@ -50,7 +50,7 @@ def next_settings(
     """Return up to ``count`` settings to measure next, the most promising first.
 
     A setting that was measured in some configurations may be among them, for the others. The list
-    is shorter, or empty, when every setting has been tried.
+    is shorter, or empty, when every setting was measured.
     """
     chosen: list[int] = []
     while len(chosen) < count:

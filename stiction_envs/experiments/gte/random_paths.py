@@ -139,7 +139,7 @@ def _search(
 
 
 def _draw(k: int, rng: np.random.Generator, s: RandomPathSettings) -> RandomPath:
-    """Return the next draw of path ``k``, whatever the arm."""
+    """Return the next draw of path ``k``, the same for every arm."""
     count = int(rng.integers(s.fewest_goals, s.most_goals + 1))
     size = s.smallest * (s.largest / s.smallest) ** rng.uniform()
     slope, azimuth = rng.uniform(0.0, s.steepest), rng.uniform(0.0, 2.0 * np.pi)

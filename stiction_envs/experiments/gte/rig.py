@@ -1,4 +1,4 @@
-"""The Generated Trajectory Experiment as a machine: N arms under Cartesian impedance control.
+"""Simulator of the Generated Trajectory Experiment: N arms under impedance control.
 
     approach (servos bring the arm to the start) -> follow (the controller follows goal after goal)
 

@@ -1,4 +1,4 @@
-"""Predicts all readings of torque tables, given what is wrong with the arm.
+"""Prediction of all readings of torque tables by an arm with causes.
 
 The prediction is the whole arm's (`WholeArm`) in the last simulated state x₀. Fast simulations of a
 lone joint predict changes from there:

@@ -25,7 +25,7 @@ SPREAD = 0.7
 COMMON = 1.0
 """Prior mean of the common error over the usual scatter (exponential) [-]; assumed."""
 _SCATTERS, _COMMONS = np.sqrt(2.0) ** np.arange(-3, 9), np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
-"""Scatters and common errors that are tried, over the usual scatter [-]; assumed."""
+"""Scatters and common errors to try, over the usual scatter [-]; assumed."""
 SIZES = np.array([(s, c) for s in _SCATTERS for c in _COMMONS])
 """(G, 2) scatter and common error [-]."""
 PRIOR = -0.5 * (np.log(SIZES[:, 0]) / SPREAD) ** 2 - SIZES[:, 1] / COMMON

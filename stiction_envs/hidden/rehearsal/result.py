@@ -28,15 +28,15 @@ class Row:
     parameter: str
     unit: str
     smallest_found: float
-    """Smallest size that was named, told from all other causes, without a false cause; else NaN."""
+    """Smallest size that was named without a rival and without a false cause; else NaN."""
     smallest_named: float
-    """Smallest size that was named, told from others or not; else NaN."""
+    """Smallest size that was named, with or without a rival; else NaN."""
     tried: tuple[float, ...]
     """Sizes that were hidden, smallest effect first."""
     false_alarms: str
     """Causes that were named falsely, and at which sizes."""
     instead: str
-    """Why it was not found: what was named instead, or what it cannot be told from."""
+    """Why it was not found: the cause named instead, or its rival."""
     what_to_record: str
     """The motion that would show it, where this one does not."""
 

@@ -54,7 +54,7 @@ class Payload(Cause):
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the flange: the centre is not known yet."""
+        """Return the flange as first guess of the centre."""
         return [(0.0, 0.0, 0.0)]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

@@ -16,7 +16,7 @@ from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 
 DISTANCES = np.geomspace(1e-3, 1e-3 * 50**1.25, 11)
-"""Presliding distances that are tried [rad]; assumed: in a filtered log shorter ones look like
+"""Presliding distances to try [rad]; assumed: in a filtered log shorter ones look like
 sign(q̇), and no gear yields over the longest, 0.13 rad."""
 
 
