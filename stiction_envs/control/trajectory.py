@@ -201,7 +201,7 @@ class Path:
 def triangle() -> Path:
     """Return an equilateral triangle in space: forward and right, left, back to the start.
 
-    Its side, and the slope of its plane downwards from the base's x, are in ``gte.toml``.
+    The side, and the slope of the plane downwards from the base's x, are in ``gte.toml``.
     """
     side, slope = _SIZES["triangle_side"], _SIZES["triangle_slope"]
     forward = side * np.sqrt(0.75)

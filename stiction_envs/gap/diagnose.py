@@ -316,8 +316,8 @@ def default_nominal(
 ) -> str:
     """Return the default nominal model: the arm as most people simulate it.
 
-    That is its own file where this states friction, springs or gravity compensation. Joints without
-    dry friction have no breakaway torque, so tables are compared with our friction then.
+    The model is ``file`` if the robot's file states friction, springs or gravity compensation.
+    Torque tables need dry friction, so they are compared with our friction if the file has none.
     """
     tables = _of_tables(data)
     if isinstance(robot, Arm) or str(robot) not in ARMS:

@@ -79,7 +79,7 @@ class Nominal:
     def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
         """Raise a StictionError if the arm is not that of the parts, or a body is impossible.
 
-        Its known payload and tilt may differ: what was found stays.
+        The arm's known payload and tilt may differ: causes stay.
         """
         if self.robot is None:
             return

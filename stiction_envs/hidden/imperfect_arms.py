@@ -1,7 +1,7 @@
 """Arms whose links are all a little off, as cables and CAD tolerances leave them.
 
-That is no hidden cause: a diagnosis must tolerate such links. Also logs of excited arms whose links
-differ from the nominal; the torques of these logs are MuJoCo's.
+A diagnosis must tolerate such links; they are no hidden cause. Also logs of excited arms whose
+links differ from the nominal; the torques of these logs are MuJoCo's.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ OFFSET = 0.1 * COULOMB  # constant torque [N·m]; assumed
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
     """Return (n, 10) parameters of links that differ from ``phi`` by a ``scatter``.
 
-    Of each link the mass is multiplied by 1 + N(0, s), the centre moved by N(0, s · `CENTRE_M`)
+    Each link's mass is multiplied by 1 + N(0, s), its centre moved by N(0, s · `CENTRE_M`)
     along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
     (`pseudo_inertia`). s is ``scatter``; one out of range is refused.

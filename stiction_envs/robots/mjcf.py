@@ -88,7 +88,7 @@ def add_payload(
 def bodies_out_of_frames(root: ET.Element) -> None:
     """Lift bodies, joints and sites out of ``frame`` elements; geometry stays in its frame.
 
-    Their poses have to be rewritten afterwards: a compiled model's include the frame.
+    The caller must rewrite their poses afterwards: poses of a compiled model include the frame.
     """
     moved = True
     while moved:

@@ -136,7 +136,7 @@ def dry_friction(
 ) -> tuple[Array, Array, Array, Array]:
     """Return (n,) F_s and F_c [N·m], v_s [rad/s] and σ0 [N·m/rad] of some joints of a model.
 
-    Of LuGre friction in a ``dcmotor`` and of frictionloss, which has no v_s and σ0: zero.
+    The file states LuGre friction in a ``dcmotor``, or frictionloss without v_s and σ0: both 0.
     """
     loss = model.dof_frictionloss[model.jnt_dofadr[ids]]
     stiction, coulomb, stribeck, bristle = loss.copy(), loss.copy(), 0 * loss, 0 * loss

@@ -1,6 +1,6 @@
 """Parts of a URDF that MuJoCo does not read: joint speeds, ``package://`` paths, fixed links.
 
-Its ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
+The ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
 """
 
 from __future__ import annotations

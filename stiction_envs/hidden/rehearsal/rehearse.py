@@ -7,7 +7,7 @@
 log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
 (`torque_effects`) + noise -> diagnosis -> was it named, and nothing else?
 
-Of servo logs (`servo`) the plant simulates the whole arm under its servos instead.
+For servo logs (`servo`) stock MuJoCo simulates the whole arm under its servos instead.
 
 A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
 One that all joints' torques show (`Cause.acts_on`: a link, a gear) is hidden joint by joint: all

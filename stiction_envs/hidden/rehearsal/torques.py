@@ -192,8 +192,8 @@ class HiddenTorques:
     def _size(self, job: Job, target: Array) -> Array:
         """Return (n,) sizes with torques of a root mean square (n,) [N·m]; 0 where there is none.
 
-        Of a cause that all joints show, one joint reaches its target, and the others do not. Sizes
-        end at the largest.
+        For a cause that all joints show, one joint reaches its target, the others stay below it.
+        Sizes end at the largest.
         """
         effect = EFFECTS.get(job.cause)
         start, largest = (effect.start, effect.largest) if effect else (0.01, np.inf)

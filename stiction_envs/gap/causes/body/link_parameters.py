@@ -41,10 +41,10 @@ FARTHEST = 0.15
 
 
 class LinkParameters(Cause):
-    """A link of another mass, or with its centre elsewhere, than the model says.
+    """A link whose mass or centre of mass differs from the model.
 
-    Its inertia changes too, J' = (1 + s) T(δ) J T(δ)ᵀ, so that it stays physically consistent. Mass
-    and moment have a prior about the nominal, for what this motion does not show. An error of the
+    The link's inertia changes too, J' = (1 + s) T(δ) J T(δ)ᵀ, and stays physically consistent. A
+    prior about the nominal mass and moment decides what the motion does not show. An error of the
     last link is named `payload`.
     """
 
