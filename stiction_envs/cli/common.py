@@ -163,7 +163,7 @@ def add_drive_option(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_mounting_options(parser: Parser) -> None:
-    """Add what the flange carries and how the base is mounted."""
+    """Add the options on payload, tilt and mounting."""
     parser.add_argument(
         "--payload",
         nargs=4,

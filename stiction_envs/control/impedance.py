@@ -166,7 +166,7 @@ class CartesianImpedance:
             wanted=np.zeros((nsim, n)),
             command=np.zeros((nsim, n)),
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
         self.wanted, self.command = a.wanted, a.command
         """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
         self._ratio = np.array(np.broadcast_to(s.damping_ratio, 6), dtype=float)

@@ -1,4 +1,4 @@
-"""Joints driven by position servos: what a command passes through, for N simulations.
+"""Position servos of N simulations: the path of a command to the servo.
 
     command --delay--> speed limit --> dead zone --> K (r − q), limited --> joint, under gravity
 
@@ -76,7 +76,7 @@ class ServoDrive:
         return out
 
     def _reach(self, command: Array, ids: Index) -> Array:
-        """Return what the servos follow (M, K, n) [rad]: late, and limited in speed."""
+        """Return the commands that servos follow (M, K, n) [rad]: late, and limited in speed."""
         seen = np.concatenate([self._commands[ids], command], axis=1)
         self._commands[ids] = seen[:, -self._past :]
         steps = command.shape[1]

@@ -239,7 +239,7 @@ class Senses(_Seeded):
             dq=self.dq,
             torque=self.torque,
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
         """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
@@ -279,7 +279,7 @@ class CommandLine(_Seeded):
             past=np.zeros((nsim, room, columns)),
             arrived=self.arrived,
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
         """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""

@@ -1,4 +1,4 @@
-"""Compiled functions of `sensing`: what a controller reads, and when its command arrives.
+"""Compiled functions of `sensing`: measurements of a controller, delay of its commands.
 
 Random numbers are hashed from (seed of the simulation, control step, channel) by the finaliser of
 SplitMix64 (Steele, Lea & Flood 2014; sources.md 8.1), as if that generator could be read anywhere:

@@ -101,7 +101,7 @@ class TorquePath:
             limited=np.zeros((nsim, n)),
             filtered=np.zeros((nsim, n)),
         )
-        """What `pass_torque` works on; always the same objects."""
+        """Arrays that `pass_torque` reads and writes; always the same objects."""
         if n == len(interface.torque_limit):
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 

@@ -108,7 +108,7 @@ class GoalSequencer:
             begun=np.zeros(nsim),
             due=np.full(nsim, np.inf),
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def start(
         self,

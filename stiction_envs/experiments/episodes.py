@@ -220,7 +220,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _observed(self, ids: Index) -> dict[str, Array]:
-        """Return what is observed of simulations ``ids`` by name of the group, but the dither."""
+        """Return the observations of simulations ``ids`` by group, without the dither."""
 
     @abstractmethod
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:

@@ -1,4 +1,4 @@
-"""Parts of every experiment: what defines it, and its rig, N arms on one plant.
+"""Parts of every experiment: its definition, and its rig of N arms on one plant.
 
     protocol (TOML) -> Experiment -> Rig -> measurements -> rows, report
                                   -> Episodes (actions, observation, reward) -> Env, VectorEnv

@@ -177,7 +177,7 @@ def nominal_of(
 
 
 def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
-    """Return what ``rigid``, ``file``, ``shipped``, a TOML or parameters mean for an arm.
+    """Return the nominal model of an arm: ``rigid``, ``file``, ``shipped``, a TOML, parameters.
 
     Raises:
         StictionError: an unknown name, an unreadable file, or a model of another arm.

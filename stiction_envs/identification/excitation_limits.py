@@ -59,7 +59,7 @@ def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
 
 
 def bounds_of(arm: Arm, settings: ExcitationSettings) -> Bounds:
-    """Return what an arm's limits leave after the margins."""
+    """Return an arm's limits minus the margins."""
     low, high = arm.limits.position.T
     # a range narrower than both margins leaves its middle
     margin = np.minimum(settings.position_margin, 0.45 * (high - low))

@@ -258,7 +258,7 @@ def _joints_of(model: mujoco.MjModel, tendon: int) -> list[int]:
 
 
 def _add_tendons(out: StatedJoints, model: mujoco.MjModel, ids: Sequence[int]) -> list[str]:
-    """Add what fixed tendons over one joint do to it; return clauses on the others."""
+    """Add the effects of fixed tendons over one joint; return clauses on other tendons."""
     said = []
     for t in range(model.ntendon):
         numbers = {

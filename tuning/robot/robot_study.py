@@ -59,7 +59,7 @@ class Predicted:
 
     @classmethod
     def of_json(cls, found: JsonRecord) -> Predicted:
-        """Return what `to_json` wrote."""
+        """Read the result of `to_json`."""
         return cls(
             candidates={
                 int(j): Candidates(joint=int(j), **{k: np.array(v) for k, v in c.items()})

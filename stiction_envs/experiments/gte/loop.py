@@ -81,11 +81,11 @@ class ControllerModel:
         self._made: list[tuple[ModelArrays, list[mujoco.MjData]]] = []
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what has addresses in this process; `arrays` makes it anew."""
+        """Leave out the arrays with addresses of this process; `arrays` makes new ones."""
         return vars(self) | {"_made": []}
 
     def arrays(self, part: int = 0) -> ModelArrays:
-        """Return what `renew_dynamics` works on; each part of the arms has its own data."""
+        """Return the arrays of `renew_dynamics`; each part of the arms has separate data."""
         while len(self._made) <= part:
             # one MjData for all arms stays in the cache: every update computes everything again
             data = [mujoco.MjData(model) for model in self._models]

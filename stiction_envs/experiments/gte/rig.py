@@ -169,7 +169,7 @@ class GTERig(Rig):
             row += block
 
     def _arms(self, steps: int, sampling: Sampling) -> Arms:
-        """Return what compiled code works on for some control steps."""
+        """Return the arrays of compiled code for some control steps."""
         pose, motion = self.seen_end_effector, self.motion
         return Arms(
             step=self.step,

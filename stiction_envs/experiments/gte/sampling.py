@@ -59,7 +59,7 @@ class Sampler:
         self._rest = np.zeros((nsim, 3))
         self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
         self.recorded = blank_sampling(steps, self.stride, nsim, rig.n, detailed=detailed)
-        """What is recorded of a block, overwritten by the next."""
+        """Record of a block, overwritten by the next block."""
         self.recorded.previous[:] = rig.applied
         self.start(np.arange(nsim))
 

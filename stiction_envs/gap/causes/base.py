@@ -39,7 +39,7 @@ A_JOINT, ALL_OF_ONE, THE_ARM, EITHER = "a joint", "a joint, on all", "the arm", 
 """Whose torque a cause changes: its joint's; all joints', from one; all, by the same coefficients;
 its joint's, or all by the same."""
 DRY, DAMPING, OFFSET, ROTOR = "dry friction", "damping", "offset", "rotor"
-"""What every joint's model has, and a cause may add to."""
+"""Parts that every joint's model has, and to which a cause may add."""
 LINK, ALL_LINKS, GRAVITY, ZERO = "link", "all links", "gravity", "zero of a joint"
 """The same of the rigid arm; the small errors of all links are never named."""
 FRICTION, PLAIN = (DRY, DAMPING), (DRY, DAMPING, OFFSET, ROTOR)
@@ -108,7 +108,7 @@ OWN_TORQUE = View(
 
 
 def variable(field: str) -> Callable[[Data, int, Shape], Array]:
-    """Return what `View` takes for a field (T, n) of the data."""
+    """Return the variable of a `View` for a field (T, n) of the data."""
     return lambda data, joint, shape: np.asarray(getattr(data, field)[:, joint])
 
 
@@ -123,7 +123,7 @@ class Cause:
     """The motion that shows it and tells it from others, a clause."""
     parameters: ClassVar[tuple[Parameter, ...]]
     view: ClassVar[View] = OWN_TORQUE
-    """What it is drawn against."""
+    """The abscissa of its picture."""
 
     # ---- traits ------------------------------------------------------------------------------
 

@@ -219,7 +219,7 @@ class Effect:
     odds: float = 0.0
     """Log odds against it, beside those of one among the effects of its kind [nats]."""
     quantity: Quantity | None = None
-    """What the simulation varies."""
+    """Parameter that the simulation varies."""
     torque: Array | None = None
     """(rows,) torque that is added to the readings per unit of x."""
     level: Callable[[float], Array | float] | None = None

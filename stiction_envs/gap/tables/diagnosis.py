@@ -1,4 +1,4 @@
-"""What a simulation gets wrong, found in tables of breakaway torques.
+"""Name what a simulation gets wrong, from tables of breakaway torques.
 
     diagnosis = diagnose_tables(base, rows, WholeArm(load_arm("panda"), load_friction("panda")))
     print(diagnosis.verdict)

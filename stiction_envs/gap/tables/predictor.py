@@ -29,7 +29,7 @@ from stiction_envs.gap.tables.data import (
 from stiction_envs.plant import CONTROL_DT
 
 Values = Mapping[Effect, float]
-"""What is wrong with the arm, and how much: x of each effect."""
+"""Effects in an arm: x of each effect."""
 States = Mapping[int, State]
 """The state from which each joint (from 1) is predicted."""
 LEVEL_STEP = 0.1

@@ -18,8 +18,8 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 
 SCATTER = 0.01
-"""Usual scatter of a reading over friction [-]; assumed: what four iterations of 2 % scatter
-leave."""
+"""Usual scatter of a reading over friction [-]; assumed: mean of four iterations with
+2 % scatter."""
 SPREAD = 0.7
 """Prior size of the logarithm of the scatter over the usual one [-]; assumed."""
 COMMON = 1.0

@@ -1,4 +1,4 @@
-"""The result of a rehearsal: what a recording can and cannot show, and its files."""
+"""The result of a rehearsal: causes that a recording can show, and result files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`check`: what is wrong in files of measurements, torque tables and joint logs."""
+"""`check`: defects in files of measurements, torque tables and joint logs."""
 
 from __future__ import annotations
 

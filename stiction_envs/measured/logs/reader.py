@@ -136,7 +136,7 @@ def read_poses(
 
 
 def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
-    """Return what drives the joints of a log: torque, or position where it has no torque.
+    """Return the drive of a log's joints: torque, or position if the log has no torque.
 
     Raises:
         StictionError: it has neither torques nor commanded positions, or cannot be read.

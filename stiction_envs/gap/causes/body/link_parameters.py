@@ -70,7 +70,7 @@ class LinkParameters(Cause):
         return [(joint + 1.0, mass, sd) for sd in CENTRE_SDS]
 
     def joints(self, data: Data) -> list[int]:
-        """Return all but the last: what is wrong with that link is named payload."""
+        """Return all but the last link: errors of the last are named payload."""
         return super().joints(data)[:-1]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

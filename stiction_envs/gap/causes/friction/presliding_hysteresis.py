@@ -57,7 +57,7 @@ class PreslidingHysteresis(Cause):
         return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return what the bristle adds to dry friction of 1 N·m."""
+        """Return the change by the bristle of dry friction of 1 N·m."""
         path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
         distance = np.array([[shape[0]]])
         ratio = bristles(path, runs, distance)[:, 0, 0]

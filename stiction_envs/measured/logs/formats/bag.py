@@ -154,7 +154,7 @@ def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bo
 
 
 def _drives(reader: AnyReader) -> tuple[str, ...]:
-    """Return what may have driven the joints; torque where nothing says, whose reader refuses."""
+    """Return the possible drives; torque if unknown, since the torque reader then raises."""
     known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
     position = any(x.has_commands for x in known.values())
