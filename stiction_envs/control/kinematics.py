@@ -162,7 +162,7 @@ class EndEffector:
     """
 
     def __init__(self, sticking: StickingModel, batch: Batch, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it for the N simulations of a batch of the engine.
+        """Make the end effectors of the N simulations of a batch.
 
         ``tool`` (3,) is the tool point from the flange, in the hand's frame [m].
         """
@@ -216,10 +216,10 @@ class EndEffector:
 
 
 class MeasuredEndEffector(EndEffector):
-    """The end effector where angles say that it is, which a controller has measured."""
+    """The end effector at the angles that a controller has measured."""
 
     def __init__(self, sticking: StickingModel, angles: Array, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it for the live ``angles`` (N, n); see `EndEffector`."""
+        """Make the end effectors at the live ``angles`` (N, n); see `EndEffector`."""
         nsim, n = angles.shape
         kinematics = [*np.zeros((2, nsim, n, 3)), np.zeros((nsim, 1, 3)), np.zeros((nsim, 1, 4))]
         self._set(sticking, kinematics, 0, 0, np.arange(n), tool)

@@ -264,7 +264,7 @@ class CommandLine(_Seeded):
     """The way of N arms' torque commands to C joints each: some cycles are lost, then a delay."""
 
     def __init__(self, sensing: Sensing, nsim: int, columns: int, *, hold_steps: int = 1) -> None:
-        """Make it; each arm needs `reset`. Arguments are those of `Senses`."""
+        """Make the line; each arm needs `reset`. Arguments are those of `Senses`."""
         super().__init__(sensing, nsim)
         self._hold = hold_steps
         self._held, self.arrived = np.zeros((2, nsim, columns))

@@ -22,7 +22,7 @@ AnyArray = NDArray[Any]
 
 
 class CopiedBatch(Batch):
-    """A batch of MuJoCo's that can be pickled, since it knows what is bound and expanded."""
+    """A batch of MuJoCo that can be pickled: it lists its bound and expanded arrays."""
 
     def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""

@@ -60,14 +60,14 @@ class ModelArrays(NamedTuple):
 
 
 class ControllerModel:
-    """The arm's dynamics as the controller has them, rotors added.
+    """The controller's model of the arm's dynamics, rotors included.
 
-    Where it is not the plant's (payload, tilt), the robot compensates the wrong gravity, and the
-    difference acts on the arm.
+    If this model is not the plant's (payload, tilt), the robot compensates the wrong gravity, and
+    the difference acts on the arm.
     """
 
     def __init__(self, arm: Arm, sticking: StickingModel, nsim: int) -> None:
-        """Make it for ``nsim`` arms: ``arm`` is the controller's, ``sticking`` the plant's."""
+        """Model ``nsim`` arms: ``arm`` is the controller's, ``sticking`` the plant's."""
         self.is_wrong = arm.xml != sticking.arm.xml
         """Whether it is not the plant's, so that `missing` has to be kept up to date."""
         self._models = [arm.bare_model()]

@@ -35,7 +35,7 @@ class Accumulator:
     def __init__(
         self, nsim: int, capacity: int, *, rate: float, window: float, tail: float
     ) -> None:
-        """Make it for N arms with at most G = ``capacity`` goals each; `start` each.
+        """Make the sums of N arms with at most G = ``capacity`` goals each; `start` each.
 
         Args:
             nsim: number of arms.

@@ -78,7 +78,7 @@ def path_number(name: str) -> int | None:
 def random_paths(
     sticking: StickingModel, start: Array, tool: Array, numbers: Iterable[int]
 ) -> dict[int, RandomPath]:
-    """Return the random paths of an arm by number (from 0), whichever others are asked for.
+    """Return the random paths of an arm by number (from 0); paths are independent of each other.
 
     Args:
         sticking: the arm; friction and payload make no difference.

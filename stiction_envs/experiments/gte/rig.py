@@ -240,7 +240,7 @@ def blank_sampling(
 
 
 class TaskPool:
-    """Some threads that do tasks, begun with the first of them."""
+    """Threads that run tasks; the first tasks start the threads."""
 
     def __init__(self, count: int) -> None:
         self._count = count
