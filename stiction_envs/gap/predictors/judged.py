@@ -109,6 +109,8 @@ def judge(
         after, start = _given(predictor, best, data, causes)
         before = after.refresh(after.problem, start)
         found = sharpened(after, best_of(after, [start, plain_friction(after)]))
+        if found.evidence < best.evidence - NAMED:  # far off, columns of a model may mislead
+            break
         # the mass of a body depends on a tilt, and the tilt that is found on the body
         (lean, doubt), (now, _) = _lean(predictor, best), _lean(after, found)
         predictor, best = after, found
@@ -274,7 +276,7 @@ def _given(
         after.offer(own[t.cause], t.joint, [shape])
         start.append(t._replace(shape=tuple(float(x) for x in shape)))
     after.repeats = predictor.repeats
-    after.expect(after.problem, predictor.expected(model))
+    after.expect(after.problem, predictor.expects)
     after.problem.given(model.inflation, model.scales)
     return after, [t for t in start if t in after.problem.numbers]
 

@@ -41,7 +41,7 @@ STEADY = 0.9
 CELL = 0.1
 """Angle within which an arm is in the same place again [rad]; assumed."""
 LEAST_ALIKE, MOST_LASTING = 0.1, 40
-"""Autocorrelation of an error that has ended [-], and most observations of one error [-]; assumed."""
+"""Autocorrelation of an error that has ended, and most observations of one error [-]; assumed."""
 MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
