@@ -5,7 +5,8 @@
 e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)²) + (T_j dτ_j/dt)²: σ_j
 is the noise floor, δ_j a share of the joint's usual torque that no model has, T_j the time by which
 clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within
-`APART` count as one, and errors of the model come back with the motion (`repeats`).
+`APART` count as one. Errors of the model last (`lasting`) and come back (`repeats`): r_j
+observations share one.
 """
 
 from __future__ import annotations
