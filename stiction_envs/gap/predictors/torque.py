@@ -41,7 +41,7 @@ STEADY = 0.9
 """Part of the steady level above which friction counts as steady [-]; assumed."""
 CELL = 0.1
 """Angle within which an arm is in the same place again [rad]; assumed."""
-LEAST_ALIKE, MOST_LASTING = 0.1, 40
+LEAST_ALIKE, MOST_LASTING = 0.05, 40
 """Autocorrelation of an error that has ended, and most observations of one error [-]; assumed."""
 MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
@@ -177,7 +177,8 @@ class TorquePredictor:
         out = np.empty(self.data.n)
         for j, channel in enumerate(self.problem.channels):
             error = (self.data.residual[:, j] - self.torque(terms, c, j)) * np.sqrt(channel.weight)
-            out[j] = often * lasting(error[kept], self.data.block[kept], round(self.rows))
+            torque, block = self.data.nominal[kept, j], self.data.block[kept]
+            out[j] = often * lasting(error[kept], torque, block, round(self.rows))
         return out
 
     # ---- candidates --------------------------------------------------------------------------
@@ -337,18 +338,25 @@ def repeats(data: Data, rows: float) -> float:
     return 1 / float(new.mean()) if len(kept) else 1.0
 
 
-def lasting(error: Array, block: Index, rows: int) -> float:
-    """Return over how many observations an error lasts: the sum of its autocorrelation [-].
+def lasting(error: Array, signal: Array, block: Index, rows: int) -> float:
+    """Return how many observations of an error count as one where a signal is fitted [-].
+
+    The variance of the coefficient of a signal is that of independent errors times the sum of the
+    products of both autocorrelations.
 
     Args:
         error: (T,) over its standard deviation.
+        signal: (T,).
         block: (T,) number of the block of each row.
         rows: number of rows of one observation.
     """
-    total, size = 1.0, float(np.mean(np.square(error)))
+    total, x = 1.0, signal - signal.mean()
+    size = float(np.mean(np.square(error)) * np.mean(np.square(x)))
     for lag in range(rows, MOST_LASTING * rows + 1, rows):
         same = block[lag:] == block[:-lag]
-        alike = float(np.sum((error[lag:] * error[:-lag])[same])) / max(int(same.sum()), 1) / size
+        if not same.any():
+            break
+        alike = float(np.prod([(y[lag:] * y[:-lag])[same].mean() for y in (error, x)])) / size
         if alike < LEAST_ALIKE:
             break
         total += 2 * alike

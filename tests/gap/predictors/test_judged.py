@@ -63,14 +63,17 @@ def test_errors_that_come_back_with_the_motion_count_once() -> None:
     assert gained[1] < 1.5 * gained[0]
 
 
-@pytest.mark.parametrize("lag", [0, 1, 4])
-def test_a_mean_is_as_sure_as_its_independent_errors(lag: int) -> None:
-    """The variance of a mean of errors that decay over ``lag`` is that of 1/r of their number."""
-    rng, alike = np.random.default_rng(lag), np.exp(-1 / lag) if lag else 0.0
-    error = lfilter([np.sqrt(1 - alike**2)], [1, -alike], rng.standard_normal((500, 2000)))
-    block = np.zeros(error.size, dtype=np.int64)
-    found = lasting(error.ravel(), block, rows=1)
-    assert found == pytest.approx(error.mean(axis=1).var() * 2000, rel=0.2)
+@pytest.mark.parametrize("lags", [(4.0, 1e-3), (1.0, 1.0), (4.0, 8.0)])
+def test_a_coefficient_is_as_sure_as_its_independent_errors(lags: tuple[float, float]) -> None:
+    """Errors, and what is fitted, decay over their lags: the fit's variance is r times 1/Σx²."""
+    rng, alike = np.random.default_rng(3), np.exp(-1 / np.array(lags))
+    error, x = (
+        lfilter([np.sqrt(1 - a**2)], [1, -a], rng.standard_normal((2000, 1000))) for a in alike
+    )
+    variance = np.mean(np.square((error * x).sum(axis=1) / np.square(x).sum(axis=1)))
+    block = np.arange(error.size) // 1000
+    found = lasting(error.ravel(), x.ravel(), block, rows=1)
+    assert found == pytest.approx(1000 * variance, rel=0.15)
 
 
 def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None:

@@ -24,8 +24,9 @@ class CoulombFriction(Cause):
     )
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return a twentieth of what the joint can bear [N·m]; assumed."""
-        return Prior(np.array([0.05 * data.strength[joint]]), odds=1.0, everywhere=True)
+        """Return a twentieth of what the joint can bear [N·m]; every joint has some; assumed."""
+        odds = 1.0 if data.has_friction else -1.0
+        return Prior(np.array([0.05 * data.strength[joint]]), odds=odds, everywhere=True)
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
         """Return the direction of motion."""
