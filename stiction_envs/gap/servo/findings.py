@@ -42,7 +42,7 @@ EVIDENCE = {
     "speed_limit": "the joint falls behind fast commands at a constant speed",
     "dead_zone": "the joint rests anywhere near its command",
     "encoder_offset": "gravity sags the joint as if it stood at another angle",
-    "gravity_compensation_missing": "the arm sags as if its controller added more or less of gravity",
+    "gravity_compensation_missing": "the arm sags as if its controller added more or less gravity",
     "payload": "joints sag together, as under a body of {value} at the flange",
     "external_contact": "the joint stalls far from its command in some stretches only",
 }
