@@ -162,11 +162,13 @@ class _Joints:
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
+        m = self.chosen[j]
+        if self.servo.perfect and not scaled and questions.heavy(m):
+            nominal[INDEX["compensation"]] = 1.0  # gravity that does not sag a joint is compensated
         causes = [
             questions.possible_causes(self.servo, x, float(r), of_gravity)
             for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        m = self.chosen[j]
         damping = float(nominal[INDEX["damping"]])
         return Question(
             motion=m,
@@ -234,19 +236,20 @@ class _Joints:
         It is that of the other joints where all servos are the same.
         """
         same = self.servo.same and bool(stiffnesses)
-        stiffness = float(np.median(stiffnesses)) if same else questions.UNKNOWN_STIFFNESS
-        for j in light:
+        for j in light if same else []:
+            m, stiffness = self.motions[j], float(np.median(stiffnesses))
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
-            largest = float(np.abs(self.motions[j].gravity).max())
-            seen = largest > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = same and bool(seen) and largest > questions.LEAST_GRAVITY
+            seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
+            self.scaled[j] = bool(seen) and questions.heavy(m)
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"
+            values = self.nominal[without, INDEX["stiffness"]]
             self.notes.append(
                 f"joints {', '.join(str(j + 1) for j in without)}: no gravity sets the scale of "
-                f"their torques; servo stiffness {said}, set to {stiffness:.3g} N·m/rad, and "
+                f"their torques; servo stiffness {said}, set to "
+                f"{' '.join(f'{x:.3g}' for x in dict.fromkeys(values))} N·m/rad, and "
                 "friction, damping and limits scale with it"
             )
 
@@ -273,6 +276,27 @@ class _Joints:
                 f"({1e3 * extended[j]:.3g} against {1e3 * nominal[j]:.3g} mrad): nothing is named"
             )
         return np.flatnonzero(moving & ~worse).tolist()
+
+    def unstable(self, nominal: Array) -> list[int]:
+        """Return the joints that swing around a command that rests as no model does, and say so.
+
+        ``nominal`` (n,) are the errors of the nominal simulation [rad].
+        """
+        out = []
+        for j, found in self.found.items():
+            swing, left = (
+                questions.swing_at_rest(self.chosen[j], x)
+                for x in (self.chosen[j].q, found.fit.error)
+            )
+            least = max(questions.SWINGS * nominal[j], questions.MOVES * self.resolution[j])
+            if swing > least and left > questions.SWINGS * swing:
+                out.append(j)
+                self.notes.append(
+                    f"joint {j + 1} swings by {np.sqrt(2.0) * swing:.2g} rad around commands that "
+                    "rest: its control loop is unstable or hardly damped (gain, delay, torque "
+                    "limit), which is no friction: nothing is named"
+                )
+        return out
 
     def refits(self, counts: Rows) -> Iterator[Array]:
         """Return (P,) parameters of each joint fitted to the rows (T,) that count."""
@@ -369,7 +393,8 @@ def diagnose_servo(
         ]
         held = whole_arm.held_out(logs, first, [job.result() for job in jobs])
     nominal_rms, extended_rms = (whole_arm.errors_of(logs, x, free) for x in (plain, held))
-    helped = joints.helped(nominal_rms, extended_rms)
+    unstable = joints.unstable(nominal_rms)
+    helped = [j for j in joints.helped(nominal_rms, extended_rms) if j not in unstable]
     causes = named_causes(
         {j: joints.found[j] for j in helped},
         joints.pushed(contacts),

@@ -31,6 +31,8 @@ EVIDENCE = {
     "damping": "the angle follows the command late, the more the faster it moves",
     "armature": "the angle overshoots or lags where the command accelerates",
     "delay": "the angle repeats the command later by a constant time",
+    "lead": "the angle comes before its command moves it: its stamps are late, or the controller "
+    "adds kd · dq_cmd, so that the joint follows q_cmd + kd / kp · dq_cmd",
     "servo_lag": "the angle follows the command late, by delay and damping over stiffness together",
     "coulomb_friction": "the joint stops short of its command, on the side from which it came",
     "stribeck_friction": "the joint needs more torque to start than to go on",
@@ -40,11 +42,11 @@ EVIDENCE = {
     "speed_limit": "the joint falls behind fast commands at a constant speed",
     "dead_zone": "the joint rests anywhere near its command",
     "encoder_offset": "gravity sags the joint as if it stood at another angle",
-    "gravity_compensation_missing": "the arm sags less than its gravity asks for",
+    "gravity_compensation_missing": "the arm sags as if its controller added more or less gravity",
     "payload": "joints sag together, as under a body of {value} at the flange",
     "external_contact": "the joint stalls far from its command in some stretches only",
 }
-"""One sentence per cause that a person can check in the plot of angles."""
+"""One sentence per cause that a person can check in the plot of angles; ``lead``: delay below 0."""
 ALIKE = {
     "servo_stiffness": ("payload", "encoder_offset", "link_parameters"),
     "dead_zone": ("coulomb_friction",),
@@ -134,6 +136,7 @@ def named_causes(
             rivals[name] = min(nats, rivals.get(name, nats))
         near = [name for name, nats in rivals.items() if nats < NAMED]
         value = next(iter(next(iter(found.values())).values()))
+        seen = "lead" if cause == "delay" and np.less(value.value, 0.0) else cause
         out.append(
             NamedCause(
                 name=cause,
@@ -142,7 +145,7 @@ def named_causes(
                 parameters=found,
                 nats=sum(x.nats for x in of.values()),
                 rivals=tuple(sorted(rivals.items(), key=lambda x: x[1])),
-                evidence=EVIDENCE[cause].format(value=f"{value.value:.3g} N·m/rad"),
+                evidence=EVIDENCE[seen].format(value=f"{value.value:.3g} N·m/rad"),
                 confused_with=tuple(sorted({*ALIKE.get(cause, ()), *near})),
             )
         )

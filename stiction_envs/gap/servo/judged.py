@@ -253,9 +253,20 @@ class JointProblem:
         adjusted[c.at[kept]] = moved[c.at[kept]]
         return [plain, adjusted]
 
-    def rms(self, of: Fit) -> float:
-        """Return the root mean square of a fit's error over the rows that count [rad]."""
-        return float(np.sqrt(np.mean(of.error[self.q.counts] ** 2)))
+    def lost(self, causes: Iterable[str], rest: Fit, found: Fit) -> float:
+        """Return by how much the error grows without some causes [rad].
+
+        ``rest`` is the fit without them. Small errors that are always fitted would take the place
+        of a cause that has the same parameter: then the best fit is taken, less the cause.
+        """
+        of = found.coordinates
+        names = {name for cause in causes for name in of_cause(cause)}
+        if names & set(self.q.always):
+            for name in names:
+                of = of.fixed(INDEX[name])
+            rest = fit(self.q.motion, self.noise, of, found.parameters[None], 0)
+        without, best = (np.sqrt(np.mean(x.error[self.q.counts] ** 2)) for x in (rest, found))
+        return float(without - best)
 
     def lag(self, found: Mapping[str, Weighed], of: Fit) -> Fit | None:
         """Return the fit with all parts of the lag, where another part does for each that is found.
@@ -398,7 +409,7 @@ def judge(question: Question) -> JointFindings:
         weighed[term.cause] = Weighed(
             nats=nats[term.cause],
             rivals=tuple((cause, x) for x, cause in rivals),
-            lost=problem.rms(rest) - problem.rms(found),
+            lost=problem.lost([term.cause], rest, found),
         )
     lag, predicting = problem.lag(weighed, found), found
     if weighed:
@@ -410,7 +421,7 @@ def judge(question: Question) -> JointFindings:
         weighed[SERVO_LAG] = Weighed(
             nats=best.evidence - problem.score(others),
             rivals=tuple((part, 0.0) for part in sorted(LAG)),
-            lost=problem.rms(problem.best(others)) - problem.rms(found),
+            lost=problem.lost(LAG, problem.best(others), found),
         )
     return JointFindings(
         fit=found,

@@ -94,7 +94,7 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
 
 def _missing(parameters: Array) -> list[str]:
     said = {
-        "delay": "joint {j}: its command acts {x:.4g} s later; delay it yourself",
+        "delay": "joint {j}: its command acts {x:.4g} s later (negative: earlier); do it yourself",
         "speed_limit": "joint {j}: its command moves at most {x:.4g} rad/s; limit it yourself",
         "dead_zone": "joint {j}: a dead zone of ±{x:.4g} rad around its command",
         "load": "joint {j}: friction grows by {x:.3g} of gravity's torque; held at the usual one",

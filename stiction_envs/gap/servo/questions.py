@@ -45,8 +45,15 @@ MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3
 """Number of rows that show that a speed was passed; assumed."""
-UNKNOWN_STIFFNESS = 10.0
-"""Stiffness of a servo of which nothing is known [N·m/rad]; the notes say so; assumed."""
+UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
+"""Least stiffness [N·m/rad] and natural frequency [rad/s] of a servo of which nothing is known; the
+notes say so. A softer servo would not follow; a stiffer one leaves some armature. Assumed."""
+
+SETTLED = 1.0
+"""Time for which a command rests before its joint counts as settled [s]; assumed."""
+SWINGS = 0.5
+"""Least swing of a settled joint over its error, and least part of the swing that a model leaves
+[-]; assumed."""
 
 EARLY = 0.025
 """Time by which a command comes after the motion that is more than late stamps [s]; assumed: the
@@ -83,11 +90,12 @@ def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
     if servo.parameters is not None:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
-    out[:, INDEX["stiffness"]] = UNKNOWN_STIFFNESS if servo.stiffness is None else servo.stiffness
+    inertia = np.array([float(m.inertia.mean()) for m in motions])
+    unknown = np.maximum(UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH**2 * inertia)
+    out[:, INDEX["stiffness"]] = unknown if servo.stiffness is None else servo.stiffness
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
     elif servo.stiffness is not None:
-        inertia = np.array([float(m.inertia.mean()) for m in motions])
         out[:, INDEX["damping"]] = 2.0 * np.sqrt(servo.stiffness * inertia)
     if servo.arm is not None and not servo.perfect:
         _add_stated(out, servo.arm, motions, known=servo.damping is not None)
@@ -164,16 +172,20 @@ def possible_causes(
     return tuple(out)
 
 
+def heavy(motion: JointMotion) -> bool:
+    """Return whether gravity acts on a joint."""
+    return bool(np.abs(motion.gravity).max() > LEAST_GRAVITY)
+
+
 def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
     """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
-    g = motion.gravity
-    if np.abs(g).max() < LEAST_GRAVITY:
+    if not heavy(motion):
         return False
     sag = sag_of(motion) if stiffness is None else 1 / stiffness
-    return bool(sag * np.sqrt(np.mean(g**2)) > GRAVITY_SEEN * resolution)
+    return bool(sag * np.sqrt(np.mean(motion.gravity**2)) > GRAVITY_SEEN * resolution)
 
 
 def sag_of(motion: JointMotion) -> float:
@@ -247,6 +259,19 @@ def rest_noise(motion: JointMotion) -> float:
     jump = motion.q[1:-1] - 0.5 * (motion.q[:-2] + motion.q[2:])
     jump = jump[calm[1:-1]]
     return float(np.sqrt(np.mean(jump**2) / 1.5)) if len(jump) > LEAST_CALM else 0.0
+
+
+def swing_at_rest(motion: JointMotion, angle: Array) -> float:
+    """Return the root mean square swing of an angle (T,) while the command rests [rad]."""
+    starts = np.concatenate([[True], np.diff(motion.command) != 0.0])
+    starts[motion.bounds[:-1]] = True
+    rest = np.cumsum(starts) - 1
+    settled = motion.t - motion.t[starts][rest] > SETTLED
+    counts = np.bincount(rest[settled])
+    if not len(counts):
+        return 0.0
+    mean = np.bincount(rest[settled], angle[settled]) / np.maximum(counts, 1)
+    return float(np.std((angle - mean[np.minimum(rest, len(mean) - 1)])[settled]))
 
 
 def shown(motion: JointMotion, resolution: float) -> Index:

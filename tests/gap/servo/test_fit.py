@@ -9,6 +9,7 @@ from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.judged import JointFindings, JointProblem, Question, judge
 from stiction_envs.gap.servo.parameters import NAMES, PARAMETERS
+from stiction_envs.gap.servo.questions import swing_at_rest
 from tests.gap.servo.small_arm import motion, parameters
 
 CAUSES = tuple(
@@ -121,6 +122,25 @@ def test_a_stated_gain_that_is_a_little_off_is_no_cause() -> None:
         found = judge(replace(asked, always={**asked.always, **stated}))
         assert set(found.causes) == named
         assert abs(found.fit["damping"] - truth) < 0.5 * (1.0 - truth)
+
+
+def test_a_small_error_of_a_stated_gain_takes_no_part_of_what_a_cause_takes_off() -> None:
+    asked = _asked(_log(damping=0.5))
+    found = judge(replace(asked, always={**asked.always, "damping": 0.05}))
+    assert set(found.causes) == {"damping"}
+    error = asked.motion.q - asked.motion.simulate(asked.nominal[None])[0]
+    assert found.causes["damping"].lost == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.2)
+
+
+def test_a_swing_counts_where_the_command_has_rested_for_a_while() -> None:
+    t = 0.02 * np.arange(500)
+    moving = motion(np.minimum(t, 4.0), step=0.02)
+    swing = 0.1 * np.sin(2 * np.pi * t)
+    assert swing_at_rest(moving, moving.command + swing) == pytest.approx(
+        0.1 / np.sqrt(2), rel=0.02
+    )
+    assert swing_at_rest(moving, np.where(t < 4.9, t, 4.0)) < 1e-12
+    assert swing_at_rest(motion(t, step=0.02), t + swing) == 0.0
 
 
 def test_what_moves_the_joint_has_more_than_what_is_named() -> None:
