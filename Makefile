@@ -34,7 +34,7 @@ test-slow: $(DEV) ## the tests that `make test` leaves out, README's commands am
 
 test-all: test test-slow ## both
 
-env: $(DEV) ## .venv with everything: rl, video and dev extras
+env: $(DEV) ## .venv with everything: rl and dev extras
 
 bench: $(DEV) ## every benchmark; each writes its result beside itself
 	@set -e; for script in $(BENCHMARKS); do echo "$$script"; $(BIN)/python -m "$$script"; done
@@ -61,5 +61,5 @@ $(RUN): pyproject.toml constraints.txt
 
 $(DEV): pyproject.toml constraints.txt
 	$(NEW_ENVIRONMENT)
-	$(PIP) -e '.[rl,video,dev]'
+	$(PIP) -e '.[rl,dev]'
 	touch $(RUN) $@

@@ -52,7 +52,7 @@ import sys
 
 class Blocker:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in {"torch", "stable_baselines3", "moviepy", "pyarrow", "cmaes"}:
+        if name.partition(".")[0] in {"torch", "stable_baselines3", "pyarrow", "cmaes"}:
             raise ImportError(f"{name} was asked for")
 
 sys.meta_path.insert(0, Blocker())

@@ -249,7 +249,7 @@ NOT_RECORDED = {
     *("command", "run", "interrupted"),  # the program's own
     "seed",  # is recorded by itself
     # no result depends on them
-    *("out", "force", "json", "threads", "video", "rrd"),
+    *("out", "force", "json", "threads"),
 }
 
 

@@ -83,13 +83,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         metavar="NAME",
         help="the causes to hide with --rehearse (default: all)",
     )
-    parser.add_argument(
-        "--rrd",
-        type=Path,
-        metavar="FILE.rrd",
-        help="also write measured and simulated signals, the causes and the arm in 3-D for Rerun's "
-        "viewer (needs the extra rerun)",
-    )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 
 
@@ -103,7 +96,6 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     inputs = _inputs(args)
     folder = common.output_folder(args, common.arm_name(args), inputs)
-    _check_rrd(args, folder.path)
     with Progress() as progress:
         say = Stages(progress.whole, check=bool(args.check))
         # an error up to here is one of the data: bad input
@@ -118,25 +110,8 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
         with common.working(), folder:
             result.write(folder.path, progress=say)
-            if args.rrd is not None:
-                result.write_rrd(args.rrd, force=args.force)
-    more, files = {"summary": result.summary}, "report.html"
-    if args.rrd is not None:
-        more["rrd"], files = str(args.rrd), f"{files}\nwritten: {args.rrd}"
-    return common.Answer(result=result, out=folder.path, more=more, files=files)
-
-
-def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
-    """Raise if the recording cannot be written, before any work."""
-    from stiction_envs.measured.kinds import TABLE, file_kind
-
-    if args.rrd is None:
-        return
-    from stiction_envs.gap.report.series import check_rrd
-
-    for table in (x for x in args.logs if file_kind(x) == TABLE):
-        raise StictionError(f"--rrd: {table} is a torque table: expected logs")
-    check_rrd(args.rrd, force=args.force, made=folder)
+    more = {"summary": result.summary}
+    return common.Answer(result=result, out=folder.path, more=more, files="report.html")
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, Path]:
@@ -165,7 +140,7 @@ def _rehearse(args: argparse.Namespace) -> common.Answer:
     from stiction_envs.hidden.rehearsal.rehearse import plan
     from stiction_envs.hidden.rehearsal.result import CSV, RUNS
 
-    for option in ("check", "poses", "rrd"):
+    for option in ("check", "poses"):
         if getattr(args, option):
             raise StictionError(f"--{option}: cannot be used with --rehearse")
     folder = common.output_folder(args, common.arm_name(args), _inputs(args), resumable=True)

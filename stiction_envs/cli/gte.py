@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.errors import StictionError, unknown
-
-if TYPE_CHECKING:
-    from stiction_envs.envs.render.video import Video
 
 # as the packages have them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
@@ -89,7 +84,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "0 0 0.1034 for the Panda's hand (default: the flange)",
     )
     common.add_experiment_options(parser)
-    add_video_option(parser, "show the first iteration of every case")
     common.add_shared_options(parser, out="output folder (default: runs/gte-ROBOT)")
 
 
@@ -126,7 +120,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     if args.compensation is not None:
         compensation = bench.compensation(args.compensation, table=args.compensation_table)
     folder = common.output_folder(args, arm.name, inputs)
-    video = video_file(args, folder)
     cases = with_and_without(
         args.trajectory if own is None else own.name,
         tuple(args.stiffness),
@@ -140,19 +133,12 @@ def run(args: argparse.Namespace) -> common.Answer:
             iterations=args.iterations,
             progress=lambda seconds: progress.add("gte", seconds, total),
         )
-
-    def make_video() -> Video:
-        from stiction_envs.envs.render.gte_frames import gte_video
-
-        return gte_video(bench, cases)
-
-    with common.working(), Progress() as progress, folder:
+    with common.working(), folder:
         result.write(folder.path)
-        unfinished = None
-        if lost := result.unfinished:
-            unfinished = f"{lost} iterations never reached their last goal: their numbers are NaN"
-        more = write_video(video, make_video, progress, unfinished)
-    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})
+    failed = None
+    if lost := result.unfinished:
+        failed = f"{lost} iterations never reached their last goal: their numbers are NaN"
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, "failed": failed})
 
 
 def compensation_file(args: argparse.Namespace) -> Path | None:

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.cli.video import add_video_option, video_file, write_video
 from stiction_envs.errors import ExperimentError
-
-if TYPE_CHECKING:
-    from stiction_envs.envs.render.video import Video
 
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
@@ -47,10 +42,6 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "with dither; only the joint under test is dithered",
     )
     common.add_experiment_options(parser)
-    add_video_option(
-        parser,
-        "show the first iteration of the first configuration that is dithered, or of the first,",
-    )
     common.add_shared_options(parser, out="output folder (default: runs/sje-ROBOT)")
 
 
@@ -64,7 +55,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     folder = common.output_folder(
         args, arm.name, {**common.model_files(args), "dither": args.dither}
     )
-    video = video_file(args, folder)
 
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 
@@ -91,13 +81,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     if not result.rows:
         raise ExperimentError(f"{stuck}: nothing was written")
 
-    def make_video() -> Video:
-        from stiction_envs.envs.render.sje_frames import sje_video
-
-        return sje_video(experiment, result.measurements)
-
     with common.working(), Progress("plots") as progress, folder:
         result.write(folder.path, progress=progress.set)
-        left_out = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
-        more = write_video(video, make_video, progress, left_out)
-    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, **more})
+    failed = f"{stuck}: left out of {folder.path / 'sje.csv'}" if stuck else None
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, "failed": failed})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.envs.render.gte_frames import PathRenderer
+from stiction_envs.envs.render.frames import PathRenderer
 from stiction_envs.experiments.gte.episodes import GTEEpisodes
 
 
@@ -138,8 +138,8 @@ class GTEEnv(ArmEnv):
       0.01 each.
     * `max_episode_steps`: default 400; `gym.make` gives it to a `TimeLimit`, which only shortens.
     [arguments of the episodes]
-    * `render_mode`: `human` or `rgb_array` (scene with the path, its goals and the reference,
-      errors and dither; 450 × 800 × 3).
+    * `render_mode`: `human` or `rgb_array` (the arm, the path, its goals and the reference;
+      480 × 480 × 3).
 
     ## Version history
     * v0: first version.

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from stiction_envs.envs.batches import Batches
 from stiction_envs.envs.page import whole_page
-from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
+from stiction_envs.envs.render.arm_scene import Frame
+from stiction_envs.envs.render.frames import RENDER_MODES, Renderer, check_render_mode
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome
 from stiction_envs.plant.copies import dumps
@@ -114,7 +115,7 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         self._check_arguments(arguments)
         check_render_mode(render_mode)
         self.render_mode = render_mode
-        self.core = self.episodes(1, record=render_mode is not None, **arguments)
+        self.core = self.episodes(1, **arguments)
         self._cores, self._renderers = [self.core], {}
         self.metadata = self._metadata()
         self.action_space = self.core.action_space
@@ -189,7 +190,7 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         check_render_mode(render_mode, batch=True)
         self.render_mode = render_mode
         self.num_envs = num_envs
-        self.batches = Batches(self.episodes, num_envs, record=render_mode is not None, **arguments)
+        self.batches = Batches(self.episodes, num_envs, **arguments)
         self._cores, self._renderers = self.batches.cores, {}
         self.core = self._cores[0]
         self.metadata = {**self._metadata(), "autoreset_mode": self.autoreset_mode}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
-from stiction_envs.envs.render.sje_frames import JointRenderer
+from stiction_envs.envs.render.frames import JointRenderer
 from stiction_envs.experiments.sje.episodes import SJEEpisodes
 
 
@@ -86,7 +86,8 @@ class SJEEnv(ArmEnv):
       best frequency is inside the bounds on all joints of the Panda and the iiwa 7.
     * `max_episode_steps`: default 1000; `gym.make` gives it to a `TimeLimit`, which only shortens.
     [arguments of the episodes]
-    * `render_mode`: `human` or `rgb_array` (scene, torque and displacement; 450 × 800 × 3).
+    * `render_mode`: `human` or `rgb_array` (the arm, the joint under test and its threshold;
+      480 × 480 × 3).
 
     ## Version history
     * v0: first version.

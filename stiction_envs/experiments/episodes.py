@@ -121,14 +121,12 @@ class Episodes(ABC, Generic[Case, Unit]):
     rig: Rig
     """The experiment's machine with all N arms."""
 
-    def __init__(
-        self, num_envs: int, engine_threads: int = 1, record: bool = False, **arguments: Any
-    ) -> None:
-        """Make ``num_envs`` simulations with `Arguments`; ``record`` keeps traces, to be drawn.
+    def __init__(self, num_envs: int, engine_threads: int = 1, **arguments: Any) -> None:
+        """Make ``num_envs`` simulations with `Arguments`.
 
         The engine has ``engine_threads`` threads: several if only these episodes run.
         """
-        self._engine_threads, self._traced = engine_threads, record
+        self._engine_threads = engine_threads
         a = self.arguments(**arguments)
         if not isinstance(a.max_episode_steps, (int, np.integer)) or a.max_episode_steps < 1:
             raise StictionError(

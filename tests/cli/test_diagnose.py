@@ -3,7 +3,6 @@
 import dataclasses
 import html.parser
 import json
-import sys
 import tomllib
 
 import mujoco
@@ -14,7 +13,6 @@ from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.robots import load_arm
-from tests.cli.short_commands import BASE_TWO
 from tests.gap.small_logs import dry, hidden, sliding, write_csv
 from tests.robots.arms import chain
 
@@ -314,45 +312,3 @@ def test_bad_input(refused, two, inputs, line, says):
     (inputs / "three.xml").write_text(chain(3))
     write_csv(inputs / "three.csv", hidden(load_arm(inputs / "three.xml"), seconds=3.0))
     assert says in refused("diagnose", *line.split())
-
-
-@pytest.mark.slow
-def test_a_recording_is_written_with_the_report(cli, two, log, work):
-    """In the output folder, which lists it."""
-    ran = cli("diagnose", log, "--robot", two, "--out", "a", "--rrd", "a/x.rrd")
-    assert ran.code == 0, ran.err
-    assert ran.out.endswith("written to a: report.html\nwritten: a/x.rrd\n")
-    made = json.loads((work / "a/provenance.json").read_text())
-    assert {"x.rrd", "series.csv"} <= set(made["files"])
-    assert "rrd" not in made["arguments"]
-
-
-@pytest.mark.parametrize(
-    ("options", "says"),
-    [
-        (("--rrd", "x"), "output x: ends in 'nothing': expected a path to a .rrd"),
-        (("--rrd", "none/x.rrd"), "output none/x.rrd: none: expected an existing folder"),
-        (("--rrd", "x.rrd", "--rehearse"), "--rrd: cannot be used with --rehearse"),
-    ],
-)
-def test_what_cannot_be_written_is_one_line_and_nothing_is_done(cli, two, log, work, options, says):
-    ran = cli("diagnose", log, "--robot", two, *options)
-    assert ran.code == 2
-    assert ran.lines == [f"error: {says}"]
-    assert list(work.iterdir()) == []
-
-
-def test_a_torque_table_has_no_series(cli, two, inputs, work):
-    table = inputs / "base.csv"
-    table.write_text(BASE_TWO)
-    ran = cli("diagnose", table, "--robot", two, "--rrd", "x.rrd")
-    assert ran.code == 2
-    assert ran.lines == [f"error: --rrd: {table} is a torque table: expected logs"]
-
-
-def test_a_missing_package_is_named_before_any_work(cli, two, log, work, monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    ran = cli("diagnose", log, "--robot", two, "--rrd", "x.rrd")
-    assert ran.code == 2
-    assert ran.lines[0].endswith("needs rerun-sdk: pip install 'stiction-envs[rerun]'")
-    assert list(work.iterdir()) == []

@@ -16,8 +16,7 @@ from stiction_envs.friction.sticking import sticking_model
 def test_without_a_display_it_is_one_clear_line(refused, monkeypatch):
     monkeypatch.setattr(window, "has_display", lambda: False)
     assert refused("view", "panda", "--joint", 7) == (
-        "error: view: no display found: `stiction sje panda --joint 7 --dither TABLE.csv --video` "
-        "writes an mp4 without one"
+        'error: view: no display found: render_mode="rgb_array" of an environment needs none'
     )
 
 

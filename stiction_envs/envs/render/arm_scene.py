@@ -1,4 +1,4 @@
-"""An arm on a floor, and shapes drawn into its scene."""
+"""An arm on a floor, and shapes that are drawn into its scene."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from stiction_envs.envs.render.window import has_display
 from stiction_envs.errors import StictionError, one_line
 from stiction_envs.robots import Arm
 
+Frame = NDArray[np.uint8]
+"""A picture (height, width, 3)."""
 Colour = NDArray[np.float32]
 MARK = np.array([1.0, 0.45, 0.0, 1.0], dtype=np.float32)
 """Colour of the joint under test, and of the present goal."""
@@ -24,6 +26,27 @@ GREY = np.array([0.6, 0.62, 0.66, 1.0], dtype=np.float32)
 """Colour of an arm without geometry."""
 PATH = np.array([0.1, 0.35, 0.75, 1.0], dtype=np.float32)
 """Colour of a path and its goals."""
+ARROW, CAPSULE = mujoco.mjtGeom.mjGEOM_ARROW, mujoco.mjtGeom.mjGEOM_CAPSULE
+SPHERE = mujoco.mjtGeom.mjGEOM_SPHERE
+HEADLESS = ("egl", "osmesa")  # backends of OpenGL without a display, the first one first
+_AROUND = """
+<mujoco>
+  <asset>
+    <texture name="sky" type="skybox" builtin="gradient" rgb1=".93 .95 .98" rgb2=".62 .72 .84"
+             width="256" height="1536"/>
+    <texture name="floor" type="2d" builtin="checker" rgb1=".86 .86 .86" rgb2=".74 .74 .74"
+             width="256" height="256"/>
+    <material name="floor" texture="floor" texrepeat="4 4" texuniform="true"/>
+  </asset>
+  <worldbody>
+    <light type="directional" castshadow="false" pos="1 -1 3" dir="-.3 .4 -.9" diffuse=".5 .5 .5"/>
+    <geom type="plane" size="0 0 .05" material="floor" contype="0" conaffinity="0"/>
+  </worldbody>
+</mujoco>
+"""
+# what follows is assumed: chosen by eye
+_RING = 36  # number of segments of the ring about a joint
+_SIZE = 0.25  # radius of the ring over the extent of the arm, at most 1 m [-]
 
 
 def scene_model(arm: Arm, width: int, height: int) -> mujoco.MjModel:
@@ -32,45 +55,16 @@ def scene_model(arm: Arm, width: int, height: int) -> mujoco.MjModel:
     Pictures of it have ``width`` and ``height`` [pixel].
     """
     spec = arm.spec()
-    bare = spec.compile()
-    data = mujoco.MjData(bare)
-    data.qpos[:] = arm.rest
-    mujoco.mj_forward(bare, data)
-    world = spec.worldbody
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
-    spec.visual.headlight.ambient = [0.42] * 3
-    spec.visual.headlight.diffuse = [0.2] * 3
+    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.42] * 3, [0.2] * 3
     spec.visual.headlight.specular = [0.0] * 3
-    spec.visual.quality.shadowsize = 2048
-    spec.visual.map.shadowclip = 5.0
     spec.visual.map.znear, spec.visual.map.zfar = 0.1, 60.0
     spec.stat.extent = 1.0
-    sky = spec.add_texture(name="stiction_sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX)
-    sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
-    sky.rgb1, sky.rgb2, sky.width, sky.height = [0.93, 0.95, 0.98], [0.62, 0.72, 0.84], 256, 1536
-    tiles = spec.add_texture(name="stiction_tiles", type=mujoco.mjtTexture.mjTEXTURE_2D)
-    tiles.builtin = mujoco.mjtBuiltin.mjBUILTIN_CHECKER
-    tiles.rgb1, tiles.rgb2, tiles.width, tiles.height = [0.86] * 3, [0.74] * 3, 256, 256
-    floor = spec.add_material(name="stiction_floor", texrepeat=[4, 4], texuniform=True)
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "stiction_tiles"
-    world.add_geom(
-        name="stiction_floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.05],
-        pos=[0, 0, float(min(0.0, data.xpos[1, 2])) - 1e-3],
-        material="stiction_floor",
-        contype=0,
-        conaffinity=0,
-    )
     for light in spec.lights:
         spec.delete(light)
-    world.add_light(
-        pos=[1, -1, 3],
-        dir=[-0.3, 0.4, -0.9],
-        diffuse=[0.5] * 3,
-        specular=[0.1] * 3,
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-    )
+    ground = min(0.0, float(arm.model().body_pos[1, 2])) - 1e-3
+    at, around = spec.worldbody.add_frame(pos=[0, 0, ground]), mujoco.MjSpec.from_string(_AROUND)
+    spec.attach(around, frame=at, prefix="stiction_")
     return spec.compile()
 
 
@@ -84,8 +78,8 @@ class ArmScene:
         self.data = mujoco.MjData(self.model)
         self.joints = [self.model.joint(name).id for name in arm.joint_names]
         self._scene = mujoco.MjvScene(self.model, 2000)
-        self._option = mujoco.MjvOption()
-        self._screen: Offscreen | None = None
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._opened: tuple[mujoco.GLContext, mujoco.MjrContext] | None = None
 
     def pose(self, q: Array) -> None:
         """Put the arm at joint angles (n,) [rad]."""
@@ -93,151 +87,138 @@ class ArmScene:
         mujoco.mj_forward(self.model, self.data)
 
     @property
-    def flange(self) -> Array:
-        """(3,) position of the flange [m]."""
-        return np.array(self.data.site(self.arm.end_effector).xpos)
+    def chain(self) -> Array:
+        """(n + 1, 3) points of the joints and the flange [m]."""
+        flange = self.data.site(self.arm.end_effector).xpos
+        return np.vstack([self.data.xanchor[self.joints], flange])
 
-    @property
-    def points(self) -> Array:
-        """(K, 3) points of the arm [m]: its joints, last flange and base."""
-        base = self.data.xpos[self.model.jnt_bodyid[self.joints[0]]] * [1, 1, 0]
-        return np.vstack([self.data.xanchor[self.joints], self.flange[None], base[None]])
+    def camera(self, *more: Array) -> mujoco.MjvCamera:
+        """Return a camera that has the arm and ``more`` points (K, 3) [m] in view.
 
-    def camera(self, points: Array) -> mujoco.MjvCamera:
-        """Return a camera that has all points (K, 3) [m], the last two flange and base, in view.
-
-        It stands on the side to which the arm points, so that the arm does not hide itself.
+        The camera is on the side to which the arm points, so that the arm does not hide itself.
         """
+        chain, base = self.chain, self.data.xpos[self.model.jnt_bodyid[self.joints[0]]] * [1, 1, 0]
+        points = np.vstack([*more, chain, base])
         low, high = points.min(axis=0), points.max(axis=0)
         camera = mujoco.MjvCamera()
         camera.type = mujoco.mjtCamera.mjCAMERA_FREE.value
         camera.lookat = (low + high) / 2
-        camera.distance = self.distance(float(np.linalg.norm(high - low)) / 2 + 0.12)
-        out = points[-2, :2] - points[-1, :2]
+        radius = float(np.linalg.norm(high - low)) / 2 + 0.12
+        camera.distance = radius / np.sin(np.deg2rad(self.model.vis.global_.fovy / 2))
+        out = (chain[-1] - base)[:2]
         heading = np.rad2deg(np.arctan2(out[1], out[0])) if np.hypot(*out) > 0.05 else 0.0
         camera.azimuth, camera.elevation = heading + 120.0, -18.0
         return camera
 
-    def distance(self, radius: float) -> float:
-        """Return the distance [m] at which a sphere of a radius [m] fills the camera's picture."""
-        return radius / float(np.sin(np.deg2rad(self.model.vis.global_.fovy / 2)))
-
     def picture(
         self, camera: mujoco.MjvCamera, decorate: Callable[[mujoco.MjvScene], None]
-    ) -> NDArray[np.uint8]:
-        """Return the picture, (height, width, 3); ``decorate`` may draw into the scene."""
-        self._screen = self._screen or Offscreen(self.model)
+    ) -> Frame:
+        """Return the picture, (height, width, 3); ``decorate`` may draw into the scene.
+
+        Raises:
+            StictionError: no OpenGL.
+        """
+        self._opened = gl, context = self._opened or _open(self.model)
+        shown, nobody = mujoco.mjtCatBit.mjCAT_ALL.value, mujoco.MjvPerturb()
         mujoco.mjv_updateScene(
-            self.model,
-            self.data,
-            self._option,
-            mujoco.MjvPerturb(),
-            camera,
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self._scene,
+            *(self.model, self.data, mujoco.MjvOption(), nobody, camera, shown, self._scene)
         )
         decorate(self._scene)
-        return self._screen.picture(self._scene)
+        gl.make_current()
+        mujoco.mjr_render(self._rect, self._scene, context)
+        out = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(out, None, self._rect, context)
+        return np.ascontiguousarray(np.flipud(out))
 
     def draw_chain(self, scene: mujoco.MjvScene) -> None:
         """Show an arm without geometry by a chain through its joints."""
         if self.model.ngeom == 1:
-            chain = np.vstack([self.data.xanchor[self.joints], self.flange])
-            polyline(scene, 0.03, chain, GREY)  # radius of the chain [m]
+            polyline(scene, 0.03, self.chain, GREY)  # radius of the chain [m]
 
     def close(self) -> None:
         """Free the graphics context."""
-        if self._screen is not None:
-            self._screen.close()
-            self._screen = None
+        if self._opened is not None:
+            gl, context = self._opened
+            gl.make_current()
+            context.free()
+            gl.free()
+            self._opened = None
 
 
-def connect(
+def _open(model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
+    """Open OpenGL for offscreen pictures; without display and MUJOCO_GL, a headless backend."""
+    chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
+    reasons = []
+    for name in HEADLESS if not has_display() and not chosen else [chosen]:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the reason is in the error below
+                room = import_module(f"mujoco.{name}") if name in HEADLESS else mujoco
+                gl = room.GLContext(model.vis.global_.offwidth, model.vis.global_.offheight)
+                gl.make_current()
+            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+            return gl, context
+        except Exception as error:  # each backend fails in its own way
+            reasons.append(f"{name or 'default'}: {one_line(error)}")
+    raise StictionError(
+        f"rendering needs OpenGL, and none was found ({'; '.join(reasons)}): install EGL or OSMesa "
+        "and set MUJOCO_GL to egl or osmesa"
+    )
+
+
+def draw_shape(
     scene: mujoco.MjvScene,
     kind: mujoco.mjtGeom,
-    width: float,
-    start: Array,
-    end: Array,
+    radius: float,
+    at: Array,
+    end: Array | None = None,
     colour: Colour = MARK,
 ) -> None:
-    """Add a capsule or an arrow from ``start`` to ``end`` [m] to the scene."""
-    if np.linalg.norm(end - start) > 1e-6 and (geom := _new_geom(scene)) is not None:
-        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.zeros(9), colour)
-        mujoco.mjv_connector(geom, kind, width, start, end)
-        geom.category, geom.emission = mujoco.mjtCatBit.mjCAT_DECOR, 0.5
+    """Add a sphere at a point, or a capsule or an arrow to ``end`` [m], if the scene has room."""
+    if scene.ngeom >= scene.maxgeom or (end is not None and np.linalg.norm(end - at) < 1e-6):
+        return
+    geom, turn = scene.geoms[scene.ngeom], np.eye(3).ravel()
+    scene.ngeom += 1
+    mujoco.mjv_initGeom(geom, kind, np.full(3, radius), at, turn, colour)
+    if end is not None:
+        mujoco.mjv_connector(geom, kind, radius, at, end)
+    geom.category, geom.emission = mujoco.mjtCatBit.mjCAT_DECOR, 0.5
 
 
 def polyline(scene: mujoco.MjvScene, width: float, points: Array, colour: Colour = MARK) -> None:
     """Add capsules through points (K, 3) [m] to the scene."""
     for start, end in pairwise(points):
-        connect(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, width, start, end, colour)
+        draw_shape(scene, CAPSULE, width, start, end, colour)
 
 
-def ball(scene: mujoco.MjvScene, radius: float, at: Array, colour: Colour) -> None:
-    """Add a sphere of a radius [m] at (3,) [m] to the scene."""
-    if (geom := _new_geom(scene)) is not None:
-        size, turn = np.full(3, radius), np.eye(3).ravel()
-        mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE, size, at, turn, colour)
-        geom.category, geom.emission = mujoco.mjtCatBit.mjCAT_DECOR, 0.5
+def draw_joint(
+    scene: mujoco.MjvScene, arm: ArmScene, joint: int, angle: float, threshold: float
+) -> None:
+    """Draw a ring about the axis of a joint (from 0), with an arrow along its push and a pointer.
 
+    ``angle`` is the joint's since it rested, ``threshold`` that of breakaway, signed [rad].
+    """
+    arm.draw_chain(scene)
+    index = arm.joints[joint]
+    centre, axis = arm.data.xanchor[index], arm.data.xaxis[index]
+    first = np.cross(axis, [1.0, 0, 0] if abs(axis[0]) < 0.9 else [0, 1.0, 0])
+    first /= np.linalg.norm(first)
+    second = np.cross(axis, first)
+    radius = _SIZE * max(0.3, min(1.0, float(np.ptp(arm.chain, axis=0).max())))
 
-def _new_geom(scene: mujoco.MjvScene) -> mujoco.MjvGeom | None:
-    """Return the next geom of a scene; None where it is full."""
-    if scene.ngeom >= scene.maxgeom:
-        return None
-    scene.ngeom += 1
-    return scene.geoms[scene.ngeom - 1]
+    def at(turn: float, share: float = 1.0) -> Array:
+        out: Array = centre + share * radius * (np.cos(turn) * first + np.sin(turn) * second)
+        return out
 
-
-def _context_class(name: str) -> type[mujoco.GLContext]:
-    if name in ("egl", "osmesa"):
-        return import_module(f"mujoco.{name}").GLContext
-    return mujoco.GLContext
-
-
-class Offscreen:
-    """An offscreen OpenGL buffer, as large as the model says (``vis.global_.offwidth``)."""
-
-    def __init__(self, model: mujoco.MjModel) -> None:
-        """Open the buffer.
-
-        Raises:
-            StictionError: no OpenGL.
-        """
-        self._width, self._height = model.vis.global_.offwidth, model.vis.global_.offheight
-        self._gl, self._context = self._open(model)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        self._rect = mujoco.MjrRect(0, 0, self._width, self._height)
-
-    def _open(self, model: mujoco.MjModel) -> tuple[mujoco.GLContext, mujoco.MjrContext]:
-        """Open MuJoCo's context; without display and MUJOCO_GL, the first headless backend."""
-        chosen = os.environ.get("MUJOCO_GL", "").lower().strip()
-        names = ["egl", "osmesa"] if not has_display() and not chosen else [chosen]
-        reasons = []
-        for name in names:
-            try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # the reason is in the error below
-                    gl = _context_class(name)(self._width, self._height)
-                    gl.make_current()
-                return gl, mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-            except Exception as error:  # each backend fails in its own way
-                reasons.append(f"{name or 'default'}: {one_line(error)}")
-        raise StictionError(
-            f"rendering needs OpenGL, and none was found ({'; '.join(reasons)}): install EGL or "
-            "OSMesa and set MUJOCO_GL to egl or osmesa"
-        )
-
-    def picture(self, scene: mujoco.MjvScene) -> NDArray[np.uint8]:
-        """Return the picture, (height, width, 3)."""
-        self._gl.make_current()
-        mujoco.mjr_render(self._rect, scene, self._context)
-        out = np.empty((self._height, self._width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(out, None, self._rect, self._context)
-        return np.ascontiguousarray(np.flipud(out))
-
-    def close(self) -> None:
-        """Free the buffer."""
-        self._gl.make_current()
-        self._context.free()
-        self._gl.free()
+    side = float(np.sign(threshold))
+    turns = side * np.linspace(0, 1.75 * np.pi, _RING)
+    polyline(scene, 0.06 * radius, np.array([at(turn) for turn in turns]))
+    tangent = side * (np.cos(turns[-1]) * second - np.sin(turns[-1]) * first)
+    draw_shape(scene, ARROW, 0.12 * radius, at(turns[-1]), at(turns[-1]) + 0.45 * radius * tangent)
+    ends = centre - 1.3 * radius * axis, centre + 1.3 * radius * axis
+    draw_shape(scene, CAPSULE, 0.03 * radius, *ends)
+    for turn in (0.0, threshold):
+        draw_shape(scene, CAPSULE, 0.03 * radius, centre, at(turn, 1.6), PATH)
+    draw_shape(scene, CAPSULE, 0.05 * radius, centre, at(angle, 1.6))
+    draw_shape(scene, SPHERE, 0.12 * radius, at(angle, 1.6))

@@ -10,8 +10,7 @@ from collections.abc import Callable
 import mujoco
 import numpy as np
 
-from stiction_envs.envs.render.arm_scene import ArmScene
-from stiction_envs.envs.render.sje_frames import draw_joint
+from stiction_envs.envs.render.arm_scene import ArmScene, draw_joint
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.push import Push
@@ -40,8 +39,6 @@ class PushView:
         self.arm = ArmScene(push.plant.sticking.arm)
         self.arm.pose(push.plant.position[0])
 
-    # ---- keys and time -----------------------------------------------------------------------
-
     def press(self, key: int) -> None:
         """Apply a key; others than those of `KEYS` do nothing."""
         push, joint = self.push, key - ONE + 1
@@ -61,8 +58,6 @@ class PushView:
         push.advance(passed)
         self.time += passed
         return passed
-
-    # ---- words and scene ---------------------------------------------------------------------
 
     @property
     def state(self) -> str:
@@ -112,15 +107,12 @@ class PushWindow:
         Raises:
             StictionError: no display, or on a Mac outside of mjpython.
         """
-        what, push = "view", view.push
-        robot = push.plant.sticking.arm.name
-        video = f"stiction sje {robot} --joint {push.joint} --dither TABLE.csv --video"
-        check_display(what, f"`{video}` writes an mp4 without one")
+        check_display(what := "view", 'render_mode="rgb_array" of an environment needs none')
         if sys.platform == "darwin" and not _in_mjpython():
             raise StictionError(f"{what}: on a Mac: expected `mjpython $(which stiction) view …`")
         self.view = view
         self._keys: queue.SimpleQueue[int] = queue.SimpleQueue()
-        camera = view.arm.camera(view.arm.points)
+        camera = view.arm.camera()
         camera.elevation = _ELEVATION
         # the viewer calls back in its own thread
         self._window = Window(what, view.arm.model, view.arm.data, camera, self._keys.put)

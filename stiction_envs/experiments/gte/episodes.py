@@ -182,9 +182,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self._shaking_unit = self.reward_settings().shaking_unit
         self.rig = e.replace(threads=self._engine_threads).rig(count, CAPACITY)
         self.rig.compensator.set_rows(np.arange(count), [self.compensation] * count)
-        self.recorder = Recorder(
-            self.rig, e.protocol, steps=self.interval_steps, record=self._traced, capacity=CAPACITY
-        )
+        self.recorder = Recorder(self.rig, e.protocol, steps=self.interval_steps, capacity=CAPACITY)
         self.case: list[Key] = [(TRAJECTORIES[0], episode_settings().stiffness[0])] * count
         self.goals = np.ones(count, dtype=np.int64)
         self._stiffness = np.array([k for _, k in self.case])
@@ -271,8 +269,6 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         self.rig.end_effector.read()
         if self.rig.senses is not None:
             self.rig.seen_end_effector.read()
-        if self.recorder.trace is not None:
-            self.recorder.keep(ids, self.action[:, : self.n])
 
     def _outcome(self, ids: Index) -> Outcome:
         r, rig = self.recorder, self.rig
@@ -365,10 +361,6 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         path, rig = self.experiment.path(self.case[i][0]), self.rig
         goals, _ = path.goals(rig.start_position[None], rig.start_quaternion[None])
         return np.concatenate([rig.start_position[None], goals[0]])
-
-    def undithered_duration(self, i: int) -> float:
-        """Return how long the episode of simulation ``i`` lasts without dither [s]."""
-        return float(self._base_duration[i])
 
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Return trajectory, number and stiffness (M, 3) of the episodes of ``ids``."""

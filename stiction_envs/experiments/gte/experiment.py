@@ -40,7 +40,7 @@ from stiction_envs.experiments.gte.random_paths import RANDOM, path_number, rand
 from stiction_envs.experiments.gte.results import TrackingErrors
 from stiction_envs.experiments.gte.rig import GTERig, GTESetup
 from stiction_envs.experiments.gte.sampling import RunLog
-from stiction_envs.experiments.rig import count_blocks, dither_arrays
+from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.from_file import friction_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
@@ -55,9 +55,6 @@ from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.reporting.provenance import provenance
 from stiction_envs.robots import Arm
 
-Steering = Callable[[GTERig, Sequence[Case]], Callable[[], None]]
-"""Called with a rig whose arms have just begun to follow, and the case of each of them; what it
-returns is called before each block, and may `GTERig.retune` the dither."""
 MAX_SIMULATIONS = 128  # Simulations run at once (assumed)
 _PART = 10  # samples of a block, after which it is checked whether all arms are done; assumed
 _LATE = 1.5  # longest time of a movement over that of an arm that follows exactly [-]; assumed
@@ -263,8 +260,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
         parameters: Sequence[FrictionParameters | None] | None = None,
         iterations: int | None = None,
         progress: Callable[[float], None] | None = None,
-        steering: Steering | None = None,
-        interval: float | None = None,
     ) -> list[Run]:
         """Run all iterations of all cases; a case's result does not depend on the others.
 
@@ -274,11 +269,9 @@ class GeneratedTrajectoryExperiment(GTESetup):
                 are elastic, and the controller's own model, remain the nominal ones.
             iterations: None for the protocol's.
             progress: called with the simulated seconds of every part, summed over arms.
-            steering: what decides the dither while arms move; it starts as the cases have it.
-            interval: time of a block [s], a multiple of a sample's; None for ten samples.
 
         Raises:
-            StictionError: a case, friction, compensation or interval that does not fit.
+            StictionError: a case, friction or compensation that does not fit.
             ExperimentError: a simulation that the engine stopped.
         """
         repeats = self.protocol.iterations if iterations is None else iterations
@@ -287,13 +280,9 @@ class GeneratedTrajectoryExperiment(GTESetup):
         true = [None] * len(cases) if parameters is None else list(parameters)
         if len(true) != len(cases):
             raise StictionError(f"friction of {len(true)} cases: expected {len(cases)}")
-        sample = round(1.0 / self.protocol.sample_rate / CONTROL_DT)
-        block = _PART * sample
-        if interval is not None:
-            block = count_blocks("interval", interval, sample * CONTROL_DT) * sample
         for k in range(0, len(cases), most):
             part = slice(k, k + most)
-            out += self._run_together(cases[part], true[part], repeats, progress, steering, block)
+            out += self._run_together(cases[part], true[part], repeats, progress)
         return out
 
     def _run_together(
@@ -302,8 +291,6 @@ class GeneratedTrajectoryExperiment(GTESetup):
         parameters: Sequence[FrictionParameters | None],
         repeats: int,
         progress: Callable[[float], None] | None,
-        steering: Steering | None,
-        block: int,
     ) -> list[Run]:
         paths = [self.path(c.trajectory) for c in cases]
         nsim = len(cases) * repeats
@@ -326,12 +313,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
         dither = [dither_arrays(c.dither, self.n) for c in cases]
         rig.set_dither(ids, **{k: np.stack([dither[i][k] for i in of]) for k in dither[0]})
         rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
-        steer = None if steering is None else steering(rig, [cases[i] for i in of])
+        block = _PART * round(1.0 / self.protocol.sample_rate / CONTROL_DT)
         log = RunLog(rig, self.protocol, block)
         horizon = np.array([self.horizon(paths[i]) for i in of])
         while log.time < np.max(log.end(horizon)):
-            if steer is not None:
-                steer()
             log.advance()
             if progress is not None:
                 progress(nsim * block * CONTROL_DT)

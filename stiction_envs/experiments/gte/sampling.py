@@ -9,7 +9,7 @@ to control step and multiplied by a lever [m], go through the same high-pass as 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -199,25 +199,13 @@ class RunLog(Sampler):
         )
 
 
-@dataclass
-class PathTrace:
-    """One path, kept to be drawn; lists of one array per step."""
-
-    time: list[Array] = field(default_factory=list)  # (S,) of the samples [s]
-    error: list[Array] = field(default_factory=list)  # (S, 6) [m, rad]
-    position: list[Array] = field(default_factory=list)  # (S, 3) of the flange [m]
-    amplitude: list[Array] = field(default_factory=list)  # (1, n) of the step's dither [N·m]
-
-
 class Recorder(Accumulator):
     """Advances a rig by environment steps and adds up what each of its N arms does."""
 
-    def __init__(
-        self, rig: GTERig, protocol: GTEProtocol, *, steps: int, capacity: int, record: bool
-    ) -> None:
+    def __init__(self, rig: GTERig, protocol: GTEProtocol, *, steps: int, capacity: int) -> None:
         """Prepare for environment steps of ``steps`` control steps, a multiple of a sample's.
 
-        Paths have at most ``capacity`` goals; with ``record`` traces are kept.
+        Paths have at most ``capacity`` goals.
         """
         super().__init__(
             rig.nsim,
@@ -232,20 +220,16 @@ class Recorder(Accumulator):
         self.step_left = np.zeros((rig.nsim, capacity, 2))
         """(N, G, 2) error left at the goals whose time was over in the last step, else 0 [m,
         rad]."""
-        self.trace = [PathTrace() for _ in range(rig.nsim)] if record else None
 
     def start(self, ids: Index, goals: Index) -> None:
         """Restart arms ``ids``, which have just begun to follow ``goals`` (M,) goals."""
         super().start(ids, goals)
         self._sampler.start(ids)
         self.step_vibration[ids] = self.step_left[ids] = 0.0
-        if self.trace is not None:
-            for i in ids:
-                self.trace[i] = PathTrace()
 
     def advance(self) -> None:
         """Let all arms follow for one environment step."""
-        self._samples = s = self._sampler.advance()
+        s = self._sampler.advance()
         sequencer, before = self._rig.sequencer, np.isfinite(self.settling[..., :1])
         self.feed(s.error, s.mean_square, sequencer.accepted_at, sequencer.reached_at)
         left = self.left
@@ -258,14 +242,3 @@ class Recorder(Accumulator):
         mine = np.arange(self.settling.shape[1]) < self._goals[ids, None]
         left = np.where(mine[..., None], self.left[ids], 0.0).sum(axis=1)
         return left / self._goals[ids, None]
-
-    def keep(self, ids: Index, amplitude: Array) -> None:
-        """Add the last step of arms ``ids`` to their traces; ``amplitude`` (N, n) [N·m]."""
-        assert self.trace is not None
-        samples, size = self._samples, self._sampler.size
-        for i in ids:
-            trace = self.trace[i]
-            trace.time.append((self.count[i] - size + np.arange(size)) / self._rate)
-            trace.error.append(samples.error[i])
-            trace.position.append(samples.actual[i, :, :3])
-            trace.amplitude.append(amplitude[i : i + 1].copy())

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,17 +115,6 @@ GROUPS = (
 """The observation, in order; bounds are assumed: wider than what occurs."""
 
 
-@dataclass
-class RampTrace:
-    """Samples of one ramp, one per block of control steps, kept to be drawn."""
-
-    time: list[float] = field(default_factory=list)  # Since the ramp started [s]
-    torque: list[float] = field(default_factory=list)  # Of the tested joint, without dither [N·m]
-    amplitude: list[float] = field(default_factory=list)  # Of the tested joint [N·m]
-    frequency: list[float] = field(default_factory=list)  # Of the tested joint [Hz]
-    displacement: list[float] = field(default_factory=list)  # Of the tested joint [rad]
-
-
 class SJEEpisodes(Episodes[Configuration, float]):
     """N episodes of the Single Joint Experiment."""
 
@@ -166,7 +154,6 @@ class SJEEpisodes(Episodes[Configuration, float]):
         self.configuration = [Configuration(1, "load", "+")] * self.num_envs
         self.tau_base = np.ones(self.num_envs)
         self._level = np.zeros(self.num_envs)
-        self.trace = [RampTrace() for _ in range(self.num_envs)] if self._traced else None
 
     def _check_options(self, options: Options | None) -> Checked:
         expected: dict[str, tuple[object, ...]] = {
@@ -216,17 +203,12 @@ class SJEEpisodes(Episodes[Configuration, float]):
             rig.advance(moving)
         self._level[ids] = 0.0
         self.oscillation.start(ids, rig.plant.position[ids], rig.joint[ids])
-        if self.trace is not None:
-            for i in ids:
-                self.trace[i] = RampTrace()
 
     def _advance(self, ids: Index) -> None:
         busy = ids
         self.oscillation.begin_step(ids)
         for _ in range(self.interval_steps // BLOCK):
             ended = self.rig.advance(busy)
-            if self.trace is not None:
-                self._record(busy)
             if len(ended):
                 busy = np.setdiff1d(busy, ended)
             if not len(busy):
@@ -311,14 +293,3 @@ class SJEEpisodes(Episodes[Configuration, float]):
             "load": np.array([c.load for c in rows], dtype=object),
             "direction": np.array([c.direction for c in rows], dtype=object),
         }
-
-    def _record(self, ids: Index) -> None:
-        assert self.trace is not None
-        torque, moved = self.torque(ids), self.rig.displacement()[ids]
-        for row, i in enumerate(ids):
-            k, trace = self.rig.joint[i], self.trace[i]
-            trace.time.append(float(self.rig.step[i] * CONTROL_DT))
-            trace.torque.append(float(torque[row]))
-            trace.amplitude.append(float(self.action[i, k]))
-            trace.frequency.append(float(self.action[i, self.n + k]))
-            trace.displacement.append(float(moved[row]))

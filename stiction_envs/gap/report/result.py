@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import abc
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.extended_model import Extension
 from stiction_envs.gap.judge.judgement import Judgement, NamedCause
 from stiction_envs.gap.report import page
 from stiction_envs.gap.report.figures import PLOTS, draw_errors, draw_joint
 from stiction_envs.gap.report.page import Errors
-from stiction_envs.gap.report.series import Series, check_rrd, rrd_bytes
+from stiction_envs.gap.report.series import Series
 from stiction_envs.measured.logs.sources import LogSources
-from stiction_envs.reporting.atomic import write_bytes_atomic, write_text_atomic
+from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import plain, write_json
 from stiction_envs.reporting.markdown import short, span, table_text
 from stiction_envs.reporting.provenance import Provenance
@@ -134,21 +132,6 @@ class DiagnosisResult(Result):
         """The verdict in sentences, and that of logs that took no part."""
         return f"{self.headline} {self.checked}".rstrip()
 
-    def write_rrd(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
-        """Write a recording for Rerun, of the extra rerun; ``force`` replaces another file.
-
-        Raises:
-            StictionError: the extra is missing, ``path`` is not a .rrd in a folder that is there,
-                or torque tables were diagnosed.
-        """
-        series, path = self.series(), Path(path)
-        if series is None:
-            raise StictionError(f"{self.data} have no time: expected joint logs or servo logs")
-        check_rrd(path, force=force)
-        words = [self.summary, page.cause_table(self.causes), *(c.evidence for c in self.causes)]
-        write_bytes_atomic(path, rrd_bytes(series, "\n\n".join(words)))
-        return path
-
     def write(self, folder: Path, *, progress: Callable[[str, float], None] | None = None) -> None:
         """Write ``diagnosis.json``, model, report with pictures, and ``series.csv`` of logs."""
         say = progress or (lambda *_: None)
@@ -179,7 +162,9 @@ class DiagnosisResult(Result):
             errors=e,
             picture=draw_errors(e, plots) if (e.nominal > 0).any() else "",
             pictures={c.name: self.drawn(c, plots) for c in self.causes},
-            joints=[draw_joint(series, j, plots) for j in range(series.arm.n)] if series else [],
+            joints=[draw_joint(series, j, plots) for j in range(series.q.shape[1])]
+            if series
+            else [],
             lacking={"model.xml": extension.missing, "model.toml": extension.friction_missing},
             provenance=table_text(["", ""], made),
             **self.details(),

@@ -234,7 +234,7 @@ class ServoResult(DiagnosisResult):
 
     def series(self) -> Series:
         """See `DiagnosisResult.series`."""
-        return servo_series(self.diagnosis, self.arm)
+        return servo_series(self.diagnosis)
 
     def tells_apart(self, cause: NamedCause, other: str) -> str:
         """See `DiagnosisResult.tells_apart`."""

@@ -119,7 +119,7 @@ def test_the_window_runs_keys_in_real_time_or_as_fast_as_it_can(view, monkeypatc
 def test_a_display_that_is_not_there_is_one_line(view, monkeypatch):
     monkeypatch.setenv("DISPLAY", ":99")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    with pytest.raises(StictionError, match="view: the display cannot be opened: `stiction sje"):
+    with pytest.raises(StictionError, match="view: the display cannot be opened: render_mode="):
         PushWindow(view)
 
 

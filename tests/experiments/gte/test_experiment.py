@@ -185,33 +185,3 @@ def test_bad_cases(tmp_path):
         bench(controller_model=other)
     with pytest.raises(StictionError, match=r"window is 0.0: expected .* > 0"):
         load_gte_protocol().replace(window=0.0)
-
-
-def test_steering_that_sets_a_constant_dither_is_that_dither():
-    """The bits do not depend on the interval of steering; each arm has its case."""
-    b = bench()
-    still = [Case(trajectory=name, stiffness=STIFF) for name in ("there", "corner")]
-    asked = b.run([dataclasses.replace(c, dither=DITHER) for c in still], iterations=2)
-    seen: list[tuple[list[str], list[float]]] = []
-
-    def steering(rig, cases):
-        times: list[float] = []
-        seen.append(([c.trajectory for c in cases], times))
-        amplitude, frequency = (np.zeros((rig.nsim, 7)) for _ in range(2))
-        for row in DITHER:
-            amplitude[:, row.joint - 1] = row.amplitude_nm
-            frequency[:, row.joint - 1] = row.frequency_hz
-
-        def steer() -> None:
-            times.append(1e-3 * rig.step[0])
-            rig.retune(amplitude, frequency)
-
-        return steer
-
-    for interval in (None, 0.25):
-        runs = b.run(still, iterations=2, steering=steering, interval=interval)
-        for a, c in zip(asked, runs, strict=True):
-            assert_same(a, c)
-    for (names, times), interval in zip(seen, (0.1, 0.25), strict=True):
-        assert names == ["there", "there", "corner", "corner"]
-        assert times == pytest.approx(interval * np.arange(len(times)))

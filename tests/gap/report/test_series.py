@@ -1,25 +1,18 @@
-"""Series for viewers: those of the diagnosis, on one clock, as CSV and as Rerun reads them."""
+"""Series of a diagnosis, on one clock, as CSV and as pictures."""
 
 from __future__ import annotations
 
-import re
-import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
-from rerun.chunk import RrdReader
 
-from stiction_envs.errors import StictionError
 from stiction_envs.gap.report import series
 from stiction_envs.gap.report.figures import draw_joint
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
-from stiction_envs.gap.report.series import PAUSE, Series, common_time, skeleton
+from stiction_envs.gap.report.series import PAUSE, Series, common_time
 from stiction_envs.measured.logs.reader import JointLog, read_logs
-from tests.gap.servo.small_arm import two_links
 
 
 def _columns(path: Path) -> dict[str, np.ndarray]:
@@ -101,93 +94,3 @@ def test_the_residual_leaves_out_contact_and_the_caption_says_so(
     assert drawn(s, 1, tmp_path) != drawn(free, 1, tmp_path)
     assert "without contact" in draw_joint(s, 1, tmp_path)
     assert "contact" not in draw_joint(free, 1, tmp_path)
-
-
-Array = NDArray[np.float64]
-
-
-def recording(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the columns of each entity of a file as arrays, static ones as their first value."""
-    out: dict[str, dict[str, Any]] = {}
-    for chunk in RrdReader(path).stream():
-        batch, of = chunk.to_record_batch(), out.setdefault(chunk.entity_path, {})
-        for name in batch.schema.names[1:]:
-            column = batch.column(name)
-            if chunk.is_static:
-                of[name] = column[0].as_py()
-            elif name == "time":
-                of[name] = np.append(of.get(name, ()), 1e-9 * column.cast("int64").to_numpy())
-            else:
-                of.setdefault(name, []).extend(column.to_pylist())
-    return out
-
-
-def lines(entity: dict[str, Any]) -> dict[str, Array]:
-    """Return (T,) values of the lines of an entity by name."""
-    values = np.array(entity["Scalars:scalars"]).T
-    return dict(zip(entity["SeriesLines:names"], values, strict=True))
-
-
-def test_torques_residuals_and_causes_are_those_of_the_series(
-    tmp_path: Path, torques: LogDiagnosis
-) -> None:
-    s, read = torques.series(), recording(torques.write_rrd(tmp_path / "x.rrd"))
-    np.testing.assert_allclose(read["/torque/joint_1"]["time"], s.time, atol=1e-9)
-    models = {"nominal": s.nominal, "simulated": s.simulated}
-    left = {name: s.measured - x for name, x in models.items()}
-    groups = {"torque": {"measured": s.measured} | models, "residual": left, "cause": s.causes}
-    for group, drawn in groups.items():
-        for j in range(2):
-            found = lines(read[f"/{group}/joint_{j + 1}"])
-            assert list(found) == list(drawn)
-            for name, values in drawn.items():
-                np.testing.assert_array_equal(found[name], values[:, j])
-    (text,) = read["/diagnosis"]["TextDocument:text"]
-    assert torques.causes[0].evidence in text
-    assert "one arm is drawn" in text
-    assert "/arm/simulated" not in read
-
-
-def test_angles_contact_and_both_arms_are_those_of_the_series(
-    tmp_path: Path, angles: ServoResult
-) -> None:
-    s, read = angles.series(), recording(angles.write_rrd(tmp_path / "x.rrd"))
-    for j in range(2):
-        found = lines(read[f"/angle/joint_{j + 1}"])
-        for name, values in (("measured", s.q), ("simulated", s.simulated), ("commanded", s.q_cmd)):
-            np.testing.assert_array_equal(found[name], values[:, j])
-    np.testing.assert_array_equal(lines(read["/contact"])["contact"], s.contact)
-    assert s.contact.any()
-    for name, q in (("measured", s.q), ("simulated", s.simulated)):
-        strips = np.array(read[f"/arm/{name}"]["LineStrips3D:strips"])[:, 0]
-        np.testing.assert_allclose(strips, skeleton(angles.arm, q), atol=1e-6)
-        assert np.ptp(strips[:, -1], axis=0).max() > 0.01  # the flange moves
-
-
-def test_what_cannot_be_written_is_refused(
-    tmp_path: Path, torques: LogDiagnosis, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    there = tmp_path / "there.rrd"
-    there.write_text("old")
-    for path, says in (
-        (tmp_path / "x.csv", "ends in '.csv': expected a path to a .rrd"),
-        (tmp_path / "none" / "x.rrd", "none: expected an existing folder"),
-        (there, "there.rrd: exists: choose another name, or force"),
-    ):
-        with pytest.raises(StictionError, match=re.escape(says)):
-            torques.write_rrd(path)
-    assert there.read_text() == "old"
-    torques.write_rrd(there, force=True)
-    assert there.read_bytes()[:4] == b"RRF2"
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(StictionError, match=re.escape("pip install 'stiction-envs[rerun]'")):
-        torques.write_rrd(tmp_path / "x.rrd")
-    assert list(tmp_path.iterdir()) == [there]
-
-
-def test_an_arm_is_drawn_where_it_is(tmp_path: Path) -> None:
-    """Two links that lie flat, then the second hanging down."""
-    drawn = skeleton(two_links(tmp_path), np.array([[0.0, 0.0], [0.0, np.pi / 2]]))
-    np.testing.assert_allclose(drawn[:, 1:3], 2 * [[[0.0, 0.0, 1.0], [0.3, 0.0, 1.0]]], atol=1e-9)
-    flange = drawn[:, -1] - drawn[:, 2]
-    np.testing.assert_allclose(flange[1], flange[0][[2, 1, 0]] * [1, 1, -1], atol=1e-9)
