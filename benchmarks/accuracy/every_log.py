@@ -5,7 +5,8 @@
 A model is made from some logs and tried on others, of another motion where there is one. Dense
 least squares has the base parameters of all links, Coulomb and viscous friction, an offset and a
 rotor inertia per joint, weighted by each joint's residual (M. Gautier, "Numerical calculation of
-the base inertial parameters of robots", 1991). Both get the same filtered signals.
+the base inertial parameters of robots", 1991). Both get the same filtered signals. Logs of
+commanded and measured positions have our error alone.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from benchmarks.accuracy.peers import cut
 from benchmarks.harness import LOGS, MEASURED, Benchmark, Row
 from stiction_envs import diagnose
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.report.results import LogDiagnosis
+from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs
@@ -81,8 +82,8 @@ def left(data: Data, c: Array, shared: Array, own: Array) -> Array:
 def parts(one: Row, folder: Path, arm: Arm) -> tuple[Sequence[Log], Sequence[Log]]:
     """Return the logs to diagnose and to check with, cut from one where there is no other."""
     paths = [folder / x for x in one["logs"]]
-    if "check" in one:
-        return paths, [folder / x for x in one["check"]]
+    if "cut" not in one:
+        return paths, [folder / x for x in one.get("check", ())]
     naming = Naming(robot=arm.joint_names)
     logs = read_logs(paths, arm.n, limits=arm.limits, naming=naming)
     cuts = [int(float(one["cut"]) * len(log.t)) for log in logs]
@@ -104,57 +105,67 @@ def robot_of(name: str, folder: Path) -> str | Path:
 def measure(one: Row) -> Row:
     """Return what both models leave, and what `diagnose` says."""
     folder = Path(one["folder"])
-    arm = load_arm(robot_of(one["robot"], folder))
+    arm = load_arm(robot_of(one["robot"], folder), chain=one.get("chain"))
     try:
         logs, check = parts(one, folder, arm)
         poses = [folder / x for x in one.get("poses", ())]
-        side = one.get("torque", "motor")
-        found = diagnose(logs, arm, torque=side, poses=poses, check=check)
+        options = {k: one[k] for k in ("torque", "same_servo") if k in one}
+        found = diagnose(logs, arm, poses=poses, check=check, **options)
     except StictionError as error:
         return {"refused": str(error)}
-    assert isinstance(found, LogDiagnosis)
-    assert found.check is not None
-    names = [f"{c.name} ({', '.join(map(str, c.joints))})" for c in found.causes]
-    return {
-        "verdict": found.verdict,
-        "check": found.check.verdict,
-        "names": names,
-        "nominal": found.check.nominal_rms.tolist(),
-        "ours": found.check.extended_rms.tolist(),
-        "dense": dense(found.diagnosis.base, found.check.data).tolist(),
-        "cutoff_hz": found.diagnosis.data.cutoff,
+    assert isinstance(found, LogDiagnosis | ServoResult)
+    held, logged = found.errors, found.diagnosis.logs
+    nominal, ours = (held.nominal, held.extended) if held.check is None else held.check
+    read = [found.check.verdict] if isinstance(found, LogDiagnosis) and found.check else []
+    out = {
+        "verdict": ", ".join([found.verdict, *read]),
+        "names": [f"{c.name} ({', '.join(map(str, c.joints))})" for c in found.causes],
+        "nominal": nominal.tolist(),
+        "ours": ours.tolist(),
+        "unit": held.unit,
+        "read": sorted({c.text.split(":")[0] for log in logged for c in log.corrections if c.rows}),
     }
+    if isinstance(found, LogDiagnosis):
+        assert found.check is not None
+        out["read"] += [x.split(":")[0] for x in found.diagnosis.findings]
+        out["dense"] = dense(found.diagnosis.base, found.check.data).tolist()
+    return out
 
 
 def page(listed: list[Row], rows: dict[str, Row]) -> dict[str, str]:
     """Return the values of the page."""
-    out, behind, counted = [], [], 0
+    out, read, behind, counted = [], [], [], 0
     for one in listed:
-        row = rows[one["name"]]
+        row, name = rows[one["name"]], one["name"]
         if "refused" in row:
-            out.append([one["name"], one["licence"], f"refused: {row['refused']}", "", "", "", ""])
+            out.append([name, one["licence"], f"refused: {row['refused']}", "", "", "", ""])
             continue
-        ours, theirs = float(np.mean(row["ours"])), float(np.mean(row["dense"]))
-        counted += 1
-        if ours > AIM * theirs:
-            behind.append(one["name"])
+        read.append([name, "; ".join(row["read"]) or "as it is"])
+        nominal, ours = (float(np.mean(row[k])) for k in ("nominal", "ours"))
+        texts = [f"{ours:.3g}", "–"]
+        if "dense" in row:
+            theirs = float(np.mean(row["dense"]))
+            counted += 1
+            behind += [name] if ours > AIM * theirs else []
+            texts = [f"{x:.3g}" for x in (ours, theirs)]
+            best = int(theirs < ours)
+            texts[best] = f"**{texts[best]}**"
         held = "its last third" if "cut" in one else "another motion"
-        nominal = float(np.mean(row["nominal"]))
         out.append(
             [
-                one["name"],
+                name,
                 one["licence"],
-                f"{row['verdict']}, {row['check']}",
-                held,
-                f"{nominal:.3g}",
-                f"**{ours:.3g}**" if ours <= theirs else f"{ours:.3g}",
-                f"**{theirs:.3g}**" if theirs < ours else f"{theirs:.3g}",
+                row["verdict"],
+                held if "check" in one or "cut" in one else "held-out blocks",
+                f"{nominal:.3g} {row['unit']}",
+                *texts,
                 "; ".join(row["names"]) or "nothing",
             ]
         )
     head = ["log", "licence", "verdict, check", "checked on", "nominal", "ours", "dense", "named"]
     return {
         "table": table_text(head, out),
+        "read": table_text(["log", "what was corrected, or found in its channels"], read),
         "near": f"{counted - len(behind)} of {counted}",
         "behind": f": not on {', '.join(behind)}" if behind else "",
     }
