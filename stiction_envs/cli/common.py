@@ -263,14 +263,20 @@ def read_arm(args: argparse.Namespace) -> Arm:
 def note_robot(args: argparse.Namespace) -> None:
     """Say on standard error how a user's robot file was read; its errors are the command's."""
     from stiction_envs.robots import ARMS, load_arm
+    from stiction_envs.robots.stated import ROTORS, SPRINGS
 
     robot = getattr(args, "robot", None)
     if robot is None or str(robot) in ARMS:
         return
-    other = getattr(args, "friction", None) or getattr(args, "nominal", None)
+    nominal = getattr(args, "nominal", None)
+    used: bool | tuple[str, ...] = nominal in (None, "file")
+    if args.command in ("check", "identify"):  # no nominal friction
+        used = (ROTORS, SPRINGS)
+    elif getattr(args, "friction", None) is not None:  # rotors are in it, too
+        used = (SPRINGS,)
     with suppress(StictionError):
         arm = load_arm(robot, chain=getattr(args, "chain", None))
-        for note in arm.notes(used=other in (None, "file")):
+        for note in arm.notes(used):
             print(f"note: {note}", file=sys.stderr)
 
 

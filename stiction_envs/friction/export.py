@@ -107,6 +107,7 @@ def plain_mjcf(
         presliding=f"{float((bias[:, STICTION] / bristle).max()):.2g}",
         stribeck=f"{float((bias[:, STICTION] / bias[:, COULOMB]).max() - 1):.0%}",
         offsets=bool(own.offset.any() or own.gravity_error.any()),
+        springs=bool(arm.stated.stiffness.any()),
     )
     paragraphs = words.replace("--", "- -").strip().split("\n\n")
     wrap = textwrap.TextWrapper(

@@ -218,7 +218,7 @@ def excite(
         slow, after = _sweeps(problem, series.state(np.zeros(1))[0][0])
         q, dq, ddq = (np.vstack(pair) for pair in zip(fine, after, strict=True))
         check = q, dq, ddq
-    notes = list(problem.clearance.notes)
+    notes = [*arm.notes(), *problem.clearance.notes]
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:

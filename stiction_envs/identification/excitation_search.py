@@ -20,6 +20,7 @@ from scipy.special import logsumexp, softmax
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
+from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
@@ -67,6 +68,8 @@ class Problem:
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
+        carries = bool(arm.stated.gravcomp)
+        self.carried = arm.pinocchio(compensated=True) if carries else None
         n, b = arm.n, self.bounds
         q = rng.uniform(b.low, b.high, (STATES, n))
         dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
@@ -106,8 +109,16 @@ class Problem:
         return _condition(self._whole(*state)[:, :, self.base.kept])
 
     def torque(self, state: State) -> Array:
-        """Return (T, n) torque of the rigid arm [N·m]."""
-        return np.asarray(torque_regressor(self.model, *state) @ self.phi)
+        """Return (T, n) torque of the arm with the joint physics that its file states [N·m]."""
+        links = torque_regressor(self.model, *state) @ self.phi
+        return np.asarray(links + self._stated(*state))
+
+    def _stated(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """Return (T, n) torque of rotors, friction, springs and gravity compensation [N·m]."""
+        s = self.arm.stated
+        out = s.armature * ddq + s.damping * dq + s.stiction * np.tanh(dq / SIGN_SPEED)
+        out += s.stiffness * (q - s.springref)
+        return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:
         """Return the series of a point (n (2 N − 1),): offsets, then free coefficients."""
@@ -213,10 +224,11 @@ class Problem:
         w = whole[:, :, self.base.kept] * scale
         flat = w.reshape(-1, self.base.size)
         value, inner = smooth_condition(flat, POWER)
-        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ
+        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ + stated
         outer = np.zeros_like(whole)
         outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
-        torque = whole[:, :, : 10 * n] @ self.phi
+        stated = self._stated(*state)
+        torque = whole[:, :, : 10 * n] @ self.phi + stated
         limit = TIGHT * self.bounds.torque
         over = np.maximum(np.abs(torque) / limit - 1, 0.0)
         value += weight * float(np.sum(over**2)) / SAMPLES
@@ -230,6 +242,8 @@ class Problem:
                 moved[kind][:, j] += DIFFERENCE
                 change = (self._whole(*moved) - whole) / DIFFERENCE
                 along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
+                change = (self._stated(*moved) - stated) / DIFFERENCE
+                along[kind][:, j] += np.einsum("tj,tj->t", slope, change)
         more, pushes = self._penalties(state, weight)
         value += more
         gq, gv, ga = (g + push for g, push in zip(along, pushes, strict=True))
