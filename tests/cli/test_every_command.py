@@ -125,7 +125,7 @@ def test_one_line_says_what_is_taken_from_the_robots_file(cli, inputs, line):
     (inputs / "own.xml").write_text(STATED, "utf-8")
     values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05, "viscous": 0.4}
     values |= {"bristle_stiffness": 600.0, "rotor_inertia": 0.2}
-    text = "".join(f"[{name}]\nvalue = {x}\n" for name, x in values.items())
+    text = "".join(f"[{name}]\nvalue = {x}\nassumed = true\n" for name, x in values.items())
     (inputs / "dry.toml").write_text(text, "utf-8")
     write_csv(inputs / "log.csv", hidden(load_arm(inputs / "own.xml")))
     said = [x for x in cli(*line.split()).err.splitlines() if x.startswith("note: ")]

@@ -17,7 +17,7 @@ from stiction_envs.friction.from_file import (
     own_friction,
     shipped_friction,
 )
-from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
+from stiction_envs.friction.parameters import GENERIC, QUANTITIES, friction_sources, load_friction
 from stiction_envs.friction.sticking import friction_of, sticking_model
 from stiction_envs.robots import Arm, load_arm
 
@@ -47,6 +47,14 @@ def test_stated_friction_and_rotors_replace_generic_ones(tmp_path: Path):
     np.testing.assert_array_equal(own.viscous, 0.7)
     np.testing.assert_array_equal(own.rotor_inertia, 0.05)
     assert not own.ripple_amplitude.any()
+
+
+def test_sources_tell_the_file_from_what_is_assumed(tmp_path: Path):
+    own = own_friction(arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3"'))
+    sources, _ = friction_sources(own)
+    file = {k for k, x in sources.items() if x.startswith("the robot's file")}
+    assert {"stiction", "viscous", "rotor_inertia"} <= file
+    assert sources["warm_up_viscous"].startswith("assumed")
 
 
 def test_without_stated_dry_friction_it_stays_assumed(tmp_path: Path):
