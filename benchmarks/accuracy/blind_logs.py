@@ -45,7 +45,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.hidden_logs import Case, Hidden, make_case
+from stiction_envs.hidden.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import table_text
@@ -90,7 +90,7 @@ class Job:
         off = f", links {self.scatter:g} off" if self.scatter else ""
         return f"{self.seed} {' '.join(self.causes)}{off}"
 
-    def case(self) -> Case:
+    def case(self) -> HiddenLogs:
         """Simulate it."""
         rng = np.random.default_rng([self.seed, 77])
         make = partial(make_case, self.seed, scatter=self.scatter)
@@ -198,7 +198,7 @@ def inside(found: Diagnosis, hidden: Hidden) -> dict[str, bool]:
     return out
 
 
-def second(case: Case, found: Diagnosis) -> Row:
+def second(case: HiddenLogs, found: Diagnosis) -> Row:
     """Return (7,) errors on the second motion [N·m]: of the extended model, and of the truth."""
     friction = None if isinstance(case.nominal, str) else case.nominal
 

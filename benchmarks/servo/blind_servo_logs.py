@@ -4,8 +4,8 @@
 
 Arms of `example_robot_data` and ours, each with its links 5 % off, angles in steps of 1.5 mrad,
 late stamps and a clock that jitters, hide none to three causes on drawn joints
-(`hidden.servo_logs`). `diagnose` knows the servos' stiffness and damping as they should be. Which
-causes does it name, and on the right joints?
+(`hidden.hidden_servo_logs`). `diagnose` knows the servos' stiffness and damping as they should be.
+Which causes does it name, and on the right joints?
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.hidden.servo_logs import CAUSES, hide
+from stiction_envs.hidden.hidden_servo_logs import CAUSES, hide
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.robots import load_arm
 

@@ -314,7 +314,7 @@ def output_folder(
 
 def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> Provenance:
     """Return the provenance of a command line's result."""
-    from stiction_envs.measured.logs.files import is_log
+    from stiction_envs.measured.logs.log_files import is_log
     from stiction_envs.reporting.provenance import provenance
 
     recorded = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}

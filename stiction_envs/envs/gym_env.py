@@ -21,7 +21,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stiction_envs.envs.batches import Batches
-from stiction_envs.envs.page import whole_page
+from stiction_envs.envs.page_parts import whole_page
 from stiction_envs.envs.render.env_frames import RENDER_MODES, Frame, Renderer, check_render_mode
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.experiments.episodes import Episodes, Index, Options, Outcome

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.reporting.toml import toml_text
+from stiction_envs.robots.arm_toml import Table, check_range, read_toml
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import Table, check_range, read_toml
 
 CONTROL_DT = 1e-3  # Control step, and longest physics step [s]
 GENERIC = Path(__file__).with_name("generic.toml")

@@ -1,8 +1,8 @@
 """Simulated joint logs of a Panda with hidden causes, written as a robot writes them.
 
 This file shares no code with the diagnosis. ``mj_step`` simulates the arm, the reference law its
-friction, and every cause acts where it belongs. The nominal model (`Case.nominal`) has the known
-dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
+friction, and every cause acts where it belongs. The nominal model (`HiddenLogs.nominal`) has the
+known dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class HiddenLogs:
     """Logs and arm that a blind test sees, and the truth."""
 
     logs: list[JointLog]
@@ -81,7 +81,7 @@ def make_case(
     size: float | None = None,
     second: float = 0.0,
     scatter: float = 0.0,
-) -> Case:
+) -> HiddenLogs:
     """Hide some causes of random size, joint and sign in a log.
 
     Args:
@@ -160,7 +160,7 @@ def make_case(
         }
         entries = {k: {"value": v, "assumed": True} for k, v in levels.items()}
         nominal = from_table(entries, "known to the robot's makers", 7)
-    return Case(
+    return HiddenLogs(
         logs=[log],
         robot=load_arm("panda", payload=payload),
         nominal=nominal,

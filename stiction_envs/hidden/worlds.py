@@ -25,7 +25,7 @@ ONE: Any = 1.0
 
 
 @dataclass(kw_only=True)
-class _Joints:
+class _JointProperties:
     """Properties of the joints, (n, ...); one value stands for all joints."""
 
     middle: Array = field(default_factory=CENTRE.copy)
@@ -61,7 +61,7 @@ class _Joints:
 
 
 @dataclass(kw_only=True)
-class World(_Joints):
+class World(_JointProperties):
     """An arm before it is simulated."""
 
     rigid: Arm = field(default_factory=lambda: load_arm("panda"))
@@ -84,7 +84,7 @@ class World(_Joints):
     """Share of the makers' gravity torque that the logged torques lack [-]."""
 
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(_Joints)):
+        for name in (f.name for f in fields(_JointProperties)):
             value = np.atleast_1d(np.asarray(getattr(self, name), np.float64))
             if len(value) != self.rigid.n:
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))

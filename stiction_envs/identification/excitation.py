@@ -28,7 +28,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
 from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
-from stiction_envs.identification.excitation_search import FINE, Problem, search
+from stiction_envs.identification.excitation_search import FINE, ExcitationProblem, search
 from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -190,7 +190,7 @@ def excite(
     _check_rate(rate)
     s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
-    problem = Problem(arm, s, rng)
+    problem = ExcitationProblem(arm, s, rng)
     points, conditions = [], []
     for k in range(max(s.randoms, s.starts)):
         points.append(problem.random(rng))
@@ -252,7 +252,7 @@ def _check_rate(hz: float) -> None:
         raise StictionError(f"rate {hz} Hz: expected a number above 0")
 
 
-def _sweeps(problem: Problem, start: Array) -> tuple[Sweeps, State]:
+def _sweeps(problem: ExcitationProblem, start: Array) -> tuple[Sweeps, State]:
     """Return sweeps inside all limits, and their states; first directions turn and spans shrink."""
     rng, b = np.random.default_rng(0), problem.bounds
     for trial in range(SWEEP_TRIES):

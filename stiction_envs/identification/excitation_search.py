@@ -21,7 +21,7 @@ from scipy.special import logsumexp, softmax
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.signals.rigid_body import gravity_torque
-from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
+from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
     State,
@@ -58,13 +58,13 @@ squares."""
 FINE = 400  # per period in the check of the result; assumed
 
 
-class Problem:
+class ExcitationProblem:
     """One arm's regressor and limits."""
 
     def __init__(self, arm: Arm, settings: ExcitationSettings, rng: np.random.Generator) -> None:
         """Find base parameters and scales from random states."""
         self.arm, self.settings = arm, settings
-        self.bounds: Bounds = bounds_of(arm, settings)
+        self.bounds: MotionBounds = bounds_of(arm, settings)
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
@@ -282,7 +282,7 @@ def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
 
 
 def search(
-    problem: Problem, x: Array, progress: Callable[[], None] = lambda: None
+    problem: ExcitationProblem, x: Array, progress: Callable[[], None] = lambda: None
 ) -> tuple[Array, float] | None:
     """Return the best point found inside all limits from ``x``, and its condition number."""
     best: tuple[Array, float] | None = None

@@ -28,7 +28,7 @@ from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import noise_floor, presliding_distances
 from stiction_envs.gap.signals.rigid_body import passive_torque
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import (
     BaseSet,

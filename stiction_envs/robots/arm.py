@@ -19,11 +19,7 @@ from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
-from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
-from stiction_envs.robots.stated import StatedJoints, nothing_stated, write_stated
-from stiction_envs.robots.tables import (
+from stiction_envs.robots.arm_toml import (
     Limits,
     Table,
     hand_yaw,
@@ -32,6 +28,10 @@ from stiction_envs.robots.tables import (
     payload_radius,
     per_joint,
 )
+from stiction_envs.robots.chain import Chain
+from stiction_envs.robots.overlapping_links import excluded_pairs
+from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
+from stiction_envs.robots.stated import StatedJoints, nothing_stated, write_stated
 from stiction_envs.robots.user_arm import read_user_arm
 
 if TYPE_CHECKING:

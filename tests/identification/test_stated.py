@@ -15,7 +15,7 @@ import pytest
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.identification.excitation import Excitation, excite
-from stiction_envs.identification.excitation_search import Problem
+from stiction_envs.identification.excitation_search import ExcitationProblem
 from stiction_envs.identification.identify import TAKEN, Identification, identify
 from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.measured.logs.reader import JointLog
@@ -162,7 +162,9 @@ SAID = {"stiction": "dry friction", "damping": "damping"}
 @pytest.mark.parametrize("name", [x for x in NUMBERS if x not in MOST])
 def test_excite_uses_every_stated_number(name: str, true: Path, motion: Excitation):
     arm, some = load_arm(true), motion.state(np.arange(0, 10, 0.5))
-    one, two = (Problem(x, QUICK, np.random.default_rng(0)) for x in (arm, changed(arm, name)))
+    one, two = (
+        ExcitationProblem(x, QUICK, np.random.default_rng(0)) for x in (arm, changed(arm, name))
+    )
     assert np.abs(one.torque(some) - two.torque(some)).max() > 1e-3
 
 

@@ -30,7 +30,7 @@ SCENE_WIDTH, HEIGHT, PANEL_WIDTH = 460, 450, 340
 WIDTH = SCENE_WIDTH + PANEL_WIDTH
 
 
-class State(Protocol):
+class Moment(Protocol):
     """A moment of a run."""
 
     @property
@@ -38,7 +38,7 @@ class State(Protocol):
         """(n,) joint angles [rad]."""
 
 
-Shown = TypeVar("Shown", bound=State)
+Shown = TypeVar("Shown", bound=Moment)
 
 
 def check_render_mode(mode: str | None, *, batch: bool = False) -> None:

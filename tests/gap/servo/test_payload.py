@@ -12,7 +12,7 @@ from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.payload import gravity_of_tip, proposed
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
-from stiction_envs.hidden.servo_logs import hide
+from stiction_envs.hidden.hidden_servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.gap.servo.small_arm import two_links
 
