@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction_envs.hidden.hidden_servo_logs import ENCODER, HiddenServoLog, hide
+from benchmarks.hidden_servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
 from stiction_envs.hidden.rehearsal.servo import HiddenServos
