@@ -68,7 +68,7 @@ HOLDS = 1.3
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
 MADE_BY = (
-    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_logs.py", "benchmarks/imperfect_arms.py"),
+    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_*.py", "benchmarks/imperfect_arms.py"),
     "benchmarks/accuracy/blind_logs.py",
 )
 """Code that decides a case."""

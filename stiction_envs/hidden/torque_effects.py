@@ -15,8 +15,7 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.hidden.hidden_motions import REACH
-from stiction_envs.hidden.worlds import World
+from stiction_envs.hidden.worlds import REACH, World
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 

@@ -10,9 +10,13 @@ import mujoco
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.hidden.hidden_motions import CENTRE
 from stiction_envs.robots import Arm, load_arm
 
+CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
+"""Middle of the motions of joints 1 to 7 [rad]; assumed."""
+REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
+"""How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
+the motion."""
 STEP = 1e-3  # step of the simulation [s]; assumed
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
