@@ -47,7 +47,7 @@ DISABLING = tuple(
 """Flags of MuJoCo's option that switch off what this file reads."""
 NO_PHYSICS = ("name", "info", "id", "signature", "group", "userdata", "frame", "parent", "plugin")
 """Attributes that change no motion; a plugin's own elements do not compile without it."""
-ROTORS, FRICTION, SPRINGS = "rotors", "friction", "springs"
+ROTORS, DRY, DAMPING, SPRINGS = "rotors", "dry friction", "damping", "springs"
 """What a file may state of joints; gravity compensation counts as springs."""
 URDF_TAGS = ("transmission", "ros2_control", "gazebo", "safety_controller", "calibration")
 """Elements of a URDF that MuJoCo does not read."""
@@ -104,13 +104,13 @@ class StatedJoints:
         ``used`` are the kinds that are taken; True for all, False for rotors alone.
         """
         if isinstance(used, bool):
-            used = (ROTORS, FRICTION, SPRINGS) if used else (ROTORS,)
+            used = (ROTORS, DRY, DAMPING, SPRINGS) if used else (ROTORS,)
         found = [
             (kind, f"{name} {_each(x)} {unit}")
             for kind, name, x, unit in (
                 (ROTORS, "rotor inertia", self.armature, "kg·m²"),
-                (FRICTION, "dry friction", self.stiction, "N·m"),
-                (FRICTION, "damping", self.damping, "N·m·s/rad"),
+                (DRY, "dry friction", self.stiction, "N·m"),
+                (DAMPING, "damping", self.damping, "N·m·s/rad"),
                 (SPRINGS, "springs", self.stiffness, "N·m/rad"),
             )
             if x.any()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
@@ -159,7 +159,7 @@ def state_of(
         joints=tuple(joints),
         missing=tuple(cell for cell in cells if not base.measured(cell)),
         settings=settings,
-        note=friction_note(experiment.sticking.arm, experiment.sticking.parameters),
+        note=simulated_note(experiment.sticking.arm, experiment.sticking.parameters),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction_envs.control.compensation_files import compensation_rows
 from stiction_envs.experiments.sje.protocol import configurations
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.json_text import JsonRecord
@@ -64,7 +64,7 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         folder,
         TEMPLATE,
         f"{what} for {summary['robot']}, searched",
-        note=friction_note(found.sje.sticking.arm, found.sje.sticking.parameters),
+        note=simulated_note(found.sje.sticking.arm, found.sje.sticking.parameters),
         summary=summary,
         objective=objective,
         final=_final(found, final) if final else "",
