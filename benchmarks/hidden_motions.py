@@ -14,13 +14,13 @@ Motion = Callable[[np.random.Generator, Array], Array]
 
 
 def fade(t: Array) -> Array:
-    """Rise from 0 to 1 in the first second."""
+    """Return a factor that rises from 0 to 1 in the first second."""
     x = np.clip(t, 0, 1)
     return np.asarray(x**3 * (10 - 15 * x + 6 * x * x))
 
 
 def rest_to_rest(t: Array, at: Array, poses: Array, seconds: float) -> Array:
-    """Fifth-order polynomials: to ``poses[i + 1]`` from time ``at[i]``."""
+    """Return fifth-order polynomials: to ``poses[i + 1]`` from time ``at[i]``."""
     out = np.tile(poses[0], (len(t), 1))
     for i, start in enumerate(at):
         x = np.clip((t - start) / seconds, 0, 1)[:, None]
@@ -45,17 +45,17 @@ def _series(rng: np.random.Generator, t: Array, harmonics: int, speed: float) ->
 
 
 def fourier(rng: np.random.Generator, t: Array) -> Array:
-    """Fourier series of all joints, up to about 0.5 Hz."""
+    """Return Fourier series of all joints, up to about 0.5 Hz."""
     return np.asarray(centre(rng) + fade(t)[:, None] * _series(rng, t, 6, 1.2))
 
 
 def fast(rng: np.random.Generator, t: Array) -> Array:
-    """Fourier series up to about 1.5 Hz."""
+    """Return Fourier series up to about 1.5 Hz."""
     return np.asarray(centre(rng) + fade(t)[:, None] * _series(rng, t, 18, 1.5))
 
 
 def chirp(rng: np.random.Generator, t: Array) -> Array:
-    """Up and down through 0.4 to 4 Hz, the joints at different times, on a slow series."""
+    """Return chirps of 0.4 to 4 Hz, the joints at different times, on a slow series."""
     x = centre(rng) + fade(t)[:, None] * _series(rng, t, 3, 0.5)
     for j in range(7):
         period = rng.uniform(6, 9)
@@ -67,7 +67,7 @@ def chirp(rng: np.random.Generator, t: Array) -> Array:
 
 
 def reversals(rng: np.random.Generator, t: Array) -> Array:
-    """Slow, small reversals of all joints, 2 to 80 mrad, about changing poses."""
+    """Return slow reversals of all joints, 2 to 80 mrad, about changing poses."""
     count = int(t[-1] // 6)
     poses = CENTRE + rng.uniform(-0.8, 0.8, (count + 1, 7)) * REACH
     at = 6.0 * np.arange(count) + 5.0
@@ -113,29 +113,29 @@ def _sweeps(rng: np.random.Generator, t: Array, settle: bool) -> Array:
 
 
 def sweeps(rng: np.random.Generator, t: Array) -> Array:
-    """Constant speeds of 15 mrad/s to 0.8 rad/s there and back, with short rests."""
+    """Return constant speeds of 15 mrad/s to 0.8 rad/s there and back, with short rests."""
     return _sweeps(rng, t, settle=False)
 
 
 def rests(rng: np.random.Generator, t: Array) -> Array:
-    """Sweeps whose rests begin with a dying wiggle of 4 mrad that lets friction go."""
+    """Return sweeps whose rests begin with a decaying wiggle of 4 mrad, which relaxes friction."""
     return _sweeps(rng, t, settle=True)
 
 
 def poses(rng: np.random.Generator, t: Array) -> Array:
-    """Poses all over the range, slow transits between them."""
+    """Return poses all over the range, and slow transits between them."""
     count = int(t[-1] // 2.4)
     where = CENTRE + rng.uniform(-1, 1, (count + 1, 7)) * REACH
     return rest_to_rest(t, np.asarray(2.4 * np.arange(count) + 0.8), where, 1.6)
 
 
 def still(rng: np.random.Generator, t: Array) -> Array:
-    """Nothing moves."""
+    """Return a motion without movement."""
     return np.tile(centre(rng), (len(t), 1))
 
 
 def one_way(rng: np.random.Generator, t: Array) -> Array:
-    """Every joint goes one way, at changing speeds, and never back."""
+    """Return a motion of every joint in one direction, at changing speeds."""
     side, v = rng.choice([-1.0, 1.0], 7), np.zeros((len(t), 7))
     for j in range(7):
         f = rng.uniform(0.08, 0.25, 3)

@@ -1,7 +1,7 @@
 """Arms whose links are all a little off, as cables and CAD tolerances leave them.
 
-That is no hidden cause: a diagnosis must tolerate such links. Also logs of excited arms whose links
-differ from the nominal; the torques of these logs are MuJoCo's.
+A diagnosis must tolerate such links; they are no hidden cause. Also logs of excited arms whose
+links differ from the nominal; the torques of these logs are MuJoCo's.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ OFFSET = 0.1 * COULOMB  # constant torque [N·m]; assumed
 
 
 def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
-    """Return (n, 10) parameters of links that all differ a little from those given.
+    """Return (n, 10) parameters of links that differ from ``phi`` by a ``scatter``.
 
-    Of each link the mass is multiplied by 1 + N(0, s), the centre moved by N(0, s · `CENTRE_M`)
+    Each link's mass is multiplied by 1 + N(0, s), its centre moved by N(0, s · `CENTRE_M`)
     along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
     (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
@@ -55,7 +55,7 @@ def with_scattered_links(arm: Arm, scatter: float, rng: np.random.Generator) -> 
 
 
 def perturbed(arm: Arm, size: float, seed: int) -> Arm:
-    """The arm with other, physically consistent links: J → A J Aᵀ with A near the identity."""
+    """Return the arm with other physically consistent links: J → A J Aᵀ, A near identity."""
     phi = inertial_parameters(arm.pinocchio())
     j = pseudo_inertia(phi)
     root = np.linalg.cholesky(j)
@@ -65,7 +65,7 @@ def perturbed(arm: Arm, size: float, seed: int) -> Arm:
 
 
 def presliding(q: np.ndarray, distance: float) -> np.ndarray:
-    """Dry friction over its level that builds up over a ``distance`` [rad] after a reversal."""
+    """Return dry friction over its level; it builds up over a ``distance`` [rad] per reversal."""
     out = np.zeros_like(q)
     for k in range(1, len(q)):
         way = q[k] - q[k - 1]
@@ -83,7 +83,7 @@ def log(
     angle_noise: float = 1e-5,
     presliding_distance: float = 2e-4,
 ) -> JointLog:
-    """Log of a robot: friction on top, noise of torque [N·m] and angle [rad].
+    """Return the log of a robot: friction on top, noise of torque [N·m] and angle [rad].
 
     ``presliding_distance`` [rad] is that of our engine's friction, which the fit assumes.
     """
@@ -102,7 +102,7 @@ def log(
 
 
 def truth(true: Arm) -> np.ndarray:
-    """(10 n + 3 n,) parameters of links, Coulomb, viscous and offset."""
+    """Return (10 n + 3 n,) parameters of links, Coulomb, viscous and offset."""
     n = true.n
     links = inertial_parameters(true.pinocchio()).ravel()
     return np.concatenate([links, COULOMB[:n], VISCOUS[:n], OFFSET[:n]])
@@ -111,7 +111,7 @@ def truth(true: Arm) -> np.ndarray:
 def from_pose_to_pose(
     arm: Arm, reach: np.ndarray, seconds: float, rate: float, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rest-to-rest moves of 1.5 s to random poses within ``reach`` of the rest pose."""
+    """Return rest-to-rest moves of 1.5 s to random poses within ``reach`` of the rest pose."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * rate)) / rate
     q = np.tile(arm.rest, (len(t), 1))

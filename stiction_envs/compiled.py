@@ -28,10 +28,10 @@ def compiled(function: F) -> F:
 
 
 def inlined(function: F) -> F:
-    """As `compiled`, for a function that other compiled functions call in every control step.
+    """Compile a function that other compiled functions call in every control step.
 
-    It becomes part of its callers and counts no references, which would cost some 10 ns for every
-    array of its arguments. It must not make arrays: numba then refuses to compile it.
+    The function becomes part of its callers and counts no references, which saves some 10 ns for
+    each array argument. The function must not make arrays: numba then refuses to compile it.
     """
     return _compile(function, forceinline=True, _nrt=False)
 

@@ -36,7 +36,7 @@ def one_line(error: object) -> str:
 
 
 def unknown(what: str, value: object, expected: Iterable[object]) -> StictionError:
-    """Error for a ``value`` that is not among the ``expected`` names of ``what``."""
+    """Return the error for a ``value`` that is not an ``expected`` name of ``what``."""
     names = ", ".join(str(name) for name in expected)
     return StictionError(
         f"unknown {what} {value!r}: expected {'one of ' if names else 'none'}{names}"
@@ -44,7 +44,7 @@ def unknown(what: str, value: object, expected: Iterable[object]) -> StictionErr
 
 
 def missing_extra(what: str, package: str, extra: str) -> StictionError:
-    """Error for ``what`` needs a ``package`` that only an ``extra`` installs."""
+    """Return the error that ``what`` needs a ``package`` of an ``extra``."""
     return StictionError(f"{what} needs {package}: pip install 'stiction-envs[{extra}]'")
 
 

@@ -37,10 +37,10 @@ def chromium() -> Iterator[Any]:
 
 
 def wrong(browser: Any, page: Path, width: int) -> list[str]:
-    """Return what a person with a screen of this width [px] would find wrong with a page.
+    """Return the defects of a page on a screen of this width [px].
 
-    That is what it asks a network for, errors of its scripts, pictures that do not show, and a
-    page that has to be pushed sideways to be read.
+    Defects are network requests, script errors, pictures that do not show, and a page that is
+    wider than the screen.
     """
     found: list[str] = []
 

@@ -29,7 +29,7 @@ def python(
 
 @dataclass
 class Ran:
-    """What came of a command line."""
+    """Result of a command line."""
 
     code: int
     out: str

@@ -88,14 +88,14 @@ def room(name: str) -> int | None:
 
 
 def same_room(one: str, other: str) -> bool:
-    """Whether two modules are in one room, not only in one row."""
+    """Return whether two modules are in one room, not only in one row."""
     return any(
         all(x == r or x.startswith(f"{r}.") for x in (one, other)) for row in FLOW for r in row
     )
 
 
 def against_the_flow(name: str, target: str) -> bool:
-    """Whether an import runs up, or to a neighbour."""
+    """Return whether an import runs up, or to a neighbour."""
     if target == FACADE:
         return name != FACADE and not name.startswith(FACADE_FOR)
     here, there = room(name), room(target)

@@ -1,4 +1,4 @@
-"""What is wrong with a page is found."""
+"""The browser tests find defects of a page."""
 
 import pytest
 

@@ -195,7 +195,7 @@ def test_a_table_has_the_same_face(place, table, capsys):
 
 @pytest.fixture(scope="module")
 def results(place, diagnosed, base, table) -> dict[str, Result]:
-    """What each function hands back."""
+    """Return the result of each function."""
     own = place / "two.xml"
     return {
         "diagnose": diagnosed,

@@ -149,7 +149,7 @@ def test_a_bad_change_is_one_clear_line(tmp_path, changes, said):
 
 @pytest.mark.parametrize("room", ROOMS)
 def test_every_table_of_a_room_is_read(room):
-    """Nothing stands in a room's TOML that no code reads, and the defaults are what it says."""
+    """Code reads every number of a room's TOML as a default."""
     path = folder(room) / "settings.toml"
     values = dict(flat(ROOMS[room]()))
 
@@ -161,7 +161,7 @@ def test_every_table_of_a_room_is_read(room):
 
 
 def entries(node: dict[str, Any], above: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the dotted names of all constants in a TOML, and what it says of them."""
+    """Yield the dotted name and the entry of every constant in a TOML."""
     for name, entry in node.items():
         if "value" in entry:
             yield f"{above}{name}", entry

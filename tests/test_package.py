@@ -1,4 +1,4 @@
-"""What is shipped: metadata, data files, and an import that needs no extra."""
+"""The wheel: metadata, data files, and an import that needs no extra."""
 
 import ast
 import itertools
@@ -122,7 +122,7 @@ def imports(path: Path) -> Iterator[tuple[str, bool]]:
 
 
 def test_every_import_is_declared():
-    """What a module needs to be imported is a dependency; what a function needs, or an extra."""
+    """An import at module level is a dependency; an import in a function may be an extra."""
     project, owner = PROJECT["project"], {**metadata.packages_distributions(), **ELSEWHERE}
     always = {distribution(x) for x in project["dependencies"]}
     extras = {
@@ -168,7 +168,7 @@ def test_a_missing_extra_is_one_clear_line(code, says, tmp_path):
 
 
 def test_no_package_host_is_written_down():
-    """Where packages come from is the machine's business (pip's own configuration)."""
+    """The machine sets the package host (pip's configuration), not the repository."""
     host = re.compile(
         rb"pypi\.org|pythonhosted\.org|download\.pytorch\.org|anaconda\.(?:org|com)"
         rb"|index-ur[l]|find-link[s]|trusted-hos[t]"

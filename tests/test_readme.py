@@ -29,7 +29,7 @@ def commands() -> list[str]:
 
 
 def made_by(target: str) -> list[str]:
-    """What ``make target`` would run once the environment is there."""
+    """Return the commands of ``make target`` once the environment exists."""
     made = [f"-o.venv/.stamp-{kind}-{platform.python_version()}" for kind in ("run", "dev")]
     shown = subprocess.run(
         ["make", "--no-print-directory", "-n", target, f"PYTHON={sys.executable}", *made],

@@ -2,7 +2,7 @@
 
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
 OBJECTIVES = ("sje", "gte", "both")
-"""What a search lowers: torque left to move joints, error left at the goals of a path, or both."""
+"""Objective of a search: breakaway torque of joints, error at the goals of a path, or both."""
 KINDS = (
     *("feedforward", "push", "smooth_sign", "partial"),
     *("lugre_observer", "momentum_observer"),
@@ -13,7 +13,7 @@ TREATMENTS: dict[str, tuple[str, ...]] = {
     "observer": ("lugre_observer", "momentum_observer"),
     "all": ("dither", *KINDS),
 }
-"""What is searched one after the other, by the name of the option: dither, or a compensation."""
+"""Treatments to search, by the name of the option: dither, or a compensation."""
 ALGORITHMS = ("sac", "ppo", "td3")
 CHECKPOINT_EVERY = 20_000
 """Steps between two checkpoints of a training."""

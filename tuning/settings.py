@@ -68,7 +68,7 @@ class SearchSettings:
     step: Positive
     """Initial step size of cmaes, over the range [-]."""
     draws: Count
-    """Frictions under which a setting is tried; the first is the model's own."""
+    """Frictions under which a setting is simulated; the first is the model's."""
     spread: Positive
     """Standard deviation of a drawn friction, rotor or bristle, relative [-]."""
     iterations: Count

@@ -144,7 +144,7 @@ def plan(cases: int, scatter: float = 0.0) -> list[Job]:
 def row_of(job: Job) -> Row:
     """Run one case.
 
-    Of an arm whose controller shook it beyond its torque limits (a soft joint) there is no log.
+    No log is made if the controller shakes an arm (a soft joint) beyond its torque limits.
     """
     try:
         case = job.case()

@@ -1,4 +1,4 @@
-"""``stiction check``: what logs are and can show, and what is wrong in them and in tables."""
+"""``stiction check``: facts about logs, the causes they can show, defects of logs and tables."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 IDEAL = "ideal"
-"""Senses where none are given."""
+"""Default of the option ``--sensing``."""
 Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
 """Subparsers of the main parser; argparse has no public name for the class."""
 
@@ -163,7 +163,7 @@ def add_drive_option(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def add_mounting_options(parser: Parser) -> None:
-    """Add what the flange carries and how the base is mounted."""
+    """Add the options on payload, tilt and mounting."""
     parser.add_argument(
         "--payload",
         nargs=4,
@@ -181,7 +181,7 @@ def add_mounting_options(parser: Parser) -> None:
 
 
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
-    """Add the arm to simulate and what is known of its mounting."""
+    """Add the arm to simulate, and its known payload and tilt."""
     parser.add_argument("robot", metavar="ROBOT", help=robot_help())
     add_chain_option(parser)
     add_mounting_options(parser)

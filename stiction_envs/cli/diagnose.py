@@ -140,7 +140,7 @@ def _check_rrd(args: argparse.Namespace, folder: Path) -> None:
 
 
 def _inputs(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the files on which the run depends; set the nominal model where none is given."""
+    """Return the input files of the run; set the default nominal model."""
     from stiction_envs.gap.diagnose import default_nominal
     from stiction_envs.robots.registry import robot_files
 

@@ -73,7 +73,7 @@ def build_parser(commands: Iterable[Command]) -> Parser:
 
 
 def main(argv: Sequence[str] | None = None, commands: Iterable[Command] | None = None) -> int:
-    """Run one command, of `all_commands` unless others are given; return the exit code.
+    """Run one command, by default of `all_commands`; return the exit code.
 
     It is 0 done, 1 failed while working, 2 bad input or usage. One line on standard error says why;
     the environment variable STICTION_DEBUG=1 adds the traceback.

@@ -47,7 +47,7 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> common.Answer:
-    """Write ``model.xml``, what Menagerie has beside it, and provenance."""
+    """Write ``model.xml``, the further files of a Menagerie folder, and provenance."""
     from stiction_envs.errors import unknown
     from stiction_envs.experiments.engines import ENGINES
     from stiction_envs.friction.export import export, friction_in

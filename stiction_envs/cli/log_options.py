@@ -89,7 +89,7 @@ def reading(args: argparse.Namespace) -> Reading:
 
 
 def calibration_input(args: argparse.Namespace) -> dict[str, Path]:
-    """Return the calibration file by the name of its argument, where one is given.
+    """Return the calibration file, if any, by the name of its argument.
 
     Raises:
         StictionError: it is not there.

@@ -92,7 +92,7 @@ class Progress:
     def whole(self, stage: str, share: float | None) -> None:
         """Show the share of all work that is done [0 to 1]: one bar, or a line per stage.
 
-        A share of None is not known.
+        None is an unknown share.
         """
         _raise_again()
         if sys.stderr.isatty() and share is not None:

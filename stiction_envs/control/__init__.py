@@ -1,1 +1,1 @@
-"""Control: what lies between a commanded torque and the joint."""
+"""Control: controllers, and the path of a commanded torque to the joint."""

@@ -184,7 +184,7 @@ class Compensator:
             coriolis=np.zeros((nsim, n)),
             torque=np.zeros((nsim, n)),
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def set_rows(self, ids: Index, compensations: Sequence[Compensation | None]) -> None:
         """Set the compensation of arms ``ids``; None switches it off. Observers start anew."""

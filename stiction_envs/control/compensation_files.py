@@ -2,9 +2,9 @@
 
     joint,kind,gain_nm[,speed_rad_s][,error_rad][,load_gain] …
 
-``kind`` is the same in every row, and may be left out where the reader is told the kind. Columns
-beyond it are the law's own (`laws.Field.column`, unit in the name); an empty cell is the default.
-In YAML the kind is said once:
+``kind`` is the same in every row, and may be missing if the caller names it. Further columns
+are fields of the law (`laws.Field.column`, unit in the name); an empty cell is the default.
+In YAML the kind is given once:
 
     compensation:
       kind: push

@@ -2,9 +2,9 @@
 
     τ = sat( Jᵀ(−K e − D J q̇) + P τ_0 + dither ),   τ_0 = k_n (q_d − q) − d_n q̇
 
-without gravity, which the robot adds, and with the reference's own velocity left out of the
-damping, as in the package the thesis used (Mayr & Salt-Ducaju; sources.md 6.1). Everything is
-computed simulation by simulation: results are the same bits for any N.
+without gravity, which the robot adds, and without the reference velocity in the damping, as in the
+package that the thesis used (Mayr & Salt-Ducaju; sources.md 6.1). Simulations are independent of
+each other: results are the same bits for any N.
 
 Passive are the Cartesian part alone (k_n = 0, equal stiffness about the three axes of rotation) and
 motion within the nullspace. Together they are not: P stops the nullspace spring from taking back
@@ -166,7 +166,7 @@ class CartesianImpedance:
             wanted=np.zeros((nsim, n)),
             command=np.zeros((nsim, n)),
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
         self.wanted, self.command = a.wanted, a.command
         """(N, n) torque of the last cycle before and behind the saturation, overwritten [N·m]."""
         self._ratio = np.array(np.broadcast_to(s.damping_ratio, 6), dtype=float)

@@ -80,7 +80,7 @@ def read_hand(i: int, hand: Hand) -> None:
 
 @compiled
 def follow_chain(i: int, chain: Chain, hand: Hand) -> None:
-    """Write what `read_hand` reads of simulation ``i`` at its angles, as MuJoCo computes it.
+    """Write the arrays that `read_hand` reads, for simulation ``i`` at its angles, as MuJoCo does.
 
     The hand has one site and one body, number 0.
     """
@@ -162,7 +162,7 @@ class EndEffector:
     """
 
     def __init__(self, sticking: StickingModel, batch: Batch, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it for the N simulations of a batch of the engine.
+        """Make the end effectors of the N simulations of a batch.
 
         ``tool`` (3,) is the tool point from the flange, in the hand's frame [m].
         """
@@ -208,7 +208,7 @@ class EndEffector:
             quaternion=self.quaternion,
             jacobian=self.jacobian,
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def read(self) -> None:
         """Update the arrays from the present kinematics of all simulations."""
@@ -216,10 +216,10 @@ class EndEffector:
 
 
 class MeasuredEndEffector(EndEffector):
-    """The end effector where angles say that it is, which a controller has measured."""
+    """The end effector at the angles that a controller has measured."""
 
     def __init__(self, sticking: StickingModel, angles: Array, tool: ArrayLike = (0, 0, 0)) -> None:
-        """Make it for the live ``angles`` (N, n); see `EndEffector`."""
+        """Make the end effectors at the live ``angles`` (N, n); see `EndEffector`."""
         nsim, n = angles.shape
         kinematics = [*np.zeros((2, nsim, n, 3)), np.zeros((nsim, 1, 3)), np.zeros((nsim, 1, 4))]
         self._set(sticking, kinematics, 0, 0, np.arange(n), tool)
@@ -231,7 +231,7 @@ class MeasuredEndEffector(EndEffector):
 
 
 def _chain_of(model: mujoco.MjModel, site_name: str) -> tuple[Array, Array, Array, Array, Array]:
-    """Return what `follow_chain` needs of a serial arm; bodies without joints are merged."""
+    """Return the chain of a serial arm for `follow_chain`; bodies without joints are merged."""
     site = model.site(site_name).id
     chain, body = [], int(model.site_bodyid[site])
     while body:

@@ -1,4 +1,4 @@
-"""Joints driven by position servos: what a command passes through, for N simulations.
+"""Position servos of N simulations: the path of a command to the servo.
 
     command --delay--> speed limit --> dead zone --> K (r − q), limited --> joint, under gravity
 
@@ -42,7 +42,7 @@ class ServoDrive:
         self._followed = np.zeros((plant.nsim, plant.n))
 
     def reset(self, ids: Index, command: Array) -> None:
-        """Let simulations ``ids`` have been told angles ``command`` (M, n) [rad] for long."""
+        """Let simulations ``ids`` start with constant past commands ``command`` (M, n) [rad]."""
         self._commands[ids], self._followed[ids] = command[:, None], command
         stiffness = np.broadcast_to(self.servos.stiffness, command.shape)
         self.plant.set_servo(ids, stiffness, np.zeros_like(stiffness), command)
@@ -76,7 +76,7 @@ class ServoDrive:
         return out
 
     def _reach(self, command: Array, ids: Index) -> Array:
-        """Return what the servos follow (M, K, n) [rad]: late, and limited in speed."""
+        """Return the commands that servos follow (M, K, n) [rad]: late, and limited in speed."""
         seen = np.concatenate([self._commands[ids], command], axis=1)
         self._commands[ids] = seen[:, -self._past :]
         steps = command.shape[1]

@@ -23,17 +23,17 @@ _TINY = np.finfo(float).tiny
 
 
 def right_matrix(b: Array) -> Array:
-    """Matrices B (..., 4, 4) with B a = a ⊗ b."""
+    """Return matrices B (..., 4, 4) with B a = a ⊗ b."""
     return np.take(b, _RIGHT, axis=-1) * _RIGHT_SIGN
 
 
 def multiply(a: Array, b: Array) -> Array:
-    """Product a ⊗ b (..., 4): the rotation b, then a, both about the axes of the base frame."""
+    """Return the product a ⊗ b (..., 4): rotation b, then a, both about axes of the base frame."""
     return np.einsum("...ij,...j->...i", right_matrix(b), a)
 
 
 def error_matrix(reference: Array) -> Array:
-    """Matrices E (..., 4, 4) with E q = q ⊗ q_d⁻¹, for references q_d (..., 4)."""
+    """Return matrices E (..., 4, 4) with E q = q ⊗ q_d⁻¹, for references q_d (..., 4)."""
     return np.take(reference, _RIGHT, axis=-1) * _ERROR_SIGN
 
 
@@ -48,7 +48,7 @@ def write_one_error_matrix(reference: Array, out: Array) -> None:
 
 
 def rotation_vector(q: Array) -> Array:
-    """Angle · axis [rad], (..., 3), of quaternions q (..., 4) of any length; angle in [0, π].
+    """Return angle · axis [rad], (..., 3), of quaternions q (..., 4) of any norm; angle in [0, π].
 
     The vector is the same for q and −q.
     """
@@ -62,7 +62,7 @@ def rotation_vector(q: Array) -> Array:
 
 
 def rotation_error(q: Array, reference: Array) -> Array:
-    """Angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); sources.md 6.1.
+    """Return angle · axis of q ⊗ q_d⁻¹ in the base frame [rad], (..., 3); sources.md 6.1.
 
     With angular velocity ω and q_d (..., 4) at rest, d/dt ½|e|² = e·ω: the torque −k e is the
     gradient of the potential ½ k angle². With different stiffness about different axes it has none.
@@ -72,7 +72,7 @@ def rotation_error(q: Array, reference: Array) -> Array:
 
 @compiled
 def angle_one(a: Array, b: Array) -> float:
-    """Angle of the rotation from b to a (4,) [rad], in [0, π]."""
+    """Return the angle of the rotation from b to a (4,) [rad], in [0, π]."""
     w = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
     x = a[1] * b[0] - a[0] * b[1] - a[2] * b[3] + a[3] * b[2]
     y = a[2] * b[0] - a[0] * b[2] - a[3] * b[1] + a[1] * b[3]
@@ -81,7 +81,7 @@ def angle_one(a: Array, b: Array) -> float:
 
 
 def to_matrix(q: Array) -> Array:
-    """Rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
+    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -117,7 +117,7 @@ def _sinc(x: float) -> float:
 
 
 def from_rpy(rpy: ArrayLike) -> Array:
-    """Quaternions (..., 4) of roll, pitch, yaw (..., 3) [rad] as in ROS.
+    """Return quaternions (..., 4) of roll, pitch, yaw (..., 3) [rad] as in ROS.
 
     Turned about the fixed x, then y, then z axis: R = R_z(yaw) R_y(pitch) R_x(roll).
     """
@@ -136,7 +136,7 @@ def from_rpy(rpy: ArrayLike) -> Array:
 
 
 def to_rpy(q: Array) -> Array:
-    """Roll, pitch, yaw (..., 3) [rad] of unit quaternions (..., 4); pitch in [−π/2, π/2].
+    """Return roll, pitch, yaw (..., 3) [rad] of unit quaternions (..., 4); pitch in [−π/2, π/2].
 
     At pitch ±π/2 only a combination of roll and yaw is defined; the result is one of them. Half
     sum and half difference of roll and yaw (Bernardes and Viollet 2022) stay exact there.

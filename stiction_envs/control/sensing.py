@@ -1,4 +1,4 @@
-"""What a real robot's controller sees and does: sensors, delays and lost cycles of N arms.
+"""Sensor errors, delays and lost cycles of the controllers of N arms.
 
     joints --lag of the logged speed--> delay + jitter --noise--> resolution --> q, dq, torque
     command --some cycles lost--> delay --> torque path
@@ -105,7 +105,7 @@ class Sensing:
 
     @property
     def is_ideal(self) -> bool:
-        """Whether there is no error: nothing is computed then."""
+        """True if no error is simulated, so nothing is computed."""
         return self == Sensing(spread=self.spread)
 
     def of_joint(self, name: str, n: int) -> Array:
@@ -239,7 +239,7 @@ class Senses(_Seeded):
             dq=self.dq,
             torque=self.torque,
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
         """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
@@ -264,7 +264,7 @@ class CommandLine(_Seeded):
     """The way of N arms' torque commands to C joints each: some cycles are lost, then a delay."""
 
     def __init__(self, sensing: Sensing, nsim: int, columns: int, *, hold_steps: int = 1) -> None:
-        """Make it; each arm needs `reset`. Arguments are those of `Senses`."""
+        """Make the line; each arm needs `reset`. Arguments are those of `Senses`."""
         super().__init__(sensing, nsim)
         self._hold = hold_steps
         self._held, self.arrived = np.zeros((2, nsim, columns))
@@ -279,7 +279,7 @@ class CommandLine(_Seeded):
             past=np.zeros((nsim, room, columns)),
             arrived=self.arrived,
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
         """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""

@@ -1,4 +1,4 @@
-"""Compiled functions of `sensing`: what a controller reads, and when its command arrives.
+"""Compiled functions of `sensing`: measurements of a controller, delay of its commands.
 
 Random numbers are hashed from (seed of the simulation, control step, channel) by the finaliser of
 SplitMix64 (Steele, Lea & Flood 2014; sources.md 8.1), as if that generator could be read anywhere:
@@ -159,7 +159,7 @@ def sense_arm(
 def sense_block(
     ids: Index, step: Index, hold: int, dt: float, q: Array, m: Measured, seen: Array
 ) -> None:
-    """`sense_arm` of arms ``ids`` (M,) in K control steps, of which only the angles are known.
+    """Run `sense_arm` for arms ``ids`` (M,) in K control steps, from their angles alone.
 
     The speed of a control step is the mean within it. Steps are (M, K), of ``dt`` [s], with
     ``hold`` between two readings; angles q and those ``seen``, written, are (M, K, n) [rad].

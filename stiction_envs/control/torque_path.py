@@ -44,7 +44,7 @@ class TorqueInterface:
     def of(
         cls, arm: Arm, *, controller_rate_hz: float | None = None, lowpass_hz: float | None = None
     ) -> TorqueInterface:
-        """Return the interface of an arm, with the rate or the filter replaced where given."""
+        """Return the interface of an arm, with another rate or filter if named."""
         rate = arm.controller_rate_hz if controller_rate_hz is None else controller_rate_hz
         return cls(
             controller_rate_hz=int(rate) if float(rate).is_integer() else rate,  # type: ignore[arg-type]
@@ -101,7 +101,7 @@ class TorquePath:
             limited=np.zeros((nsim, n)),
             filtered=np.zeros((nsim, n)),
         )
-        """What `pass_torque` works on; always the same objects."""
+        """Arrays that `pass_torque` reads and writes; always the same objects."""
         if n == len(interface.torque_limit):
             self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
 

@@ -36,7 +36,7 @@ _Finite = Annotated[float, msgspec.Meta(gt=0, le=sys.float_info.max)]
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """How fast a reference moves and when a goal is reached; ``gte.toml`` has the sources."""
+    """Speed limits of a reference, and tolerances of a goal; ``gte.toml`` has the sources."""
 
     translational_speed: _Finite = _DEFAULT["translational_speed"]  # [m/s]
     rotational_speed: _Finite = _DEFAULT["rotational_speed"]  # [rad/s]
@@ -108,7 +108,7 @@ class GoalSequencer:
             begun=np.zeros(nsim),
             due=np.full(nsim, np.inf),
         )
-        """What compiled functions read and write; always the same objects."""
+        """Arrays that compiled functions read and write; always the same objects."""
 
     def start(
         self,
@@ -201,7 +201,7 @@ class Path:
 def triangle() -> Path:
     """Return an equilateral triangle in space: forward and right, left, back to the start.
 
-    Its side, and the slope of its plane downwards from the base's x, are in ``gte.toml``.
+    The side, and the slope of the plane downwards from the base's x, are in ``gte.toml``.
     """
     side, slope = _SIZES["triangle_side"], _SIZES["triangle_slope"]
     forward = side * np.sqrt(0.75)
@@ -218,7 +218,7 @@ def pentagon() -> Path:
 
 
 def _constant(name: str, position: Sequence[ArrayLike] | Array) -> Path:
-    """Path of constant orientation: the thesis names no turns (assumed)."""
+    """Return a path of constant orientation: the thesis names no turns (assumed)."""
     return Path(name, np.array(position), np.tile([1.0, 0.0, 0.0, 0.0], (len(position), 1)))
 
 

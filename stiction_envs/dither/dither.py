@@ -92,7 +92,7 @@ class Dither:
 
     @classmethod
     def none(cls, N: int, n: int) -> Dither:
-        """No dither: zero torque on N simulations × n joints."""
+        """Return no dither: zero torque on N simulations × n joints."""
         return cls(amplitude=np.zeros((N, n)), frequency=0.0)
 
     @property
@@ -107,7 +107,7 @@ class Dither:
 
     @property
     def gated(self) -> bool:
-        """Whether :meth:`torque` needs velocities."""
+        """True if :meth:`torque` needs velocities."""
         return self._gate is not None
 
     def __repr__(self) -> str:
@@ -154,7 +154,7 @@ class Dither:
         return np.zeros(shape) if out is None else out
 
     def retune(self, t: float | Array, *, amplitude: ArrayLike, frequency: ArrayLike) -> Dither:
-        """New amplitudes [N·m] and frequencies [Hz] from time ``t`` on, without a jump in phase.
+        """Return the dither with new amplitudes [N·m] and frequencies [Hz] from time ``t`` on.
 
         φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``
         (s; one number or (N,)). Entries whose frequency stays keep their phase bit for bit.
@@ -167,7 +167,7 @@ class Dither:
         return self._derive(amplitude=a, frequency=f, phase=phase)
 
     def set_rows(self, ids: Index, other: Dither) -> Dither:
-        """This dither with the rows of simulations ``ids`` (M,) from ``other``."""
+        """Return this dither with the rows of simulations ``ids`` (M,) from ``other``."""
         mine, theirs = (len(ids), self.n), (other.N, other.n)
         if mine != theirs:
             raise StictionError(f"set_rows (N, n) is {theirs}: expected {mine}")
@@ -188,7 +188,7 @@ class Dither:
             object.__setattr__(self, name, value)
 
     def _derive(self, **fields: object) -> Dither:
-        """A copy with some fields replaced by already checked ones."""
+        """Return a copy with some fields replaced by checked ones."""
         new = copy.copy(self)
         new._fill(**fields)
         new._prepare()
@@ -241,7 +241,7 @@ _ROWS = ("amplitude", "frequency", "phase", "offset", "waveform", "gate_velocity
 
 
 def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> NDArray[_Scalar]:
-    """Own C-ordered copy of ``array`` in ``shape``."""
+    """Return a C-ordered copy of ``array`` in ``shape``."""
     try:
         return np.broadcast_to(array, shape).copy(order="C")
     except ValueError:
@@ -286,7 +286,7 @@ def _seeds(seed: ArrayLike, N: int) -> NDArray[np.uint64]:
 
 
 def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
-    """Warning where a controller of ``rate_hz`` [Hz] aliases a sine of ``frequency_hz`` [Hz].
+    """Return a warning if a controller of ``rate_hz`` [Hz] aliases ``frequency_hz`` [Hz].
 
     None below half the rate; one line from there up to the rate itself (the thesis commanded 100
     and 200 Hz on the iiwa, whose driver runs at 200 Hz by default). Harmonics of the other

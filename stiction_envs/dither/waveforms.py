@@ -194,7 +194,7 @@ class RandomTones(Waveform):
 
     @staticmethod
     def _lines() -> Array:
-        """Frequencies of the tones in multiples of f/64: whole, different, in the band."""
+        """Return frequencies of the tones in multiples of f/64: whole, different, in the band."""
         spread = (np.arange(TONES) + 0.5) / TONES - 0.5
         return np.rint(SWEEP_CYCLES * (1.0 + BANDWIDTH * spread))
 

@@ -124,7 +124,7 @@ class Threads:
     def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
         """Do tasks on all threads; return their results, or raise the first task's error.
 
-        All tasks are done then, whatever fails. An interrupt waits for them.
+        All tasks end first, even if one fails. An interrupt waits for all tasks.
         """
         job = _Job(tasks)
         with _interrupts_wait():

@@ -161,8 +161,8 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
 class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generic]]):
     """N arms in batches, which threads step; infos are Gymnasium's dict of arrays.
 
-    `reset(seed=s)` gives environment i the seed s + i; a list gives each its own. ``options`` are
-    those of the single environment for all, or a sequence with one dict per environment;
+    `reset(seed=s)` gives environment i the seed s + i; a list has one seed per environment.
+    ``options`` are those of the single environment for all, or one dict per environment;
     ``"reset_mask"`` (bool array) among them resets only some. Episodes that an autoreset starts
     have `fixed_options` only.
     """

@@ -37,22 +37,22 @@ SHARED = {
 
 {ACTION_TABLE}
 
-The stiction is the joint's largest, of both poses and directions of the Single Joint Experiment.
-Amplitude 0 is exactly no dither, whatever the frequency. An action outside the space, or not a
+The stiction is the joint's largest over both poses and directions of the Single Joint Experiment.
+Amplitude 0 is exactly no dither at every frequency. An action outside the space, or not a
 number, is an error; wrap the environment in `gymnasium.wrappers.RescaleAction(env, -1, 1)` for
 actions in [-1, 1].""",
     "arguments of the arm": """\
-* `robot`: name of an arm (the environment's own by default; `robots.ARMS` has them all), or a
-  path to an own MJCF or URDF with 1 to 9 joints.
+* `robot`: name of an arm in `robots.ARMS` (default: the environment's arm), or a path to an MJCF
+  or URDF with 1 to 9 joints.
 * `payload`: mass [kg] and centre of mass x, y, z [m] in the flange frame. Default none.
 * `tilt`: roll and pitch of the base [rad]. Default (0, 0).
 * `chain`: links at the base and the tip of the arm in a file of a bigger robot. Default: none.
 * `friction`: path to a TOML, or `FrictionParameters`. Default: the robot's own.
-* `sensing`: what controller and observation have of the arm: `"ideal"`, `"robot"` (the senses
-  of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards and
-  measures are of the true arm. Default `"ideal"`.""",
+* `sensing`: errors of measured angles, speeds and torques, and delays: `"ideal"`, `"robot"` (the
+  senses of the arm's TOML), the path of a TOML with a table `[sensing]`, or a `Sensing`. Rewards
+  and measures use the true arm. Default `"ideal"`.""",
     "arguments of the episodes": """\
-* `fixed_options`: reset options of all episodes; those of a single reset come before them.
+* `fixed_options`: reset options of all episodes; options of a single reset replace these.
 * `randomise`: spreads, such as `{"friction": 0.2, "rotor": 0.2, "bristles": 0.3, "load": 0.5}`:
   in every episode dry friction, rotor inertia, bristle stiffness and load coefficient of each
   joint are the nominal arm's times a factor drawn uniformly from 1 ± spread. Units of
@@ -61,7 +61,7 @@ actions in [-1, 1].""",
 * `friction_factor`: stiction and load coefficient of the simulated arm over the nominal ones;
   units, bounds and controller remain the nominal arm's, as with `randomise`. Default 1.
 * `waveform`: shape of the dither, one of `dither.waveforms.WAVEFORMS`. Default `sine`.
-* `threads`: threads, each with arms of its own, 0 for all processors. Default 0.""",
+* `threads`: number of threads, 0 for all processors. Default 0.""",
 }
 """Parts of a page by the line that stands for each, ``[action space]``."""
 

@@ -49,7 +49,7 @@ EXPERIMENTS: dict[str, Registered] = {}
 
 
 def register_experiment(new: Registered) -> None:
-    """Make an experiment known; every arm that names an environment has it, now or later.
+    """Register an experiment for every arm that names an environment, now or later.
 
     An arm with ``environment = "Panda"`` in its TOML has ``PandaSJE-v0`` and ``PandaGTE-v0``. No
     `max_episode_steps`: the environments truncate by themselves, alone and in a batch.
@@ -90,7 +90,7 @@ _OWN = (
 
 
 def register_all() -> None:
-    """Register the environments of the package's own experiments, once."""
+    """Register the environments of the package's experiments, once."""
     for new in _OWN:
         if new.name not in EXPERIMENTS:
             register_experiment(new)

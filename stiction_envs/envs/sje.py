@@ -32,9 +32,9 @@ class SJEEnv(ArmEnv):
 
     ## Observation space
     `Box`, shape (6n + 5,), float32, clipped to its bounds. `env.unwrapped.observation_names` has
-    the name of every element. Threshold is 0.15 rad, the stiction that of the action's bounds. The
-    tested joint's torque is the ramp's, the others' hold them. After a reset, amplitude and
-    frequency are −1.
+    the name of every element. The threshold is 0.15 rad; stiction is that of the action bounds. The
+    torque of the tested joint is the ramp; the torques of the other joints hold these joints. After
+    a reset, amplitude and frequency are −1.
 
     [observation table]
 
@@ -50,16 +50,16 @@ class SJEEnv(ArmEnv):
       above 3 Hz, root mean square [rad], angles of all joints added as a vector, until the tested
       joint has moved by a fifth of the threshold.
 
-    s = `control_interval_s` · 0.07 N·m/s / |τ_base| is the step's share of an undithered ramp: a
-    weight is what full dither would cost over such a ramp, in units of torque reduction. Over an
-    episode that ends by breakaway the rewards sum to 1 − |τ_SJE| / |τ_base| less the penalties.
+    s = `control_interval_s` · 0.07 N·m/s / |τ_base| is the step's share of an undithered ramp. A
+    weight is the cost of full dither over such a ramp, in units of torque reduction. The rewards of
+    an episode that ends by breakaway sum to 1 − |τ_SJE| / |τ_base| minus the penalties.
     τ_base is computed without dither and scatter on the same model, once per process.
 
     ## Start and end of an episode
-    A reset puts the arm near the pose, moves it there as between two repeats, waits until it rests
-    and starts the ramp: at zero torque on the Panda, at the averaged external torque on the iiwa.
-    With `scatter` the pose, the friction, the phases of the dither and the torque readings vary
-    with the seed.
+    A reset puts the arm near the pose, moves it to the pose as between two repeats, waits until the
+    arm rests, and starts the ramp: at zero torque on the Panda, at the averaged external torque on
+    the iiwa. With `scatter` the pose, the friction, the phases of the dither and the torque
+    readings vary with the seed.
 
     * Terminated: the joint has turned by the threshold.
     * Truncated: the joint is given up as stuck (`give_up_factor` of the protocol), or
@@ -68,13 +68,13 @@ class SJEEnv(ArmEnv):
     ## Info
     `joint` (1 … n), `load` and `direction` always; `torque` [N·m], `displacement` [rad], `time`
     [s], `vibration` (the oscillation of this step, [rad]) and `reward_terms` after a step; after
-    the last one also `shaking` (the oscillation of the whole ramp, [rad]), `tau_sje`, `tau_base`
+    the last step also `shaking` (the oscillation of the whole ramp, [rad]), `tau_sje`, `tau_base`
     (both signed, N·m) and `reduction` = 1 − |τ_SJE| / |τ_base|. Truncated: `tau_sje` and
     `reduction` are NaN.
 
     ## Options
-    `env.reset(options={"joint": 1 … n, "load": "load" | "no_load", "direction": "+" | "-"})`; what
-    is not given is drawn from the seed.
+    `env.reset(options={"joint": 1 … n, "load": "load" | "no_load", "direction": "+" | "-"})`;
+    missing options are drawn from the seed.
 
     ## Arguments
     [arguments of the arm]

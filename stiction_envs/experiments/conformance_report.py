@@ -42,7 +42,7 @@ class ConformanceSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class JointResult:
-    """How one joint sticks. Of two directions the worse one is given."""
+    """Test of one joint, in the direction in which it sticks worse."""
 
     name: str  # Joint name
     stiction: float  # F_s the joint was tested against [N·m]
@@ -57,12 +57,12 @@ class JointResult:
 
     @property
     def goes(self) -> bool:
-        """Whether it moved under the larger load."""
+        """True if the joint moved under the larger load."""
         return bool(np.isfinite(self.go_time))
 
     @property
     def passed(self) -> bool:
-        """Whether it both holds and goes."""
+        """True if the joint both holds and goes."""
         return self.holds and self.goes
 
 
@@ -79,7 +79,7 @@ class Report(Result):
 
     @property
     def passed(self) -> bool:
-        """Whether every joint sticks."""
+        """True if every joint sticks."""
         return all(j.passed for j in self.joints)
 
     def to_json(self) -> dict[str, Any]:

@@ -126,7 +126,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     ) -> None:
         """Make ``num_envs`` simulations with `Arguments`; ``record`` keeps traces, to be drawn.
 
-        The engine has ``engine_threads`` threads: several where no other episodes run beside.
+        The engine has ``engine_threads`` threads: several if only these episodes run.
         """
         self._engine_threads, self._traced = engine_threads, record
         a = self.arguments(**arguments)
@@ -220,7 +220,7 @@ class Episodes(ABC, Generic[Case, Unit]):
 
     @abstractmethod
     def _observed(self, ids: Index) -> dict[str, Array]:
-        """Return what is observed of simulations ``ids`` by name of the group, but the dither."""
+        """Return the observations of simulations ``ids`` by group, without the dither."""
 
     @abstractmethod
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
@@ -320,7 +320,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     # ---- what experiments use ----------------------------------------------------------------
 
     def _weights(self, a: Arguments) -> dict[str, float]:
-        """Return the weights of the reward; those not given are the settings'."""
+        """Return the weights of the reward; missing weights are the settings'."""
         settings, out = self.reward_settings(), {}
         for name in (f.name for f in fields(settings) if f.name.endswith("_weight")):
             given = getattr(a, name)

@@ -15,7 +15,7 @@ from stiction_envs.compiled import compiled
 def butterworth_highpass(cutoff_hz: float, rate_hz: float) -> Array:
     """Return the Butterworth high-pass of second order as (1, 6) b0, b1, b2, 1, a1, a2.
 
-    Its analog poles are turned into a high-pass at the warped cut-off, where the gain is 1/√2, and
+    The analog poles are turned into a high-pass at the warped cut-off, where the gain is 1/√2, and
     go through the bilinear transform, whose rate is set to 2.
     """
     warped = 4.0 * np.tan(np.pi * (2.0 * cutoff_hz / rate_hz) / 2.0)

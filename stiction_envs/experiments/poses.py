@@ -115,7 +115,7 @@ def find_poses(arm: Arm) -> Poses:
 
 
 def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
-    """Random search, then shrinking random steps around the best poses."""
+    """Search at random, then by shrinking random steps around the best poses."""
     arm = evaluate.arm
     rng = np.random.default_rng([joint, int(largest)])
     margin = np.where(np.arange(arm.n) == joint, MARGIN, OTHERS_MARGIN)
@@ -129,7 +129,7 @@ def _search(evaluate: PoseLoads, joint: int, *, largest: bool) -> Array:
         )
 
     def cost(q: Array) -> Array:
-        """Minus the load, or the largest load within the swing, plus a pull to the rest pose."""
+        """Return minus the load (or the largest within the swing) plus a pull to the rest pose."""
         values = np.zeros(len(q))
         ok = np.ones(len(q), dtype=bool)
         for shift in (-SWING, 0.0, SWING):

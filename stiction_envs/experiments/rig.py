@@ -1,4 +1,4 @@
-"""Parts of every experiment: what defines it, and its rig, N arms on one plant.
+"""Parts of every experiment: its definition, and its rig of N arms on one plant.
 
     protocol (TOML) -> Experiment -> Rig -> measurements -> rows, report
                                   -> Episodes (actions, observation, reward) -> Env, VectorEnv
@@ -64,7 +64,7 @@ class Experiment:
 
         Args:
             sticking: the model.
-            interface: path of commanded torques; None for the robot's own.
+            interface: path of commanded torques; None for the robot's.
             sensing: senses of its controller; see `load_sensing`.
             scatter: whether iterations differ by pose, friction and dither.
             seed: of that scatter.

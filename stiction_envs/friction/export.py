@@ -231,7 +231,7 @@ def export(
 
     Args:
         robot: name, model file, arm, or an arm with its friction (`load_model`).
-        friction: of one arm, or its TOML; None for the robot's own.
+        friction: of one arm, or its TOML; None for the robot's friction.
         kind: what carries the dry friction; None for ``dcmotor`` where it can.
         motor: input of the ``dcmotor`` that an engine takes; None: it takes none.
 

@@ -1,4 +1,4 @@
-"""Friction that a robot's own MJCF or URDF states, as parameters of ours."""
+"""Friction parameters from a robot's MJCF or URDF."""
 
 from __future__ import annotations
 

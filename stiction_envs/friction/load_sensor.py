@@ -1,4 +1,4 @@
-"""The load of every joint while simulations run: what its friction and its gravity error depend on.
+"""The load of every joint while simulations run; friction and gravity error depend on load.
 
 For most joints it is the gravity torque about the axis. A joint that never sees one – joint 1 of
 an upright arm, the symmetric last joint of an iiwa – still carries the arm in its bearing: there

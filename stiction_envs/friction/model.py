@@ -101,7 +101,7 @@ def build(
 
     Args:
         arm: the rigid arm.
-        parameters: friction of one arm; None takes the arm's own.
+        parameters: friction of one arm; None for the arm's friction.
         timestep: physics step, at most `CONTROL_DT`.
 
     Raises:

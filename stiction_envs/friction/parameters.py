@@ -114,7 +114,7 @@ class FrictionParameters:
 
     @property
     def asymmetric(self) -> bool:
-        """Whether any level depends on direction, and so has to be written every control step."""
+        """True if a friction level depends on direction: the plant writes it every control step."""
         names = [k for k, q in QUANTITIES.items() if q.by_direction]
         return any(bool(np.any(a[..., 0] != a[..., 1])) for a in (getattr(self, k) for k in names))
 

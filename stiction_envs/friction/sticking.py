@@ -58,7 +58,7 @@ def friction_origin(robot: Robot, friction: Friction | None) -> Path | FrictionP
 
 
 def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
-    """Return the friction of an arm, its own where none is given.
+    """Return the friction of an arm, by default the arm's.
 
     Raise a StictionError for an unreadable file, or one of another number of joints.
     """
@@ -83,8 +83,8 @@ def sticking_model(
 
     Args:
         robot: the arm; a model keeps its friction.
-        friction: replaces the arm's own; a TOML may have position servos too.
-        timestep: physics step [s]; None for the model's own, or 1 ms.
+        friction: replaces the arm's friction; a TOML may have position servos too.
+        timestep: physics step [s]; None for the model's step, or 1 ms.
 
     Raises:
         StictionError: an arm or friction that cannot be loaded, or that do not match.

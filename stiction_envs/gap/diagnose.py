@@ -164,7 +164,7 @@ class Origin(TypedDict):
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of `diagnose`, with defaults for those that are not given."""
+    """Arguments of `diagnose`, with defaults filled in."""
 
     logs: list[Log]
     """Argument ``data``, as a list."""
@@ -206,7 +206,7 @@ class Request:
         return nominal_of(self.robot, self.nominal, payload=payload, tilt=tilt, chain=chain)
 
     def origin(self, arm: Arm, side: str) -> Origin:
-        """Return what a result is made from, given the side of the gear of its torques."""
+        """Return the origin of a result whose torques are of a ``side`` of the gear."""
         nominal, calibration = self.nominal, self.options["calibration"]
         sources = log_sources([*self.logs, *self.poses]) | log_sources(self.check, "check")
         arguments: dict[str, object] = {
@@ -316,8 +316,8 @@ def default_nominal(
 ) -> str:
     """Return the default nominal model: the arm as most people simulate it.
 
-    That is its own file where this states friction, springs or gravity compensation. Joints without
-    dry friction have no breakaway torque, so tables are compared with our friction then.
+    The model is ``file`` if the robot's file states friction, springs or gravity compensation.
+    Torque tables need dry friction, so they are compared with our friction if the file has none.
     """
     tables = _of_tables(data)
     if isinstance(robot, Arm) or str(robot) not in ARMS:

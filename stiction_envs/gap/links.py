@@ -1,6 +1,6 @@
-"""What a diagnosis says of all links: their small errors, as bodies that exist, and the doubt left.
+"""Small errors of all links, as physically consistent inertias, and their uncertainty.
 
-Of a body that was named too, the last link's for a payload, the doubt is in the sum of both.
+If a body is also named (the last link's for a payload), the uncertainty is that of the sum.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class LinkErrors:
     """Small errors of n links beside the nominal arm."""
 
     scale: float
-    """Their size over the tolerance of CAD [-]."""
+    """Size of the errors over the tolerance of CAD [-]."""
     changes: Array
     """(n, 10) what is added to the links' parameters so that bodies exist; without named bodies."""
     covariance: Array
@@ -136,10 +136,10 @@ def link_errors(predictor: TorquePredictor, terms: Sequence[Term], c: Array) -> 
 
 
 def nearest_links(predictor: TorquePredictor, c: Array) -> Array:
-    """Return (..., n, 10) links that exist, of coefficients (..., P), the random effects first.
+    """Return (..., n, 10) physically consistent links of coefficients (..., P), small errors first.
 
-    Of all bodies that exist, these change the torques along the logs least from what was fitted, in
-    units of the noise, and stray least from the prior.
+    These links change the fitted torques along the logs least, in units of the noise, and are
+    nearest to the prior.
     """
     basis = predictor.data.recording.derived(link_basis)
     return _nearest(predictor, c[..., : basis.shape[1]] @ basis.T)

@@ -79,7 +79,7 @@ class Nominal:
     def check(self, arm: Arm, where: str | Path = "nominal model") -> None:
         """Raise a StictionError if the arm is not that of the parts, or a body is impossible.
 
-        Its known payload and tilt may differ: what was found stays.
+        The arm's known payload and tilt may differ: causes stay.
         """
         if self.robot is None:
             return
@@ -177,7 +177,7 @@ def nominal_of(
 
 
 def resolve(nominal: str | Path | FrictionParameters | Nominal, arm: Arm) -> Nominal:
-    """Return what ``rigid``, ``file``, ``shipped``, a TOML or parameters mean for an arm.
+    """Return the nominal model of an arm: ``rigid``, ``file``, ``shipped``, a TOML, parameters.
 
     Raises:
         StictionError: an unknown name, an unreadable file, or a model of another arm.

@@ -94,7 +94,7 @@ class Overview:
 
 
 def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
-    """Return what a log of an arm is, ``torque`` being the side of the gear it was measured on.
+    """Return the overview of a log; ``torque`` is the side of the gear of its torques.
 
     Raises:
         StictionError: a log that is too short for a filter.
@@ -128,7 +128,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
 
 
 def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
-    """Return what is special about each joint."""
+    """Return remarks on each joint."""
     speed = signals.dq
     moves = np.ptp(log.q, axis=0) > TRAVEL_SPAN
     # a joint at rest has no correlation but that of the ramp
@@ -158,7 +158,7 @@ def _thinned(signals: Signals) -> Signals:
 
 
 def _left(data: Data) -> dict[str, list[float]]:
-    """Return what is left of each linear cause's prior beside usual friction and small errors."""
+    """Return posterior over prior of each linear cause beside usual friction and small errors."""
     at_rest = not np.isfinite(data.dt)
     causes = [c for c in registered() if c.is_linear and (c.shown_at_rest or not at_rest)]
     predictor = TorquePredictor(data, [TOLERANCES, *causes])

@@ -1,4 +1,4 @@
-"""`diagnose` of servo logs: what is known of the servos, and the result."""
+"""`diagnose` of servo logs: the known servos, the logs, and the result."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def servo_of(
     damping: Sequence[float] | None,
     same: bool,
 ) -> Servo:
-    """Return what is known of the servos: the options of `diagnose` of these names.
+    """Return the known servos from the options of `diagnose` with these names.
 
     Raises:
         StictionError: numbers that cannot be, or another nominal model.

@@ -57,11 +57,11 @@ Law = Callable[[ServoJoint, float], dict[str, float]]
 
 @dataclass(frozen=True, kw_only=True)
 class ServoEffect(Hideable):
-    """How a cause is hidden in the joints of a servo log."""
+    """A rule that hides a cause in the joints of a servo log."""
 
     law: Law
     largest: float
-    """Largest size that is tried: more is obvious; assumed."""
+    """Largest size to try: more is obvious; assumed."""
     usual: Callable[[ServoJoint], float] | None = None
     """Size that robots have, which simulated logs hide; assumed. None: they do not hide it."""
     shown_as: Callable[[ServoJoint, float], float] | None = None

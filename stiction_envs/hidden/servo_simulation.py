@@ -1,4 +1,4 @@
-"""An arm under position servos in stock MuJoCo: what servo logs with hidden causes are made of.
+"""Arms under position servos in stock MuJoCo, for servo logs with hidden causes.
 
     u = clip(K (r − q), ±limit)   r: the command, late and rate-limited; less a dead zone
     F = F_s + μ |gravity|         level of stiction in the law of `friction_law`, which falls to

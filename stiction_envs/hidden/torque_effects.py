@@ -53,7 +53,7 @@ class Draw:
         return self.sign * self.between(low, high)
 
     def more(self, low: float, high: float, known: Array, usual: float) -> float:
-        """Return a share of what is known of the joint, of either sign; else of what is usual."""
+        """Return a share of the joint's ``known`` value, with sign; of ``usual`` if that is 0."""
         sign = self.sign if known[self.joint] else 1.0
         return float(sign * self.between(low, high) * (known[self.joint] or usual))
 
@@ -167,7 +167,7 @@ def _of_friction(w: World, j: int, size: float) -> float:
 
 @dataclass(frozen=True)
 class TorqueEffect:
-    """How a cause is hidden."""
+    """A rule that hides a cause in a joint log."""
 
     hide: Hide
 
@@ -193,7 +193,7 @@ class TorqueEffect:
     start: float = 0.01
     """A small size, from which the first one is found."""
     largest: float = np.inf
-    """Largest size that is tried: more is obvious; assumed."""
+    """Largest size to try: more is obvious; assumed."""
     expected: tuple[str, ...] = ()
     """Causes that are named rightly beside it: the dry friction that it refines, and that must be
     there."""

@@ -41,7 +41,7 @@ __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
 DRAWN_HZ = 50.0  # samples per second of the drawn lines [Hz]; assumed
 SWEEP_TRIES = 20
-"""Signs of the sweeps' first directions that are tried until all keep the limits; assumed."""
+"""Signs of the sweeps' first directions to try until all keep the limits; assumed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

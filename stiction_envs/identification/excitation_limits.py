@@ -59,7 +59,7 @@ def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
 
 
 def bounds_of(arm: Arm, settings: ExcitationSettings) -> MotionBounds:
-    """Return what an arm's limits leave after the margins."""
+    """Return an arm's limits minus the margins."""
     low, high = arm.limits.position.T
     # a range narrower than both margins leaves its middle
     margin = np.minimum(settings.position_margin, 0.45 * (high - low))
@@ -166,7 +166,7 @@ class Clearance:
         return out
 
     def keeps(self, q: Array, wanted: float) -> bool:
-        """Whether all links keep a distance [m] at poses (T, n), near ones what they have."""
+        """Return whether all links keep a distance [m] at poses (T, n); neighbours keep less."""
         # the nearest first: one that is too near ends it
         return all(
             self._distance(*pair, 2 * wanted) + self._allowed.get(pair, 0.0) >= wanted

@@ -137,7 +137,7 @@ class ExcitationProblem:
         return x[:n] + self.p @ c, self.v @ c, self.a @ c
 
     def inside(self, state: State) -> bool:
-        """Whether a motion keeps every limit and distance."""
+        """Return whether a motion keeps every limit and distance."""
         if max(used(state, self.torque(state), self.bounds).values()) > 1.0:
             return False
         return self.clearance.keeps(state[0], self.settings.clearance)

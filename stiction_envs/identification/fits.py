@@ -45,7 +45,7 @@ UNKNOWN = 1e-7
 """Part of a parameter's information that is its own, apart from all others, below which it is
 rounding [-]; assumed."""
 SCALES = (0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
-"""Sizes of the links' errors over the tolerance of CAD that are tried [-]; assumed: a user's model
+"""Sizes of link errors to try, over the tolerance of CAD [-]; assumed: a user's model
 may be far off, and is never exact."""
 WIDE = 0.5
 """Standard deviation of a posterior over the prior's from which on logs do not show it [-]."""
@@ -157,7 +157,7 @@ KINDS: dict[str, Cause] = {
     "Fv": ViscousFriction(),
     "offset": _SmallOffset(),
 }
-"""Parameters of each joint's own, and their causes."""
+"""Parameters of a joint (not of its link), and their causes."""
 
 
 def kinds_of(torque: str) -> tuple[str, ...]:
@@ -202,12 +202,12 @@ def _predictor(data: Data) -> TorquePredictor:
 
 
 def terms_of(predictor: TorquePredictor) -> list[Term]:
-    """Return the whole model: errors of all links, then what the logs show of each joint's own."""
+    """Return the whole model: errors of all links, then the joint parameters that the logs show."""
     return predictor.problem.model(predictor.candidates)
 
 
 def not_shown(predictor: TorquePredictor) -> list[str]:
-    """Return the parameters of joints' own that the logs cannot show: ``Fc2``, ``rotor7``."""
+    """Return the joint parameters that the logs cannot show: ``Fc2``, ``rotor7``."""
     kinds = {cause.name: kind for kind, cause in KINDS.items()}
     problem, terms = predictor.problem, terms_of(predictor)
     sd = np.sqrt(np.diag(problem.covariance(terms)))

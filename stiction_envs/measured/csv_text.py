@@ -122,7 +122,7 @@ class Line:
         self.fields = fields
 
     def error(self, message: str) -> StictionError:
-        """An error at this line."""
+        """Return an error at this line."""
         return StictionError(f"{self.where}: {message}")
 
     @contextmanager
@@ -134,14 +134,14 @@ class Line:
             raise self.error(str(error)) from None
 
     def name(self, column: str, expected: Sequence[str]) -> str:
-        """The field as one of the ``expected`` names."""
+        """Return the field as one of the ``expected`` names."""
         value = self.fields[column]
         if value not in expected:
             raise self.error(str(unknown(column, value, expected)))
         return value
 
     def text(self, column: str) -> str:
-        """The field as text that is not empty."""
+        """Return the field as text that is not empty."""
         if not self.fields[column]:
             raise self.error(f"{column} is empty: expected any name")
         return self.fields[column]
@@ -154,7 +154,7 @@ class Line:
         low: float = -math.inf,
         nan: bool = False,
     ) -> float:
-        """The field as a finite number from ``low``, or NaN if ``nan``; else ``default``."""
+        """Return the field as a finite number from ``low``, NaN if ``nan``, or ``default``."""
         if default is not None and column not in self.fields:
             return default
         raw = self.fields[column]
@@ -170,7 +170,7 @@ class Line:
         return value
 
     def whole(self, column: str, low: int, high: int | None = None) -> int:
-        """The field as a whole number in ``low`` … ``high``."""
+        """Return the field as a whole number in ``low`` … ``high``."""
         raw = self.fields[column]
         expected = f"a whole number from {low}" + ("" if high is None else f" to {high}")
         try:
@@ -183,7 +183,7 @@ class Line:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a file in UTF-8 or UTF-16, with line ends as they are."""
+    """Return the text of a file in UTF-8 or UTF-16, with line ends as they are."""
     refuse_pointer(path)
     try:
         with opening(path, "a readable CSV file"):
@@ -198,7 +198,7 @@ def read_text(path: str | os.PathLike[str]) -> str:
 def read_lines(
     path: str | os.PathLike[str], required: Sequence[str], optional: Sequence[str] = ()
 ) -> list[Line]:
-    """Lines of a comma-separated table whose header names every required column, in any order."""
+    """Return the lines of a table whose header names every required column, in any order."""
     return parse_lines(path, read_text(path), required, optional)
 
 
@@ -241,7 +241,7 @@ def parse_lines(
 
 
 def header_of(path: str | os.PathLike[str]) -> list[str]:
-    """Columns of a CSV; none if it is empty or cannot be read."""
+    """Return the columns of a CSV; none if it is empty or cannot be read."""
     start = b""
     with suppress(OSError), open(path, "rb") as file:
         start = file.read(FIRST_BYTES)

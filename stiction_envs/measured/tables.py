@@ -58,7 +58,7 @@ class SJERow:
 
     @property
     def is_base(self) -> bool:
-        """Whether the row was measured without dither."""
+        """True if the row was measured without dither."""
         return self.frequency_hz == 0 and self.amplitude_nm == 0
 
 
@@ -264,7 +264,7 @@ class BaseTable:
         return (self.tau[..., 0] + self.tau[..., 1]) / 2
 
     def get(self, joint: int, load: str, direction: str) -> float:
-        """Signed base torque, N·m, of a joint (from 1), pose and direction."""
+        """Return the signed base torque [N·m] of a joint (from 1), pose and direction."""
         if not 1 <= joint <= self.n_joints:
             raise unknown("joint", joint, range(1, self.n_joints + 1))
         for what, value, names in (("load", load, LOADS), ("direction", direction, DIRECTIONS)):
@@ -314,7 +314,7 @@ def read_base(path: Path, robot: str | None = None, n_joints: int = 7) -> BaseTa
 
 
 def our_name(robot: str) -> str:
-    """Our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
+    """Return our name of a robot: the thesis's ``iiwa`` is the iiwa 7 R800; others keep theirs."""
     return "iiwa7" if robot == "iiwa" else robot
 
 

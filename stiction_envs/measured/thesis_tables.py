@@ -66,7 +66,7 @@ class DitheredRow:
 
 
 def thesis_table(number: str) -> list[Cells]:
-    """Rows of a printed table, such as ``"4.6"`` or ``"A.1"``, in the units its columns name.
+    """Return the rows of a printed table, such as ``"4.6"``, in the units of its columns.
 
     ``joint`` is an int, ``final_set_by_hand`` a bool, names are text, everything else is a float.
     """
@@ -83,12 +83,12 @@ def _cell(column: str, text: str) -> Any:
 
 
 def thesis_base(robot: str) -> BaseTable:
-    """Base torques of table 4.3, N·m: ``panda`` or ``iiwa7`` (``iiwa`` in print)."""
+    """Return the base torques of table 4.3 [N·m]: ``panda`` or ``iiwa7`` (``iiwa`` in print)."""
     return read_base(thesis_file("4.3"), _measured(robot))
 
 
 def thesis_dithered(robot: str = "panda") -> list[DitheredRow]:
-    """Every dithered breakaway torque: ``panda`` 4.6, 4.7, 4.8 and 4.10, ``iiwa7`` 4.5."""
+    """Return every dithered breakaway torque: ``panda`` 4.6, 4.7, 4.8 and 4.10, ``iiwa7`` 4.5."""
     robot = _measured(robot)
     if robot in thesis_robots("4.5"):
         return [
@@ -119,7 +119,7 @@ def _dithered(
     scale: float,
     amplitude: float | None = None,
 ) -> DitheredRow:
-    """A row of a table whose amplitude is scale × base, or ``amplitude`` [N·m]."""
+    """Return a row of a table whose amplitude is scale × base, or ``amplitude`` [N·m]."""
     return DitheredRow(
         *_key(row),
         frequency_hz=frequency,
@@ -139,7 +139,7 @@ def _key(row: Cells) -> tuple[str, int, str, str]:
 
 
 def _measured(robot: str) -> str:
-    """The robot by our name, if the thesis has measured it."""
+    """Return our name of a robot that the thesis measured."""
     if our_name(robot) not in thesis_robots():
         raise unknown("robot of the thesis", robot, thesis_robots())
     return our_name(robot)

@@ -22,7 +22,7 @@ AnyArray = NDArray[Any]
 
 
 class CopiedBatch(Batch):
-    """A batch of MuJoCo's that can be pickled, since it knows what is bound and expanded."""
+    """A batch of MuJoCo that can be pickled: it lists its bound and expanded arrays."""
 
     def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
@@ -32,14 +32,14 @@ class CopiedBatch(Batch):
         self._inputs: dict[str, Array] = {}
 
     def bind(self, name: str) -> Array:
-        """As `Batch.bind`."""
+        """Bind as `Batch.bind`; note the output for pickling."""
         out: Array = super().bind(name)
         if not out.flags.writeable:
             self._outputs[name] = out
         return out
 
     def expand(self, name: str) -> Array:
-        """As `Batch.expand`."""
+        """Expand as `Batch.expand`; note the input for pickling."""
         self._inputs[name] = super().expand(name)
         return self._inputs[name]
 

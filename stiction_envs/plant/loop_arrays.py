@@ -1,4 +1,4 @@
-"""What compiled code reads and writes of a plant's simulations, one simulation at a time."""
+"""Arrays of a plant's simulations that compiled code reads and writes, one simulation at a time."""
 
 from __future__ import annotations
 
@@ -81,6 +81,6 @@ def write_direction(i: int, a: PlantArrays) -> None:
 
 @compiled
 def write_directions(ids: Index, a: PlantArrays) -> None:
-    """`write_direction` of simulations ``ids`` (M,)."""
+    """Run `write_direction` for simulations ``ids`` (M,)."""
     for i in ids:
         write_direction(i, a)

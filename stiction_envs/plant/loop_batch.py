@@ -70,7 +70,7 @@ class Loop(NamedTuple):
 
 @inlined
 def take_fields(i: int, a: Loop) -> None:
-    """Give the model what simulation ``i`` has of its own."""
+    """Copy the fields of simulation ``i`` that differ into the model."""
     for k in range(a.inputs.shape[0]):
         copy(a.inputs[k, 2], a.inputs[k, 0] + i * a.inputs[k, 1], a.inputs[k, 3])
 
@@ -147,25 +147,25 @@ class LoopBatch(CopiedBatch):
         self._going[:] = going
 
     def forward(self, ids: ArrayLike | None = None, stage: int = _ACC) -> None:
-        """As `Batch.forward`."""
+        """Compute as `Batch.forward`; `loops` begins again."""
         self._begun = False
         super().forward(ids, stage)
 
     def reset(
         self, ids: ArrayLike | None = None, keyframe: ArrayLike = -1, stage: int = _ACC
     ) -> None:
-        """As `Batch.reset`."""
+        """Reset as `Batch.reset`; `loops` begins again."""
         self._begun = False
         super().reset(ids, keyframe, stage)
 
     def rollout(self, nstep: int, **options: object) -> dict[str, Array]:
-        """As `Batch.rollout`."""
+        """Roll out as `Batch.rollout`; `loops` begins again."""
         self._begun = False
         return super().rollout(nstep, **options)
 
     @property
     def loops(self) -> list[Loop]:
-        """What `advance` steps, of each part; kinematics are those of the present state."""
+        """Arguments of `advance`, for each part; kinematics are those of the present state."""
         fields = len(self._outputs) + len(self._inputs)
         if not self._loops or self._fields != fields:
             self._fields = fields

@@ -274,7 +274,7 @@ class Plant:
         return out
 
     def arrays(self, *, senses_torque: bool = False) -> PlantArrays:
-        """Return what compiled code reads and writes, until friction is set anew.
+        """Return the arrays of compiled code, valid until friction is set again.
 
         ``senses_torque`` is whether `write_joint_torque` is used.
         """
@@ -329,7 +329,7 @@ class Plant:
         raise_if_stopped(self.batch)
 
     def _write_slow(self, ids: Index) -> None:
-        """Write what load, warm-up and offset make of the friction; symmetric levels."""
+        """Write the friction at the present load, warm-up and offset; symmetric levels."""
         if len(ids) == 0:
             return
         p, s = self._p, self.sticking

@@ -55,7 +55,7 @@ def digest(*parts: object) -> str:
     """Return a hash of numbers, strings, arrays (by their bits), dataclasses and containers.
 
     Raises:
-        TypeError: anything else, whose content cannot be told from its `repr`.
+        TypeError: anything else, since a `repr` need not show all its content.
     """
     out = hashlib.sha256()
     _feed(out.update, parts)

@@ -12,7 +12,7 @@ from typing import Any
 from stiction_envs.reporting.atomic import write_text_atomic
 
 JsonRecord = Mapping[str, Any]
-"""JSON values by name, to be read: the types are known to who reads what it wrote."""
+"""JSON values by name, to be read; the reader knows the types."""
 
 
 def plain(value: object) -> Any:

@@ -110,7 +110,7 @@ class OutputFolder:
 
     @property
     def wrote(self) -> bool:
-        """Whether the run has put a file into the folder."""
+        """True if the run has put a file into the folder."""
         return bool(self._names() - self._before - {NAME})
 
     def _unmake(self) -> None:

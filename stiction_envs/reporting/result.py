@@ -23,7 +23,7 @@ class Result(abc.ABC):
 
     @abc.abstractmethod
     def to_json(self) -> Mapping[str, object]:
-        """Return what the command prints with ``--json``."""
+        """Return the JSON that the command prints with ``--json``."""
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> Path:
         """Write the files of the result's command and ``provenance.json``; return the folder.

@@ -112,7 +112,7 @@ class Arm:
         return () if text is None else tuple(text.get("data", "").split("\n"))
 
     def carrying_xml(self) -> str:
-        """MJCF with limits, rest pose and the stated joint physics, which `load_arm` reads."""
+        """Return MJCF with limits, rest pose and stated joint physics for `load_arm`."""
         root = ET.fromstring(self.xml)
         write_stated(self.stated, self.joint_names, root)
         self.carry_into(root)
@@ -128,20 +128,20 @@ class Arm:
                 ET.SubElement(custom, "numeric", name=name, data=mjcf.numbers(values))
 
     def spec(self) -> mujoco.MjSpec:
-        """Fresh editable MuJoCo spec: the caller may add actuators, armature, elastic joints."""
+        """Return a new MuJoCo spec; the caller may add actuators, armature, elastic joints."""
         return mujoco.MjSpec.from_string(self.xml)
 
     def model(self) -> mujoco.MjModel:
-        """Compiled MuJoCo model of the rigid arm: nq = nv = n, joint i has dof i."""
+        """Return the MuJoCo model of the rigid arm: nq = nv = n, joint i has dof i."""
         return self.spec().compile()
 
     def bare_model(self) -> mujoco.MjModel:
-        """`model` without geometry: the same dynamics, computed in two thirds of the time."""
+        """Return `model` without geometry: the same dynamics in two thirds of the time."""
         xml = ET.tostring(mjcf.skeleton(ET.fromstring(self.xml)), encoding="unicode")
         return mujoco.MjModel.from_xml_string(xml)
 
     def pinocchio(self, *, compensated: bool = False) -> pin.Model:
-        """Pinocchio model of the same MJCF: joint i + 1 is ``joint_names[i]``, same gravity.
+        """Return the same arm for pinocchio: joint i + 1 is ``joint_names[i]``, same gravity.
 
         Frames have the names of bodies, joints and sites. If ``compensated``, bodies have only the
         share of their mass whose weight the gravity compensation of the robot's file carries.
@@ -228,7 +228,7 @@ def load_arm(
 
 
 def _shipped(files: ArmFiles) -> Table:
-    """Fields as of `read_user_arm`; the package's MJCF is bare and taken bit for bit."""
+    """Return fields as `read_user_arm`; the package's MJCF is used bit for bit."""
     xml = files.model.read_text("utf-8")
     links = [body for body in ET.fromstring(xml).iter("body") if body.find("joint") is not None]
     joints = [str(link.find("joint").get("name")) for link in links]  # type: ignore[union-attr]
@@ -269,7 +269,7 @@ def check_chain(robot: str | Path, chain: Sequence[str] | None) -> Chain | None:
 
 
 def _user_arm(robot: str | Path, chain: Chain | None) -> Table:
-    """Fields of an arm that is not registered, as of `read_user_arm`."""
+    """Return the fields of an arm that is not registered, by `read_user_arm`."""
     path = Path(find_model(robot)).expanduser()
     if path.suffix.lower() not in ENDS:
         raise unknown("robot", str(robot), [*ARMS, "a path to an .xml, .mjcf or .urdf"])

@@ -35,7 +35,7 @@ class Limits:
     """Largest change of the commanded torque, (n,), N·m/s; inf where unknown."""
 
     def assumed(self, name: str) -> Bools:
-        """(n,) whether limits (``position``, ``velocity``, ``torque``) are those of `generic`.
+        """Return (n,) whether limits of ``position``, ``velocity`` or ``torque`` are `generic`.
 
         A joint whose position is not limited, as a continuous one, turns as far as it likes.
         """
@@ -43,7 +43,7 @@ class Limits:
         return np.array([bool((np.abs(x) == default).all()) for x in getattr(self, name)])
 
     def doubtful(self, name: str) -> Bools:
-        """(n,) whether limits of ``velocity`` or ``torque`` are assumed, or may fill a gap.
+        """Return (n,) whether limits of ``velocity`` or ``torque`` are assumed or fill a gap.
 
         An exporter that knows none writes one number for all joints, or a tiny one.
         """
@@ -60,7 +60,7 @@ class Limits:
 
 
 def read_toml(path: Path) -> Table:
-    """Tables of a TOML file; raises a StictionError for one that cannot be read."""
+    """Return the tables of a TOML file; StictionError if it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -71,12 +71,12 @@ def read_toml(path: Path) -> Table:
 
 @cache
 def generic() -> Table:
-    """Values that are assumed where an arm's file has none (``generic.toml``)."""
+    """Return the values that are assumed where an arm's file has none (``generic.toml``)."""
     return read_toml(Path(__file__).with_name("generic.toml"))
 
 
 def lookup(table: Mapping[str, object], key: str) -> Any:
-    """``value`` of the dotted ``key``, e.g. ``limits.torque``; None where it is missing."""
+    """Return ``value`` of the dotted ``key``, e.g. ``limits.torque``; None if it is missing."""
     node: object = table
     for part in key.split("."):
         if not isinstance(node, Mapping) or part not in node:
@@ -91,7 +91,7 @@ def payload_radius() -> float:
 
 
 def on_floor(table: Mapping[str, object], where: str) -> bool:
-    """Whether ``mounting`` says ``floor``, z = 0 of the arm's world; ``free`` is the default."""
+    """Return whether ``mounting`` is ``floor``, z = 0 of the world; the default is ``free``."""
     mounting = table.get("mounting", "free")
     if mounting not in MOUNTINGS:
         raise StictionError(f"{where}: {unknown('mounting', mounting, MOUNTINGS)}")
@@ -106,7 +106,7 @@ def hand_yaw(table: Mapping[str, object], where: str) -> float:
 
 
 def per_joint(value: object, shape: tuple[int, ...], where: str) -> Array:
-    """``value`` as float64 array of ``shape``, which a single number fills; NaN is refused."""
+    """Return ``value`` as float64 array of ``shape``; a single number fills it; no NaN."""
     lone = np.ndim(value) == 0  # type: ignore[arg-type]
     array = checked_array(value, where, () if lone else shape, finite=False)
     if np.isnan(array).any():

@@ -154,7 +154,7 @@ def balance_inertias(spec: mujoco.MjSpec) -> list[str]:
 
 
 def _make_round(body: mujoco.MjsBody) -> None:
-    """Give a fixed body the inertia of a sphere: its own has no effect."""
+    """Give a fixed body the inertia of a sphere, which has no effect."""
     body.fullinertia = np.full(6, np.nan)
     body.inertia = np.full(3, max(float(body.mass), 1e-3))  # any consistent one
 
@@ -172,7 +172,7 @@ def _ends(spec: mujoco.MjSpec, chain: Chain, path: Path) -> tuple[str, mujoco.Mj
 
 
 def _above(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    """Bodies above one, up to the world."""
+    """Return the bodies above one, up to the world."""
     while body.name != "world":
         body = body.parent
         yield body

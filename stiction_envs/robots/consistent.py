@@ -1,4 +1,4 @@
-"""Bodies that can exist: nearest to what a fit wants, and a little off a known body.
+"""Physically consistent bodies: nearest to a fit, and a little off a known body.
 
 The nearest are convex programs over pseudo-inertias, solved by Clarabel (P. Goulart, Y. Chen,
 "Clarabel: an interior-point solver for conic programs with quadratic objectives", 2024).
@@ -108,7 +108,7 @@ def tolerances(phi: Array) -> Array:
 def stretch_directions(phi: Array) -> Array:
     """Return (10, 10) change of a link's parameters per mass, shift [m], and stretch or shear [-].
 
-    The tangent of `stretched_link`; mass counts in the link's own.
+    The tangent of `stretched_link`; mass is relative to the link's mass.
     """
     j, to = pseudo_inertia(phi), np.eye(4)
     to[:3, 3] = phi[1:4] / phi[0]  # the centre of mass

@@ -9,17 +9,17 @@ import numpy as np
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers as an MJCF attribute, with all digits of a float64."""
+    """Return numbers as an MJCF attribute, with all digits of a float64."""
     return " ".join(repr(float(v)) for v in values)
 
 
 def parents(root: ET.Element) -> dict[ET.Element, ET.Element]:
-    """The parent of every element below ``root``."""
+    """Return the parent of every element below ``root``."""
     return {child: parent for parent in root.iter() for child in parent}
 
 
 def read_numbers(element: ET.Element, key: str, default: tuple[float, ...]) -> np.ndarray:
-    """Attribute ``key`` of ``element`` as float64 array, ``default`` where it is missing."""
+    """Return attribute ``key`` of ``element`` as float64 array; ``default`` if it is missing."""
     text = element.get(key)
     return np.array(default if text is None else [float(v) for v in text.split()])
 
@@ -88,7 +88,7 @@ def add_payload(
 def bodies_out_of_frames(root: ET.Element) -> None:
     """Lift bodies, joints and sites out of ``frame`` elements; geometry stays in its frame.
 
-    Their poses have to be rewritten afterwards: a compiled model's include the frame.
+    The caller must rewrite their poses afterwards: poses of a compiled model include the frame.
     """
     moved = True
     while moved:

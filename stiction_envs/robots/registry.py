@@ -55,7 +55,7 @@ class ArmFiles:
 
     @property
     def shipped(self) -> bool:
-        """Whether the arm comes with the package."""
+        """True if the arm comes with the package."""
         return self.model.parents[1] == PACKAGE
 
     @cached_property
@@ -162,7 +162,7 @@ def on_arm(listener: Callable[[ArmFiles], None]) -> None:
 
 
 def arm_title(name: str) -> str:
-    """Title of a known arm; the name itself of a user's file."""
+    """Return the title of a registered arm; for a user's file, its name."""
     return ARMS[name].title if name in ARMS else name
 
 

@@ -85,17 +85,17 @@ class StatedJoints:
 
     @property
     def dry(self) -> bool:
-        """Whether the file states dry friction."""
+        """True if the file states dry friction."""
         return bool(self.stiction.any())
 
     @property
     def friction(self) -> bool:
-        """Whether the file states friction, dry or viscous."""
+        """True if the file states friction, dry or viscous."""
         return self.dry or bool(self.damping.any())
 
     @property
     def passive(self) -> bool:
-        """Whether the file states springs or gravity compensation."""
+        """True if the file states springs or gravity compensation."""
         return bool(self.stiffness.any()) or bool(self.gravcomp)
 
     def line(self, used: bool | Collection[str] = True) -> str:
@@ -168,7 +168,7 @@ def dry_friction(
 ) -> tuple[Array, Array, Array, Array]:
     """Return (n,) F_s and F_c [N·m], v_s [rad/s] and σ0 [N·m/rad] of some joints of a model.
 
-    Of LuGre friction in a ``dcmotor`` and of frictionloss, which has no v_s and σ0: zero.
+    The file states LuGre friction in a ``dcmotor``, or frictionloss without v_s and σ0: both 0.
     """
     loss = model.dof_frictionloss[model.jnt_dofadr[ids]]
     stiction, coulomb, stribeck, bristle = loss.copy(), loss.copy(), 0 * loss, 0 * loss
@@ -290,7 +290,7 @@ def _joints_of(model: mujoco.MjModel, tendon: int) -> list[int]:
 
 
 def _add_tendons(out: StatedJoints, model: mujoco.MjModel, ids: Sequence[int]) -> list[str]:
-    """Add what fixed tendons over one joint do to it; return clauses on the others."""
+    """Add the effects of fixed tendons over one joint; return clauses on other tendons."""
     said = []
     for t in range(model.ntendon):
         numbers = {

@@ -1,6 +1,6 @@
 """Parts of a URDF that MuJoCo does not read: joint speeds, ``package://`` paths, fixed links.
 
-Its ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
+The ``<mujoco>`` element, such as ``<compiler balanceinertia="true"/>``, stays as the file has it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ MESHES = (".stl", ".obj", ".msh")
 
 
 def velocities(root: ET.Element) -> dict[str, float]:
-    """Speed limits of a ``robot`` element by joint name, rad/s; only those that are positive."""
+    """Return the positive speed limits of a ``robot`` element by joint name [rad/s]."""
     out = {}
     for joint in root.iter("joint"):
         limit = joint.find("limit")
@@ -25,7 +25,7 @@ def velocities(root: ET.Element) -> dict[str, float]:
 
 
 def prepare(root: ET.Element, path: Path) -> str:
-    """URDF text that MuJoCo reads without fusing fixed links and with absolute mesh paths.
+    """Return URDF text that MuJoCo reads without fusing fixed links and with absolute mesh paths.
 
     ``root`` is changed in place; meshes are looked for next to its ``path`` and in the folders
     above.
@@ -52,7 +52,7 @@ def prepare(root: ET.Element, path: Path) -> str:
 
 
 def _find(name: str, path: Path, meshes: str) -> Path | None:
-    """The mesh ``name`` of the URDF at ``path``, whose ``meshdir`` is ``meshes``; None for none."""
+    """Return the mesh ``name`` of the URDF at ``path`` with ``meshdir`` ``meshes``, or None."""
     tail = name.removeprefix("package://").removeprefix("file://")
     if Path(tail).suffix.lower() not in MESHES:
         return None

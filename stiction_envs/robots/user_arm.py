@@ -57,7 +57,7 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
-    """Fields of an ``Arm`` from a user's MJCF or URDF, and the TOML of the same stem beside it.
+    """Return fields of an ``Arm`` from a user's MJCF or URDF, and a TOML of the same stem.
 
     ``chain`` are the links at the base and the tip of the arm, in a file of a bigger robot.
 
@@ -174,7 +174,7 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
 
 
 def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list[str]]:
-    """Spec of the file, joint speeds [rad/s] of a URDF, and clauses on changes and omissions.
+    """Return the file's spec, joint speeds [rad/s] of a URDF, and clauses on changes and gaps.
 
     Unnamed bodies and joints get a name, so that XML and compiled model can be matched.
     """
@@ -200,7 +200,7 @@ def _named(path: Path) -> tuple[mujoco.MjSpec, dict[str, float], list[str], list
 
 
 def _above(model: mujoco.MjModel, body: int) -> list[int]:
-    """``body`` and the bodies between it and the world, tip to base."""
+    """Return ``body`` and the bodies between it and the world, tip to base."""
     out = []
     while body:
         out.append(body)
@@ -209,7 +209,7 @@ def _above(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _hinges(model: mujoco.MjModel, path: Path) -> Index:
-    """Ids of the hinges from base to tip; raises where they are not one serial chain."""
+    """Return the ids of the hinges, base to tip; raise if they are not one serial chain."""
     for j in range(model.njnt):
         if int(model.jnt_type[j]) not in (_HINGE, _SLIDE):
             kind = mujoco.mjtJoint(model.jnt_type[j]).name.removeprefix("mjJNT_").lower()
@@ -249,7 +249,7 @@ def _hinges(model: mujoco.MjModel, path: Path) -> Index:
 
 
 def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:
-    """Largest torque of each hinge, N·m: the smallest limit of joint and actuators."""
+    """Return the largest torque of each hinge [N·m]: the least limit of joint and actuators."""
     out = []
     for j in chain:
         found = []
@@ -276,7 +276,7 @@ def _torques(model: mujoco.MjModel, chain: Index) -> list[float]:
 
 
 def _rest(model: mujoco.MjModel, chain: Index, position: Array) -> Array:
-    """Rest pose [rad]: the keyframe ``home``, else the first, else zero or the middle of ranges.
+    """Return the rest pose [rad]: keyframe ``home``, the first one, zero, or mid-range.
 
     Zero only where it is a twentieth of the range (assumed) or more away from both ends: an arm
     that rests against a stop cannot follow a path.
@@ -301,7 +301,7 @@ def _absolute_assets(spec: mujoco.MjSpec) -> None:
 
 
 def _known(names: list[str]) -> str | None:
-    """The first of ``names`` that is, or ends on ``_`` and, the most likely flange name."""
+    """Return the first of ``names`` that is a usual flange name, or ends on ``_`` and one."""
     found = (x for end in FLANGE_NAMES for x in names if f"_{x.lower()}".endswith(f"_{end}"))
     return next(found, None)
 
@@ -309,7 +309,7 @@ def _known(names: list[str]) -> str | None:
 def _flange(
     spec: mujoco.MjSpec, model: mujoco.MjModel, tip: int, fingers: set[int]
 ) -> tuple[str, str | None]:
-    """Site name of the flange, and the body to which it has to be added, if it is new.
+    """Return the flange's site name, and the body that needs it if the site is new.
 
     A well-known site name on the last link or a body fixed to it wins, then a fixed link of such a
     name (URDF), then any site of the last link, then the last link's own frame.
@@ -338,7 +338,7 @@ def _flange(
 def _rigid_xml(
     spec: mujoco.MjSpec, model: mujoco.MjModel, chain: Index, path: Path, end: str | None
 ) -> tuple[ET.Element, str]:
-    """MJCF of the bare rigid arm with all digits, and the name ``end`` of its flange site."""
+    """Return MJCF of the bare rigid arm with all digits, and the name of its flange site."""
     fingers = {int(model.jnt_bodyid[j]) for j in np.flatnonzero(model.jnt_type == _SLIDE)}
     tip = int(model.jnt_bodyid[chain[-1]])
     end_effector, add_to = (end, None) if end else _flange(spec, model, tip, fingers)

@@ -27,7 +27,7 @@ def arm(tmp_path_factory) -> Arm:
 
 
 def told(arm: Arm, goal: float = 0.0, **values: float) -> np.ndarray:
-    """Angles (T, 2) of both joints that are told an angle after half a second, for four."""
+    """Return angles (T, 2) of both joints, whose command changes after half a second."""
     p = np.stack([parameters(damping=8.0, **values)] * 2)
     p[:, INDEX["stiffness"]] = 100.0
     t = np.arange(0.0, 4.0, 0.02)
@@ -89,7 +89,7 @@ def test_a_log_has_steps_and_late_stamps_and_the_same_bits_again(arm: Arm) -> No
     "cause", ["damping", "armature", "presliding_hysteresis", "gravity_compensation_missing"]
 )
 def test_a_hidden_cause_is_found_on_its_joint(arm: Arm, cause: str) -> None:
-    """Missing compensation halves a sag, as a stiffer servo does: it is said to be alike."""
+    """Missing gravity compensation may be a rival of the named cause, a stiffer servo."""
     h = hide(arm, (cause,), seed=3, seconds=45.0, start=START)
     ((_, joint),) = h.hidden
     found = [c for c in diagnose_servo([h.log], arm, h.servo).causes if joint in c.joints]

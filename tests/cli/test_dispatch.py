@@ -99,7 +99,7 @@ def test_interrupt_says_how_to_go_on(failing):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 def test_standard_output_on_a_full_disk(tmp_path, monkeypatch):
-    """Where it is buffered: what is left in the buffer is an error again when Python ends."""
+    """With a buffer: output left in the buffer raises the error again when Python ends."""
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     code = "import sys; from stiction_envs.cli import main; sys.exit(main(sys.argv[1:]))"
     table = tmp_path / "final.csv"
@@ -121,7 +121,7 @@ def default_interrupt() -> Iterator[None]:
 
 @pytest.mark.usefixtures("default_interrupt")
 def test_an_interruption_that_python_loses_still_ends_the_work() -> None:
-    """As in a finalizer or a callback of a weak reference, where exceptions are ignored."""
+    """Python ignores exceptions in a finalizer or a callback of a weak reference."""
     with interruptible():
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)

@@ -1,4 +1,4 @@
-"""What every command promises: its help, a report that can be read, and what a full disk leaves."""
+"""Every command has a help text, a readable report, and whole files on a full disk."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def whole(folder: Path) -> dict[str, bytes]:
 def test_a_full_disk_is_one_line_and_the_same_command_again_ends_as_undisturbed(
     cli, work, two, monkeypatch, line, resumes, disks
 ):
-    """What was written before is whole, and nothing half-written is left."""
+    """Files written before are whole; no half-written file is left."""
 
     def run(name: str, disk: FullDisk | None, *more: str):
         (work / name).mkdir(exist_ok=True)

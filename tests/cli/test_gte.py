@@ -100,7 +100,7 @@ def test_options_reach_the_experiment(cli, work, path, table, inputs):
 
 @pytest.mark.slow
 def test_compensation_of_a_file(cli, work, path):
-    """What the tuner writes, alone and with its dither, is what Python makes of it, to the bit."""
+    """The compensation of compensation.csv and of final.yaml gives equal results."""
     path.write_text("x,y,z\n0.02,0,0\n")
     found = GeneratedTrajectoryExperiment("panda").compensation("lugre_observer", 0.7)
     dither = [AmplitudeRow(7, 15.0, 0.8009660772725983)]
@@ -117,7 +117,7 @@ def test_compensation_of_a_file(cli, work, path):
 
 @pytest.mark.slow
 def test_arm_of_two_joints(cli, work, two, path):
-    """Singular all the time: said, and no NaN."""
+    """The arm is always singular: the command says so, and no number is NaN."""
     ran = cli("gte", two, "--trajectory", path, *QUICK, "--out", "a")
     assert ran.code == 0
     assert "iterations singular 1" in ran.out

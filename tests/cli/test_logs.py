@@ -51,7 +51,7 @@ def test_a_mounting_that_was_found_is_stated(cli, inputs):
 
 
 def test_a_log_says_what_was_corrected_and_what_was_not(cli, inputs, log, two):
-    """A repeated row, a column nobody knows, a torque that stands at its limit."""
+    """A repeated row, an unknown column, a torque at its limit."""
     header, *rows = log.read_text().splitlines()
     rows[100:100] = rows[99:100]
     cells = [row.split(",") for row in rows]

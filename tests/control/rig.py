@@ -136,7 +136,7 @@ class Rig:
 
 
 class Look(NamedTuple):
-    """What a controller sees of one arm, (1, …) each."""
+    """A controller's measurements of one arm, (1, …) each."""
 
     position: np.ndarray
     quaternion: np.ndarray

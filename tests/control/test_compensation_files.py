@@ -34,7 +34,7 @@ def drawn(kind: str, seed: int = 0) -> Compensation:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_round_trip(tmp_path, kind):
-    """compensation.csv and final.yaml, with or without being told the kind."""
+    """compensation.csv and final.yaml, with or without the kind as an argument."""
     c = drawn(kind)
     write_treatment(tmp_path, DITHER, c, NAMES)
     for name in ("compensation.csv", "final.yaml"):

@@ -1,4 +1,4 @@
-"""What a command passes through before a servo follows it, against closed forms and `diagnose`."""
+"""The path of a command to a servo, against closed forms and `diagnose`."""
 
 import numpy as np
 import pytest

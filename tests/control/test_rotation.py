@@ -19,7 +19,7 @@ def scipy(q: np.ndarray) -> Rotation:
 
 
 def same(a: np.ndarray, b: np.ndarray) -> None:
-    """Same rotations, whatever the sign of the quaternions."""
+    """Assert that rotations are the same; the sign of a quaternion does not count."""
     np.testing.assert_allclose(np.abs(np.sum(a * b, axis=-1)), 1.0, atol=1e-14)
 
 

@@ -60,7 +60,7 @@ class Bad(Waveform):
         self.name, self._shape = name, shape  # type: ignore[misc]
 
     def value(self, angle, drawn):
-        """Whatever it was given."""
+        """Return the values of the shape under test."""
         return self._shape(angle)
 
 

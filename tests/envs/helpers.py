@@ -148,7 +148,7 @@ def batch_and_singles(kind: Kind, steps: int, **arguments: Any) -> Any:
 
 
 def same(a: Any, b: Any) -> bool:
-    """Whether two results are the same bits, nested dicts and NaN included."""
+    """Return whether two results are the same bits, nested dicts and NaN included."""
     if isinstance(a, dict):
         return a.keys() == b.keys() and all(same(a[k], b[k]) for k in a)
     if isinstance(a, (tuple, list)):

@@ -1,4 +1,4 @@
-"""What the environments of both experiments have in common, alone and in Gymnasium's wrappers."""
+"""Tests of both environments, alone and in Gymnasium's wrappers."""
 
 from __future__ import annotations
 

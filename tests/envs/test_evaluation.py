@@ -1,4 +1,4 @@
-"""One function evaluates every agent: rows that say what the environment said."""
+"""One function evaluates every agent; its rows are the environment's info."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPTIONS = {
 
 @pytest.mark.parametrize("kind", [pytest.param("gte", marks=pytest.mark.slow), "sje"])
 def test_rows_are_the_same_bits_in_any_batch(kind):
-    """Whatever the number of environments, their autoreset mode, and what was done before."""
+    """For any number of environments, autoreset mode and earlier episodes."""
     seeds = [3, 1, 4, 1, 5]
     rows = []
     for size, mode in ((1, "NextStep"), (2, "SameStep"), (8, "Disabled")):

@@ -1,4 +1,4 @@
-"""What is the GTE environment's own: iterations, what is seen, paths; see `test_environments`."""
+"""The GTE environment: iterations, observation, paths; see `test_environments`."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> No
 
 
 def test_a_constant_action_is_the_experiment_bit_for_bit():
-    """What `stiction gte` runs, by key of the scatter: the same path, the same numbers."""
+    """`stiction gte` with the same scatter key runs the same path, with the same numbers."""
     env = gym.make(PANDA_GTE, render_mode="rgb_array")
     case = Case(trajectory="triangle", stiffness=(200, 20, 0), dither=rows_of(shaken(env)))
     check_reproduction(env, "panda", case)
@@ -166,7 +166,7 @@ def test_observed_torque_is_the_impedance_laws_without_dither(panda):
 
 @pytest.mark.parametrize("arguments", [{"threads": 1}, {"threads": 2}, {"sensing": "robot"}])
 def test_an_episode_that_is_over_is_not_stepped(arguments):
-    """Whatever became of its arm, the others of its batch go on, and a reset starts it anew."""
+    """The other arms of the batch go on; a reset restarts the ended arm."""
     env = GTE.make_batch(3, fixed_options=TRIANGLE, max_episode_steps=2, **arguments)
     action = np.tile(quiet(env.core), (3, 1))
     env.reset(seed=1)

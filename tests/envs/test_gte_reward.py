@@ -1,4 +1,4 @@
-"""What the GTE environment pays for: terms, their units, and when they are paid."""
+"""Rewards of the GTE environment: terms, units, and the steps that pay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is shipped or cached of base torques, undithered runs and poses is what is simulated."""
+"""Shipped and cached base torques, undithered runs and poses equal simulated ones."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def softer(name: str, factor: float = 0.9) -> object:
 def test_what_is_shipped_is_what_is_simulated(robot, cache):
     """Bit for bit on one machine; another processor may differ in rounding.
 
-    Of the random paths the first and the last: each is simulated alone, whatever the others are.
+    Only the first and the last random path are tested: paths are independent of each other.
     """
     count = episode_settings().random_paths
     precompute.simulate(robot, (0, count - 1))

@@ -1,4 +1,4 @@
-"""What is the SJE environment's own: its reward and what is seen; see `test_environments`."""
+"""The SJE environment: reward and observation; see `test_environments`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every registered environment promises: same seed, same bits; a space that is kept; more.
+"""Every registered environment: same seed, same bits; observations inside the space; more.
 
 A new environment is found by its entry point and needs no line here.
 """

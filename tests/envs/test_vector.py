@@ -1,4 +1,4 @@
-"""A batch is its single environments, bit for bit, whatever its size, threads and division."""
+"""A batch of any size and number of threads equals its single environments, bit for bit."""
 
 from __future__ import annotations
 

@@ -131,7 +131,7 @@ def test_other_line_ends_and_orders_are_read(built: Path, tmp_path: Path) -> Non
 def run_main(
     built: Path, *argv: object, enter: str = "\n", **robot: float
 ) -> tuple[subprocess.CompletedProcess[str], np.ndarray]:
-    """Run it; return what it said, and the commanded t and torques (T, 8)."""
+    """Run the example; return its output, and the commanded t and torques (T, 8)."""
     ran = subprocess.run(
         [built / "main", *map(str, argv)],
         input=enter,

@@ -103,7 +103,7 @@ def test_chattering_bristle_fails():
 
 
 def test_overdamped_bristle_is_an_error_of_the_experiment(tmp_path, monkeypatch):
-    """hσ1/J over 2 blows up: said, and not taken for a joint that stands."""
+    """hσ1/J over 2 diverges: an error, not a joint that holds."""
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
     with pytest.raises(ExperimentError, match="stopped by the engine"):
         conformance(lugre("2000 170 0.5 0.6 0.003"))

@@ -83,7 +83,7 @@ def test_the_step_of_a_light_arm_is_stable_where_critical_damping_is_not(light):
 
 
 def test_a_light_arm_comes_to_rest_where_it_is_held(light):
-    """What the criterion promises, in the engine: released 0.1 rad off, joints come back."""
+    """The engine agrees with the criterion: joints released 0.1 rad off come back."""
     sticking = light()
     stiffness, damping, inertia, _ = servos_at(sticking, BENT)
 

@@ -1,4 +1,4 @@
-"""What tells an exported model from ours."""
+"""Differences of an exported model from the simulated one."""
 
 from __future__ import annotations
 

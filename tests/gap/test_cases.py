@@ -59,7 +59,7 @@ class Recording:
         return inverse_torque(self.arm.model(), self.q, still, still)
 
     def log(self, noise: float | Array, seed: int = 0) -> JointLog:
-        """What a robot would write down, with noise of torque [N·m] and angles in steps."""
+        """Return a robot's log, with noise of torque [N·m] and angles in steps."""
         rng = np.random.default_rng(seed)
         tau = self.tau + noise * rng.normal(size=self.q.shape)
         q = np.round(self.q / 1e-5) * 1e-5

@@ -100,7 +100,7 @@ def test_diagnose_holds_its_model_against_logs_that_took_no_part(two, tmp_path):
 
 
 def test_a_joint_at_its_noise_floor_is_not_worse(two, friction):
-    """What is added must be seen: it is above the floor, however little the nominal error is."""
+    """Only added error above the noise floor counts, however small the nominal error is."""
     log = hidden(two, seed=7, noise=NOISE)
     floor = held(friction, log).data.noise
     for size, worse in ((0.5, ()), (4.0, (1, 2))):

@@ -1,4 +1,4 @@
-"""What a model hands on of its causes' doubt, of the robot's lag and of its sessions."""
+"""A model file keeps the causes' covariance, the robot's lag and its sessions."""
 
 from __future__ import annotations
 

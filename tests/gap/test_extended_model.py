@@ -1,4 +1,4 @@
-"""What was found goes into a model: exactly as record, and as physics that MuJoCo runs."""
+"""Causes in a model: exactly in the model file, and as physics that MuJoCo runs."""
 
 import dataclasses
 import tomllib
@@ -240,7 +240,7 @@ def test_a_found_ripple_is_added_to_that_of_the_nominal_friction(periods):
 
 
 def test_the_nominal_torque_has_the_friction_s_ripple_and_warm_up():
-    """As the plant simulates both, and the model file writes both."""
+    """The plant simulates both, and the model file contains both."""
     ripple = {"ripple_amplitude": 0.3, "ripple_periods": 12.0, "ripple_phase": 0.4}
     warm_up = {"warm_up_friction": 0.5, "warm_up_viscous": 0.2, "warm_up_time": 20.0}
     with_both = sticky(**ripple, **warm_up)

@@ -1,4 +1,4 @@
-"""Every ``model.toml`` that could be written runs an SJE: no engine stops, whatever was found."""
+"""Every possible ``model.toml`` runs an SJE: no simulation diverges."""
 
 from __future__ import annotations
 

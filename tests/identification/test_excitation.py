@@ -175,7 +175,7 @@ def test_an_arm_that_cannot_be_held_at_rest_is_said(panda):
 
 
 def test_neighbours_keep_half_of_what_they_have_at_rest(tmp_path):
-    """A base and a second link 35 mm apart can be excited, and are told; they never touch."""
+    """A base and a second link 35 mm apart can be excited, with a note; they never touch."""
     path = tmp_path / "near.xml"
     path.write_text(ARM.format(bulge=0.03).replace('0 0 0.1"/>', '0 0 0.135"/>', 1), "utf-8")
     motion = excite(load_arm(path), QUICK)

@@ -1,4 +1,4 @@
-"""Torque table or joint log, told from the columns."""
+"""The columns show torque table or joint log."""
 
 import gzip
 

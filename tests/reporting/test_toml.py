@@ -1,4 +1,4 @@
-"""What is written as TOML is read back as it was, whatever its layout."""
+"""A TOML file of any layout is read back as it was written."""
 
 from __future__ import annotations
 

@@ -42,7 +42,7 @@ def test_regressor_times_parameters_is_mujocos_inverse_dynamics(name, options):
 
 @pytest.mark.parametrize("name", BUILTIN)
 def test_base_parameters_give_all_torque(name):
-    """43 of an upright seven-joint arm's 70 (Gaz et al. 2019), whatever the other 27 are."""
+    """43 of 70 parameters fix the torque of an upright seven-joint arm (Gaz et al. 2019)."""
     arm = load_arm(name)
     model = arm.pinocchio()
     w = torque_regressor(model, *states(arm, 200)).reshape(-1, 70)

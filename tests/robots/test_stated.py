@@ -1,4 +1,4 @@
-"""What a robot's own file states of its joints is read; what is left out of it is said."""
+"""Joint properties in a robot's file are read; the notes list what is left out."""
 
 from __future__ import annotations
 

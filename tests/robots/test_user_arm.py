@@ -190,7 +190,7 @@ BOUNDED = {
 @pytest.mark.parametrize("value", [1e308, -1e308, float("inf"), float("-inf")])
 @pytest.mark.parametrize("key", BOUNDED)
 def test_a_number_that_no_joint_can_have_is_refused(key, value, tmp_path):
-    """What, where, what is expected; only a torque rate may be endless."""
+    """The error names number, place and expected range; only a torque rate may be infinite."""
     path = two(tmp_path, f"[{key}]\nvalue = {value}\n")
     if (key, value) == ("limits.torque_rate", float("inf")):
         assert np.isinf(load_arm(path).limits.torque_rate).all()

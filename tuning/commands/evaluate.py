@@ -161,7 +161,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
 
 def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
-    """Return the policies that are files, by a name of their own."""
+    """Return the policies that are files, by unique names."""
     from tuning.policies.comparison import gated_file
 
     files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}

@@ -172,7 +172,7 @@ def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
     """Return the best gated table shipped for an arm, clipped to the environment's amplitudes.
 
     The Panda's is the best of 1600 tables with one common gate (``benchmarks/learning/search.md``).
-    An arm without one is given `agents.usual_table` with the default gate.
+    An arm without one gets `agents.usual_table` with the default gate.
     """
     path = gated_file(robot)
     if path is None:

@@ -271,7 +271,7 @@ class ThesisTuner:
         }
 
     def _outcome(self, measured: list[Measurement]) -> TrialOutcome:
-        """Return what is stored of a setting; None as values where a joint stuck."""
+        """Return the stored outcome of a setting; values are None if a joint stuck."""
         base = self.base
         taus = [m.mean / base[m.job.configuration].mean if base else m.mean for m in measured]
         value = float(np.mean(np.abs(taus)))

@@ -54,7 +54,7 @@ class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
 
     summary: JsonRecord
-    """What ``stiction tune --json`` prints."""
+    """JSON that ``stiction tune --json`` prints."""
     final: tuple[AmplitudeRow, ...]
     """Dither of every joint, the rows of ``final.csv``."""
     folder: Path

@@ -37,7 +37,7 @@ class MeasuredRow:
 
     @property
     def is_base(self) -> bool:
-        """Whether it was measured without dither."""
+        """True if the row was measured without dither."""
         return self.amplitude_nm == 0
 
     @property

@@ -1,4 +1,4 @@
-"""Which settings to measure next, which one is best so far, and when to stop.
+"""The next settings to measure, the best setting so far, and the rule to stop.
 
 The criterion is the expected improvement over the best measured setting (Jones, Schonlau & Welch,
 Efficient global optimization of expensive black-box functions, J. Global Optim. 13, 1998) of the
@@ -50,7 +50,7 @@ def next_settings(
     """Return up to ``count`` settings to measure next, the most promising first.
 
     A setting that was measured in some configurations may be among them, for the others. The list
-    is shorter, or empty, when every setting has been tried.
+    is shorter, or empty, when every setting was measured.
     """
     chosen: list[int] = []
     while len(chosen) < count:

@@ -94,7 +94,7 @@ class RobotState:
         return [{**_cells(row), "setting": k} for k, row in numbered]
 
     def to_json(self) -> dict[str, object]:
-        """Return what ``stiction tune --ask --json`` prints."""
+        """Return the JSON of ``stiction tune --ask --json``."""
         return {
             "robot": self.robot,
             "ask": self.asked,

@@ -59,7 +59,7 @@ class Predicted:
 
     @classmethod
     def of_json(cls, found: JsonRecord) -> Predicted:
-        """Return what `to_json` wrote."""
+        """Read the result of `to_json`."""
         return cls(
             candidates={
                 int(j): Candidates(joint=int(j), **{k: np.array(v) for k, v in c.items()})
@@ -150,7 +150,7 @@ class BaseTorques:
         self._file.setdefault((file, cell), []).append(abs(tau))
 
     def measured(self, cell: CELL) -> bool:
-        """Whether a base torque was measured."""
+        """Return whether a base torque was measured."""
         return cell in self._all
 
     def base(self, cell: CELL, file: str = "") -> float:

@@ -146,7 +146,7 @@ class BreakawayObjective:
         return [self.outcome(row, found.get(row), d) for row, d in zip(rows, depths, strict=True)]
 
     def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> TrialOutcome:
-        """Return what is stored of a setting; ``found`` is None in a forbidden band."""
+        """Return the stored outcome of a setting; ``found`` is None in a forbidden band."""
         limit = self.displacement[row.joint - 1]
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect

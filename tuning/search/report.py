@@ -139,7 +139,7 @@ def _winner(found: SearchStages, verified: Verified) -> dict[str, object]:
 
 
 def _treatment_table(found: SearchStages, verified: Verified) -> str:
-    """Return what every treatment that was searched leaves, and what it needs to know."""
+    """Return the remaining error of every searched treatment, and its prerequisites."""
     header = ["treatment", "left on unseen paths [%]", "recommended", "needs to know"]
     ranked = found.ranking(verified) if found.options.treatment else []
     rows = []

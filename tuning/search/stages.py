@@ -106,7 +106,7 @@ class SearchStages:
     tables: dict[str, Table] = dataclasses.field(default_factory=dict)
     compensation: Compensation | None = None
     treatments: dict[str, Treatment] = dataclasses.field(default_factory=dict)
-    """What was found on paths, by the name of its treatment, or ``search gte``."""
+    """Results on paths, by the name of the treatment, or ``search gte``."""
     chosen: str = ""
     """Name of the treatment that is the result of the search on paths."""
 
@@ -341,7 +341,7 @@ class SearchStages:
         return float(np.exp(np.mean(np.log(values))))
 
     def needs(self, name: str) -> str:
-        """Return what a treatment needs to know or measure."""
+        """Return the prerequisites of a treatment: models, measurements."""
         compensation = self.treatments[name].compensation
         return "nothing" if compensation is None else LAWS[compensation.kind].knows
 

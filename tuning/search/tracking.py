@@ -260,7 +260,7 @@ class TrackingObjective:
         return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
 
     def outcome(self, found: Tracking | None, depth: float) -> TrialOutcome:
-        """Return what is stored of a table; ``found`` is None in a forbidden band."""
+        """Return the stored outcome of a table; ``found`` is None in a forbidden band."""
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
             values = (self.penalty * depth, *self.plain.shaking[: self.pareto])

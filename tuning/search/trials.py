@@ -18,7 +18,7 @@ def complete(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 
 
 def allowed(trial: FrozenTrial) -> bool:
-    """Whether a trial satisfies all constraints and limits."""
+    """Return whether a trial satisfies all constraints and limits."""
     attributes = trial.user_attrs
     return all(c <= 0 for c in (*attributes.get(CONSTRAINTS, ()), *attributes.get(LIMITS, ())))
 

@@ -136,7 +136,7 @@ class Unseen:
         treatments: Mapping[str, Treatment],
         places: Sequence[Place],
     ) -> None:
-        """Keep what treatments leave on some paths per friction, and how much they shake there."""
+        """Store errors and vibration of treatments on some paths, per friction."""
         objective = TrackingObjective(
             experiment,
             self.bounds,

@@ -126,7 +126,7 @@ class Record:
 
     @property
     def trials(self) -> list[FrozenTrial]:
-        """Trials whose outcome is known, in the order of their numbers."""
+        """Trials with an outcome, in the order of their numbers."""
         with writing(self.place):
             return [t for t in self.study.get_trials(deepcopy=False) if has_outcome(t)]
 
@@ -208,12 +208,12 @@ class _Fill:
         for trial in known[:whole]:
             self._memory.add_trial(trial)
         self._begun = known[whole:]
-        """Trials of an interrupted batch whose outcomes are known."""
+        """Trials of an interrupted batch with an outcome."""
         self.done = len(known)
         self.proposed: dict[int, optuna.Trial] = {}
 
     def propose(self) -> list[int]:
-        """Propose the next batch; return the numbers of trials whose outcomes are not known."""
+        """Propose the next batch; return the numbers of trials without an outcome."""
         s = self.search
         start = len(self._memory.get_trials(deepcopy=False))
         if self.done >= s.evaluations:

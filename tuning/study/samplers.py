@@ -20,7 +20,7 @@ from tuning.study.record import CONSTRAINTS, Parameters, Space
 
 
 def fixed(setting: Parameters) -> BaseSampler:
-    """Return a sampler that proposes one setting that is known beforehand."""
+    """Return a sampler that proposes one listed setting."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         return optuna.samplers.PartialFixedSampler(setting, optuna.samplers.RandomSampler(seed=0))

@@ -1,4 +1,4 @@
-"""Where studies are kept: a SQLite file, or a database that machines share."""
+"""Storage of studies: a SQLite file, or a database that machines share."""
 
 from __future__ import annotations
 

@@ -80,13 +80,13 @@ def open_run(
         name: start of the default folder's name, ``runs/NAME-ROBOT``.
         protocol: name of the procedure.
         experiment: the arm, its friction, its protocol and the seed.
-        defining: further arguments that tell studies apart.
+        defining: further arguments that distinguish studies.
         out: output folder, see `OutputFolder` for ``force``.
         storage: URL; None for the SQLite file ``database`` in the folder.
         study: prefix of the studies' names; None for the arm's name.
         settings: time limits of a shared database.
         inputs: files by the name of their argument; a value that is no path is left out.
-        others: arguments that tell folders apart, but not studies.
+        others: arguments that distinguish folders, but not studies.
     """
     sticking = experiment.sticking
     about = {

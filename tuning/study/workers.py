@@ -2,7 +2,7 @@
 
 Each worker is a call of Optuna's `Study.optimize` on one database. The database's heartbeats say
 which trials are alive; the setting of a trial whose worker died is queued again. A worker ends when
-the study has its budget of outcomes and one of every setting that is known beforehand (a grid).
+the study has its budget of outcomes and an outcome of every listed setting (a grid).
 Others may then still run a trial each, so a study may hold a few more. Which settings a sampler
 tries depends on the timing of the workers; only `record.run` is exact.
 """
@@ -97,13 +97,13 @@ def _evaluate_one(k: int, search: TrialSearch, evaluate: Evaluate) -> None:
 
 
 def _missing(search: TrialSearch, trials: Sequence[FrozenTrial]) -> list[Parameters]:
-    """Return the settings known beforehand that none of some trials has."""
+    """Return the listed settings that none of some trials has."""
     tried = [t.params for t in trials]
     return [setting for setting in search.first[: search.evaluations] if setting not in tried]
 
 
 def _due(search: TrialSearch, trials: Sequence[FrozenTrial]) -> list[Parameters]:
-    """Return the settings known beforehand that nobody has begun, or else those that are not done.
+    """Return the listed settings without a trial, or else those without an outcome.
 
     The latter are repeated at the end, in case that their worker is dead.
     """

@@ -149,8 +149,8 @@ class ModelScores:
     def constant(self, joint: int) -> float:
         """Return the mean held-out error of a constant per configuration [% of base].
 
-        Its median change in Table 4.6, at whatever frequency and amplitude: what physics that
-        knows of both must beat.
+        The constant is the configuration's median change in Table 4.6, at all frequencies and
+        amplitudes. Physics must have a smaller error.
         """
         change = with_drift(self.cells, np.zeros(len(self.cells)))
         mask = self.held_out & (self.joint == joint)
@@ -161,7 +161,7 @@ class ModelScores:
     def identified(self, joint: int) -> tuple[list[Identified], int]:
         """Return the parameters of a joint over the equally good seeds, and how many seeds ran.
 
-        Of the lone joint with drift, the one model that is searched from several seeds.
+        The parameters are of the lone joint with drift, the model searched from several seeds.
         """
         found = self.models["drift"].found[str(joint)]
         good = [f for f in found if f["loss"] <= found[0]["loss"] + SAME_LOSS]

@@ -1,4 +1,4 @@
-"""What a law of friction compensation is: its numbers, what it measures, its compiled torque.
+"""A law of friction compensation: its parameters, its measured quantities, its compiled torque.
 
 A law is one file with a `Law` and a compiled function
 

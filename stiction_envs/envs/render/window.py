@@ -52,7 +52,7 @@ class Window:
         camera: mujoco.MjvCamera,
         key_callback: Callable[[int], None] | None = None,
     ) -> None:
-        """Open the window for ``what``, in a thread of its own.
+        """Open the window for ``what``, in a new thread.
 
         ``key_callback`` gets the GLFW code of every key that is pressed, in that thread.
 

@@ -26,7 +26,7 @@ CHUNK = 500  # Steps between two calls of the torque
 
 
 class Refused(StictionError):
-    """The engine does not take the model; the message is the engine's own line."""
+    """The engine does not take the model; the message is a line of the engine."""
 
     def __init__(self, error: object) -> None:
         super().__init__(one_line(error))

@@ -1,4 +1,4 @@
-"""Stock MuJoCo: the plant's own engine."""
+"""Stock MuJoCo, the engine of the plant."""
 
 from __future__ import annotations
 

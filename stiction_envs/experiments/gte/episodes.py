@@ -201,7 +201,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         """Unit of the observed error [m], [rad]."""
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
-        """As `Episodes.check_reset`; a trajectory takes the place of a fixed number, too."""
+        """Check options as `Episodes.check_reset`; a trajectory also replaces a fixed path."""
         checked = super().check_reset(options)
         for o, own in zip(checked, options, strict=True):
             if own and "trajectory" in own and "path" not in own:

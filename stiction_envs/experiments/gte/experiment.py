@@ -93,7 +93,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
 
         Args:
             robot: name, model file, arm, or an arm with its friction (`load_model`).
-            friction: of one arm, or its TOML; None for the robot's own.
+            friction: of one arm, or its TOML; None for the robot's friction.
             protocol: None for the default.
             settings: of the controller; None for the robot's controller rate and the defaults.
             motion: of the trajectory generator.
@@ -104,10 +104,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
             tool: (3,) the controlled and measured point from the flange, in the hand's frame [m];
                 None for the flange. The Panda's hand has (0, 0, 0.1034).
             paths: own paths by name.
-            controller_model: the controller's own model of the arm; None for the true one.
+            controller_model: the controller's model of the arm; None for the true model.
             scatter: whether iterations differ.
             seed: of the scatter.
-            timestep: physics step [s]; None for the model's own, or 1 ms.
+            timestep: physics step [s]; None for the model's step, or 1 ms.
             threads: threads, 0 for all processors.
 
         Raises:

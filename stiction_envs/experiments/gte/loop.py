@@ -46,7 +46,7 @@ class Dynamics(NamedTuple):
 
 
 class ModelArrays(NamedTuple):
-    """What `renew_dynamics` computes with, and writes."""
+    """Arrays that `renew_dynamics` reads and writes."""
 
     believed: Dynamics  # Dynamics that the controller has
     true: Dynamics  # Dynamics of the plant
@@ -60,14 +60,14 @@ class ModelArrays(NamedTuple):
 
 
 class ControllerModel:
-    """The arm's dynamics as the controller has them, rotors added.
+    """The controller's model of the arm's dynamics, rotors included.
 
-    Where it is not the plant's (payload, tilt), the robot compensates the wrong gravity, and the
-    difference acts on the arm.
+    If this model is not the plant's (payload, tilt), the robot compensates the wrong gravity, and
+    the difference acts on the arm.
     """
 
     def __init__(self, arm: Arm, sticking: StickingModel, nsim: int) -> None:
-        """Make it for ``nsim`` arms: ``arm`` is the controller's, ``sticking`` the plant's."""
+        """Model ``nsim`` arms: ``arm`` is the controller's, ``sticking`` the plant's."""
         self.is_wrong = arm.xml != sticking.arm.xml
         """Whether it is not the plant's, so that `missing` has to be kept up to date."""
         self._models = [arm.bare_model()]
@@ -81,11 +81,11 @@ class ControllerModel:
         self._made: list[tuple[ModelArrays, list[mujoco.MjData]]] = []
 
     def __getstate__(self) -> dict[str, object]:
-        """Leave out what has addresses in this process; `arrays` makes it anew."""
+        """Leave out the arrays with addresses of this process; `arrays` makes new ones."""
         return vars(self) | {"_made": []}
 
     def arrays(self, part: int = 0) -> ModelArrays:
-        """Return what `renew_dynamics` works on; each part of the arms has its own data."""
+        """Return the arrays of `renew_dynamics`; each part of the arms has separate data."""
         while len(self._made) <= part:
             # one MjData for all arms stays in the cache: every update computes everything again
             data = [mujoco.MjData(model) for model in self._models]
@@ -167,9 +167,9 @@ class Shaking(NamedTuple):
 
 
 class Sampling(NamedTuple):
-    """What is recorded while arms follow for K control steps, before they move; all is written.
+    """Records of K control steps, each made before the arm moves; all arrays are written.
 
-    A sample has ``stride`` control steps, the first of which is a multiple of it: S samples.
+    Each of the S samples has ``stride`` control steps and begins at a multiple of ``stride``.
     """
 
     stride: int

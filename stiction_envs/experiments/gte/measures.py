@@ -26,16 +26,16 @@ from stiction_envs.experiments.gte.protocol import GTEProtocol, Run, load_gte_pr
 
 
 class Accumulator:
-    """What N arms did since each of them was started.
+    """Sums over the samples of N arms since each arm was started.
 
-    The motion is from the first goal's acceptance until the last goal was reached, all there is
-    where it was not reached yet; the tail, in which the arm rests, comes behind it.
+    The motion lasts from the first goal's acceptance until the last goal is reached (until now for
+    an arm that has not reached it). After the motion comes the tail, in which the arm rests.
     """
 
     def __init__(
         self, nsim: int, capacity: int, *, rate: float, window: float, tail: float
     ) -> None:
-        """Make it for N arms with at most G = ``capacity`` goals each; `start` each.
+        """Make the sums of N arms with at most G = ``capacity`` goals each; `start` each.
 
         Args:
             nsim: number of arms.
@@ -112,7 +112,7 @@ class Accumulator:
         self.over = self.count >= np.where(np.isnan(end), np.inf, end + self._tail)
 
     def close(self) -> None:
-        """There are no more samples: windows and tails that are still open hold the last error."""
+        """End the samples: windows and tails that are still open keep the last error."""
         held = np.repeat(self.last[:, None], self._width, axis=1)
         _add_window(held, self.count, self._window_end, self._ring, self.window_sum)
         rows = np.flatnonzero(self._tailing & ~self.over)

@@ -41,7 +41,7 @@ def colour(run: Run) -> str:
 
 
 def label(run: Run) -> str:
-    """Return what a run is called in a legend."""
+    """Return the name of a run in a legend."""
     return case_name(run.case).replace("_", " ")
 
 
@@ -156,7 +156,7 @@ def _paths(axes: Axes, runs: Sequence[Run], dims: tuple[int, ...], *, mean: bool
 
 
 def path_legend(runs: Sequence[Run]) -> list[Line2D]:
-    """Return what is in a picture of paths."""
+    """Return the legend of a picture of paths."""
     entries = [Line2D([], [], color=colour(run), lw=1.8, label=label(run)) for run in runs]
     text = "reference" if len(runs) == 1 else f"reference ({label(runs[0])}, iteration 1)"
     entries.append(Line2D([], [], color="0.05", lw=1.2, ls=(0, (4, 3)), label=text))

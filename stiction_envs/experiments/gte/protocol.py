@@ -1,4 +1,4 @@
-"""What a Generated Trajectory Experiment is: its numbers, its trials and their results."""
+"""The protocol of the Generated Trajectory Experiment, its trials and their results."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def load_gte_protocol() -> GTEProtocol:
 
 @dataclass(frozen=True, kw_only=True)
 class EpisodeSettings:
-    """What is drawn for an episode of the environment."""
+    """Ranges from which an episode of the environment is drawn."""
 
     stiffness: tuple[Stiffness, ...]  # Stiffnesses of the triangle and the pentagon
     random_paths: Count  # How many are drawn from
@@ -104,7 +104,7 @@ class Case:
 
     @property
     def dithered(self) -> bool:
-        """Whether any joint is shaken."""
+        """True if any joint is dithered."""
         return any(r.amplitude_nm > 0 for r in self.dither)
 
 

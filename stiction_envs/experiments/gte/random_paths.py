@@ -33,7 +33,7 @@ KIND = "random_paths"
 
 @dataclass(frozen=True, kw_only=True)
 class RandomPathSettings:
-    """How paths are drawn, and which an arm can follow; `gte.toml` has the sources."""
+    """Settings of random paths, and limits that an arm can follow; `gte.toml` has the sources."""
 
     fewest_goals: Count  # Least number of goals of a path
     most_goals: Count  # Largest number of goals of a path
@@ -78,7 +78,7 @@ def path_number(name: str) -> int | None:
 def random_paths(
     sticking: StickingModel, start: Array, tool: Array, numbers: Iterable[int]
 ) -> dict[int, RandomPath]:
-    """Return the random paths of an arm by number (from 0), whichever others are asked for.
+    """Return the random paths of an arm by number (from 0); paths are independent of each other.
 
     Args:
         sticking: the arm; friction and payload make no difference.
@@ -139,7 +139,7 @@ def _search(
 
 
 def _draw(k: int, rng: np.random.Generator, s: RandomPathSettings) -> RandomPath:
-    """Return the next draw of path ``k``, whatever the arm."""
+    """Return the next draw of path ``k``, the same for every arm."""
     count = int(rng.integers(s.fewest_goals, s.most_goals + 1))
     size = s.smallest * (s.largest / s.smallest) ** rng.uniform()
     slope, azimuth = rng.uniform(0.0, s.steepest), rng.uniform(0.0, 2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""The Generated Trajectory Experiment as a machine: N arms under Cartesian impedance control.
+"""Simulator of the Generated Trajectory Experiment: N arms under impedance control.
 
     approach (servos bring the arm to the start) -> follow (the controller follows goal after goal)
 
@@ -32,7 +32,7 @@ from stiction_envs.robots import Arm
 
 @dataclass(frozen=True, init=False, repr=False)
 class GTESetup(Experiment):
-    """What an experiment on paths is made of."""
+    """Parts of an experiment on paths."""
 
     protocol: GTEProtocol
     approach: Approach
@@ -169,7 +169,7 @@ class GTERig(Rig):
             row += block
 
     def _arms(self, steps: int, sampling: Sampling) -> Arms:
-        """Return what compiled code works on for some control steps."""
+        """Return the arrays of compiled code for some control steps."""
         pose, motion = self.seen_end_effector, self.motion
         return Arms(
             step=self.step,
@@ -240,7 +240,7 @@ def blank_sampling(
 
 
 class TaskPool:
-    """Some threads that do tasks, begun with the first of them."""
+    """Threads that run tasks; the first tasks start the threads."""
 
     def __init__(self, count: int) -> None:
         self._count = count

@@ -57,7 +57,7 @@ class ErrorRow(CaseRow):
 
 @dataclass(frozen=True)
 class RunRow(CaseRow):
-    """What one case did as a whole, means over iterations."""
+    """Results of one case over the whole path, means over iterations."""
 
     duration_s: float  # When the last goal was reached; NaN if an iteration never did
     vibration_x_m: float  # Root mean square above the protocol's `vibration_low`

@@ -1,4 +1,4 @@
-"""What the arms of a rig do, sample by sample: poses, references, vibration of the tool point.
+"""Samples of the arms of a rig: poses, references, vibration of the tool point.
 
 A `RunLog` keeps the samples of an experiment, a `Recorder` adds them up for the environment.
 
@@ -59,12 +59,12 @@ class Sampler:
         self._rest = np.zeros((nsim, 3))
         self._before, self._turned = np.zeros((nsim, 4)), np.zeros((nsim, 3))
         self.recorded = blank_sampling(steps, self.stride, nsim, rig.n, detailed=detailed)
-        """What is recorded of a block, overwritten by the next."""
+        """Record of a block, overwritten by the next block."""
         self.recorded.previous[:] = rig.applied
         self.start(np.arange(nsim))
 
     def start(self, ids: Index) -> None:
-        """Restart arms ``ids``: they have rested where they are, the filter is settled."""
+        """Restart the filter of arms ``ids`` as if they had rested at their present poses."""
         self._rest[ids] = self._rig.end_effector.position[ids]
         self._before[ids], self._turned[ids] = self._rig.end_effector.quaternion[ids], 0.0
         self._state[:, ids] = 0.0

@@ -56,12 +56,12 @@ def undithered(
     wanted: Collection[Key],
     compensation: Compensation | None = None,
 ) -> dict[Key, Undithered]:
-    """Return what the arm does without dither, compensated or not, per trajectory and stiffness.
+    """Return undithered runs, compensated or not, per trajectory and stiffness.
 
     Results are means over the protocol's iterations (10), as `stiction gte` runs them; on random
     paths over the first `EpisodeSettings.undithered_iterations`; without scatter iterations are
-    alike. What is not in the store is computed in one batch, on which no result depends. Raise a
-    StictionError for an arm that never comes to the end of the path.
+    equal. Missing results are computed in one batch, which does not change them. Raise a
+    StictionError for an arm that never reaches the end of the path.
     """
     of = fingerprint(experiment, compensation)
     out: dict[Key, Undithered] = {}
@@ -90,7 +90,7 @@ def undithered(
 
 
 def _name(experiment: GeneratedTrajectoryExperiment, key: Key) -> str:
-    """Return what the store calls a path at a stiffness; a random path by its content, too."""
+    """Return the store's key of a path at a stiffness; a random path's key has its content."""
     trajectory, stiffness = key
     of = [trajectory]
     if path_number(trajectory) is not None:

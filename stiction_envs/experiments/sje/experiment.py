@@ -73,7 +73,7 @@ class SingleJointExperiment(SJESetup):
 
         Args:
             robot: name, model file, arm, or an arm with its friction (`load_model`).
-            friction: of one arm, or its TOML; None for the robot's own.
+            friction: of one arm, or its TOML; None for the robot's friction.
             drive: "torque", or "position": the joints' position servos of a friction TOML with a
                 table ``[servo]``, which `diagnose` writes of servo logs. None: what the arm has.
             protocol: None for the robot's.
@@ -82,7 +82,7 @@ class SingleJointExperiment(SJESetup):
                 dither: "ideal", "robot", a TOML, or `Sensing`.
             scatter: whether iterations differ.
             seed: of the scatter.
-            timestep: physics step [s]; None for the model's own, or 1 ms.
+            timestep: physics step [s]; None for the model's step, or 1 ms.
             threads: threads, 0 for all processors.
 
         Raises:

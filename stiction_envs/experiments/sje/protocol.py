@@ -141,12 +141,12 @@ class Measurement:
 
     @property
     def is_base(self) -> bool:
-        """Whether the ramp was without dither and offset."""
+        """True if the ramp was without dither and offset."""
         return self.job.amplitude_nm == 0 and self.job.offset_nm == 0
 
     @property
     def is_stuck(self) -> bool:
-        """Whether an iteration ended without reaching the threshold."""
+        """True if an iteration ended without reaching the threshold."""
         return not np.isfinite(self.mean)
 
     @property

@@ -163,7 +163,7 @@ class PushedJoint(Rig):
         return self.torque + np.sign(away) * grown
 
     def _is_still(self) -> bool:
-        """Whether the joint has stopped, however it is shaken."""
+        """Return whether the joint has stopped, apart from its dither."""
         half = len(self._seen) // 2
         if len(self._seen) < (self._seen.maxlen or 0):
             return False

@@ -1,4 +1,4 @@
-"""The Single Joint Experiment as a machine: N simulations, each at its own point of the protocol.
+"""Simulator of the Single Joint Experiment: N arms, each at its point of the protocol.
 
     approach (servos bring the arm to the pose) -> ramp (the joint under test is free, its torque
     grows) -> threshold: idle

@@ -39,7 +39,7 @@ A_JOINT, ALL_OF_ONE, THE_ARM, EITHER = "a joint", "a joint, on all", "the arm", 
 """Whose torque a cause changes: its joint's; all joints', from one; all, by the same coefficients;
 its joint's, or all by the same."""
 DRY, DAMPING, OFFSET, ROTOR = "dry friction", "damping", "offset", "rotor"
-"""What every joint's model has, and a cause may add to."""
+"""Parts that every joint's model has, and to which a cause may add."""
 LINK, ALL_LINKS, GRAVITY, ZERO = "link", "all links", "gravity", "zero of a joint"
 """The same of the rigid arm; the small errors of all links are never named."""
 FRICTION, PLAIN = (DRY, DAMPING), (DRY, DAMPING, OFFSET, ROTOR)
@@ -65,7 +65,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of a cause's k coefficients before the logs."""
+    """The prior of a cause's k coefficients, before any log."""
 
     size: Array
     """(k,) standard deviations about zero."""
@@ -84,7 +84,7 @@ class Prior:
 
 @dataclass(frozen=True)
 class View:
-    """What a cause is drawn against in a report; the ordinate is the residual torque."""
+    """The picture of a cause in a report: the abscissa; the ordinate is the residual torque."""
 
     label: str
     """Label of the axis, with the unit."""
@@ -108,7 +108,7 @@ OWN_TORQUE = View(
 
 
 def variable(field: str) -> Callable[[Data, int, Shape], Array]:
-    """Return what `View` takes for a field (T, n) of the data."""
+    """Return the variable of a `View` for a field (T, n) of the data."""
     return lambda data, joint, shape: np.asarray(getattr(data, field)[:, joint])
 
 
@@ -123,7 +123,7 @@ class Cause:
     """The motion that shows it and tells it from others, a clause."""
     parameters: ClassVar[tuple[Parameter, ...]]
     view: ClassVar[View] = OWN_TORQUE
-    """What it is drawn against."""
+    """The abscissa of its picture."""
 
     # ---- traits ------------------------------------------------------------------------------
 
@@ -150,7 +150,7 @@ class Cause:
     # ---- torque ------------------------------------------------------------------------------
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
-        """Return what is known of its coefficients on a joint (from 0; -1 for the arm)."""
+        """Return the prior of the cause's coefficients on a joint (from 0; -1 for the arm)."""
         raise NotImplementedError
 
     def joints(self, data: Data) -> list[int]:

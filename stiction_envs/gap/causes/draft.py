@@ -1,4 +1,4 @@
-"""The model that causes are put into: what each of them changes, and what MuJoCo cannot hold.
+"""The model to which causes are added: the changes of each cause, and omissions of MuJoCo.
 
     draft = ModelDraft.of(friction, n, mean_load=..., duration=...)
     cause.contribute(draft, part)      # for every part that was found

@@ -67,12 +67,12 @@ def search_of(predictor: TorquePredictor, fold: int = -1, *, resizes: bool = Tru
 def climbed(
     predictor: TorquePredictor, search: Search, start: Sequence[Term], *, swaps: bool = True
 ) -> Model:
-    """Return the model that a search reaches, at first as if the arm never came back.
+    """Return the model that a search reaches, at first as if errors of the model did not last.
 
-    What the model lacks at the start would else count as an error that comes back, and stay out.
+    What the model lacks at the start would else count as an error that lasts, and stay out.
     """
-    often, predictor.repeats = predictor.repeats, 1.0
-    if often > 1:
+    often, predictor.repeats = predictor.repeats, np.ones_like(predictor.repeats)
+    if (often > 1).any():
         start = search.climb(start, swaps=False).terms
         predictor.repeats = often
     return search.climb(start, swaps=swaps)
@@ -100,20 +100,21 @@ def judge(
     say("columns of all causes", 0.0)
     predictor = TorquePredictor(data, causes)
     say("choosing causes", 0.0)
-    best = _refined(predictor, _first(predictor))
+    best = sharpened(predictor, _expected(predictor, _first(predictor)))
     for k in range(1, ROUNDS):
         say("choosing causes", k / ROUNDS)
         named = [t for t in best.terms if predictor.causes[t.cause].adds_to in OF_ARM or t.shape]
         if not named:
             break
         after, start = _given(predictor, best, data, causes)
-        found = _refined(after, best_of(after, [start, plain_friction(after)]))
+        before = after.refresh(after.problem, start)
+        found = sharpened(after, best_of(after, [start, plain_friction(after)]))
         if found.evidence < best.evidence - NAMED:  # far off, columns of a model may mislead
             break
-        same = {t[:2] for t in found.terms} == {t[:2] for t in best.terms}
+        # the mass of a body depends on a tilt, and the tilt that is found on the body
+        (lean, doubt), (now, _) = _lean(predictor, best), _lean(after, found)
         predictor, best = after, found
-        # what a body weighs depends on a tilt, and the tilt that is found on the body
-        if same and not any(predictor.causes[t.cause].adds_to == GRAVITY for t in best.terms):
+        if found.evidence < before + NAMED and (np.abs(now - lean) <= doubt).all():
             break
     best = _clear(predictor, best)
     if data.converted:
@@ -186,17 +187,26 @@ def _first(predictor: TorquePredictor) -> Model:
     return climbed(predictor, search_of(predictor), best.terms)
 
 
-def _refined(predictor: TorquePredictor, model: Model) -> Model:
-    """Return the model with the likeliest errors of what no model has, and sharpened."""
-    return sharpened(predictor, _expected(predictor, model))
+def _lean(predictor: TorquePredictor, model: Model) -> tuple[Array, Array]:
+    """Return the gravity (2,) that a model adds sideways, and its standard deviations [m/s²]."""
+    problem = predictor.problem
+    terms = problem.model(model.terms)
+    sd = np.sqrt(np.diag(problem.covariance(terms)))
+    parts = zip(
+        terms, problem.split(terms, problem.fit(terms)), problem.split(terms, sd), strict=True
+    )
+    each = [(c, d) for t, c, d in parts if predictor.causes[t.cause].adds_to == GRAVITY]
+    return each[-1] if each else (np.zeros(2), np.zeros(2))
 
 
 def _expected(predictor: TorquePredictor, model: Model) -> Model:
-    """Return the model with the likeliest size of what no model has, and what is best then."""
-    expected = predictor.expected(model)
-    if np.array_equal(expected, predictor.expects):
-        return model
-    predictor.expect(predictor.problem, expected)
+    """Return the model with the likeliest size of what no model has, and what is best then.
+
+    How long errors last is measured here, on the model of a search as if errors did not last. A
+    model that lacks a cause leaves errors that last, which would keep the cause out.
+    """
+    predictor.repeats = predictor.lasting(model)
+    predictor.expect(predictor.problem, predictor.expected(model))
     return best_of(predictor, [model.terms, plain_friction(predictor)])
 
 
@@ -265,6 +275,7 @@ def _given(
         shape = own[t.cause].resized(t.shape, shares[t], float(level[t.joint]))
         after.offer(own[t.cause], t.joint, [shape])
         start.append(t._replace(shape=tuple(float(x) for x in shape)))
+    after.repeats = predictor.repeats
     after.expect(after.problem, predictor.expects)
     after.problem.given(model.inflation, model.scales)
     return after, [t for t in start if t in after.problem.numbers]

@@ -5,7 +5,8 @@
 e_j is not the sensor's noise alone. Its variance is s_j (σ_j² + (δ_j τ_j)²) + (T_j dτ_j/dt)²: σ_j
 is the noise floor, δ_j a share of the joint's usual torque that no model has, T_j the time by which
 clocks, filters and lags shift torques, and s_j ≥ 1 what the model leaves beyond. Rows within
-`APART` count as one, and errors of the model come back with the motion (`repeats`).
+`APART` count as one. Errors of the model last (`lasting`) and come back (`repeats`): r_j
+observations share one.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ from scipy.optimize import brentq
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import ALL_LINKS, ALL_OF_ONE, DRY, PLAIN, limits
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
-from stiction_envs.gap.judge.search import Model
+from stiction_envs.gap.judge.search import NAMED, Model
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
 Array = NDArray[np.float64]
+Index = NDArray[np.int64]
 APART = 0.25
 """Time between independent observations [s]; assumed."""
 PARTS = (1.0, 0.1)
@@ -39,6 +41,8 @@ STEADY = 0.9
 """Part of the steady level above which friction counts as steady [-]; assumed."""
 CELL = 0.1
 """Angle within which an arm is in the same place again [rad]; assumed."""
+LEAST_ALIKE, MOST_LASTING = 0.1, 40
+"""Autocorrelation of an error that has ended, and most observations of one error [-]; assumed."""
 MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
@@ -59,6 +63,8 @@ class TorquePredictor:
     problem: Problem
     expects: Array
     """(n, 2) δ [-] and T/√s [s] of each joint."""
+    repeats: Array
+    """(n,) r: number of observations of each joint that share an error of the model [-]."""
 
     def __init__(
         self, data: Data, causes: Sequence[Cause], found: Mapping[Term, Array] | None = None
@@ -79,7 +85,7 @@ class TorquePredictor:
         self.fold = np.where(data.block >= 0, data.block % FOLDS, -1)
         channels = [Channel(data.residual[:, j], self.fold, FOLDS) for j in range(data.n)]
         self.rows = max(APART / data.dt, 1.0) if np.isfinite(data.dt) else 1.0
-        self.repeats = repeats(data, self.rows)
+        self.repeats = np.ones(data.n)
         self.problem = Problem(channels, np.full(data.n, self.rows))
         self._slope = rate(data.tau, data.runs(), data.dt) if np.isfinite(data.dt) else 0 * data.tau
         self._resting = resting(data)
@@ -140,9 +146,10 @@ class TorquePredictor:
     def expected(self, model: Model) -> Array:
         """Return (n, 2) δ and T/√s of each joint with which what a model leaves is most likely.
 
-        As if the arm never came back: only the variance's shape over the rows matters here.
+        As if errors of the model did not last: only the variance's shape over the rows matters.
         """
         terms, kept = self.problem.model(model.terms), self.fold >= 0
+        enough = 2 * NAMED * self.rows / max(int(kept.sum()), 1)
         c, out = self.problem.fit(terms), np.empty((self.data.n, 2))
         for j in range(self.data.n):
             square = np.square(self.data.residual[:, j] - self.torque(terms, c, j))[kept]
@@ -159,8 +166,18 @@ class TorquePredictor:
                 most = float((square / steady).mean())
                 size = brentq(left, 1.0, 2 * most, rtol=SIZED) if left(1.0) > 0 else 1.0
                 likely = -float(np.log(size * steady + late).mean()) - left(size)
-                if likely > best:
+                if likely > best + enough:
                     best, out[j] = likely, (share, delay / np.sqrt(size))
+        return out
+
+    def lasting(self, model: Model) -> Array:
+        """Return (n,) r: how many observations share an error of a model, in time and place."""
+        terms, kept = self.problem.model(model.terms), np.flatnonzero(self.fold >= 0)
+        c, often = self.problem.fit(terms), repeats(self.data, self.rows)
+        out = np.empty(self.data.n)
+        for j, channel in enumerate(self.problem.channels):
+            error = (self.data.residual[:, j] - self.torque(terms, c, j)) * np.sqrt(channel.weight)
+            out[j] = often * lasting(error[kept], self.data.block[kept], round(self.rows))
         return out
 
     # ---- candidates --------------------------------------------------------------------------
@@ -318,6 +335,24 @@ def repeats(data: Data, rows: float) -> float:
     _, first, number = np.unique(place, axis=0, return_index=True, return_inverse=True)
     new = kept - kept[first[number.ravel()]] < rows
     return 1 / float(new.mean()) if len(kept) else 1.0
+
+
+def lasting(error: Array, block: Index, rows: int) -> float:
+    """Return over how many observations an error lasts: the sum of its autocorrelation [-].
+
+    Args:
+        error: (T,) over its standard deviation.
+        block: (T,) number of the block of each row.
+        rows: number of rows of one observation.
+    """
+    total, size = 1.0, float(np.mean(np.square(error)))
+    for lag in range(rows, MOST_LASTING * rows + 1, rows):
+        same = block[lag:] == block[:-lag]
+        alike = float(np.sum((error[lag:] * error[:-lag])[same])) / max(int(same.sum()), 1) / size
+        if alike < LEAST_ALIKE:
+            break
+        total += 2 * alike
+    return total
 
 
 def resting(data: Data) -> NDArray[np.bool_]:

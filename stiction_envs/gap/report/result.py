@@ -99,7 +99,7 @@ class DiagnosisResult(Result):
         return ""
 
     def series(self) -> Series | None:
-        """Return what was measured and simulated over time; None of torque tables."""
+        """Return measured and simulated series over time; None for torque tables."""
         return None
 
     def details(self) -> dict[str, object]:

@@ -59,12 +59,12 @@ ALWAYS = (
     "stiffness, friction and damping",
     "a weight on the tip, a joint's zero that is off, and a softer servo sag alike",
 )
-"""What positions alone cannot tell."""
+"""Properties that positions alone cannot show."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LogDiagnosis(DiagnosisResult):
-    """What a simulation gets wrong about joint logs."""
+    """Errors of a simulation, found in joint logs."""
 
     data = "logs"
     diagnosis: Diagnosis
@@ -194,13 +194,13 @@ def _about(logs: Sequence[JointLog], kind: str = "") -> list[str]:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ServoResult(DiagnosisResult):
-    """What a simulation gets wrong about logs of commanded and measured positions."""
+    """Errors of a simulation, found in logs of commanded and measured positions."""
 
     data = "servo logs"
     diagnosis: ServoDiagnosis
     arm: Arm
     before: Nominal
-    """What earlier diagnoses found at its flange."""
+    """Nominal model, with the payload that earlier diagnoses found."""
 
     @property
     def errors(self) -> Errors:
@@ -254,7 +254,7 @@ class ServoResult(DiagnosisResult):
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class TableResult(DiagnosisResult):
-    """What a simulation gets wrong about torque tables."""
+    """Errors of a simulation, found in torque tables."""
 
     data = "torque tables"
     diagnosis: TableDiagnosis

@@ -1,4 +1,4 @@
-"""Series over time of a diagnosis: what was measured, what both models say, and each cause.
+"""Series over time of a diagnosis: measurement, both models, and each cause.
 
 They are written as ``series.csv``, and for Rerun with contact, evidence and the arm in 3-D.
 """

@@ -27,7 +27,7 @@ LEAST_LOAD = 0.5
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
-"""Step of the shifts that are tried [rad]; assumed."""
+"""Step of the shifts to try [rad]; assumed."""
 FAR = 0.4
 """Least shift that is named here [rad]; assumed: the cause `encoder_offset` finds smaller ones."""
 UNEXPLAINED = 0.2
@@ -43,7 +43,7 @@ NEXT_BEST = 0.7
 
 @dataclass(frozen=True)
 class AngleError:
-    """How a joint's angle differs from the model's."""
+    """Difference between a joint's logged angle and the model's: direction, offset."""
 
     joint: int
     """From 1."""

@@ -155,7 +155,7 @@ class Data:
 
     @property
     def converted(self) -> bool:
-        """Whether the torques were logged in another unit than N·m."""
+        """True if the torques were logged in another unit than N·m."""
         return bool((self.unit != 1).any())
 
     @cached_property
@@ -219,7 +219,7 @@ class Data:
 
     @property
     def has_friction(self) -> bool:
-        """Whether the nominal model has friction, so that it may also have too much."""
+        """True if the nominal model has friction, so that it may also have too much."""
         return self.friction.in_nominal
 
     def with_presliding(self, distance: Array) -> Data:

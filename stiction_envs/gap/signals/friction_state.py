@@ -41,7 +41,7 @@ LEAST_PAIRS = 10
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionState:
-    """Each joint's dry friction as known before the search for causes; (n,) each."""
+    """Each joint's dry friction before the search for causes; (n,) each."""
 
     presliding_distance: Array
     """Presliding distance of plain dry friction [rad]."""

@@ -145,7 +145,7 @@ class Loads:
 
     @property
     def mounting(self) -> str:
-        """Where gravity points, and the option for it."""
+        """A sentence on gravity's direction, and the option that sets it."""
         base = Rotation.from_euler("xy", self.arm.tilt).inv().apply(self.gravity)
         axis = int(np.argmax(np.abs(base)))
         sign = "+" if base[axis] > 0 else "-"

@@ -59,7 +59,7 @@ class Recording(Signals):
 
     @property
     def common_clock(self) -> bool:
-        """Whether there are several logs whose clocks show when each was recorded."""
+        """True if there are several logs whose clocks show when each was recorded."""
         return self.sessions.common_clock
 
     @cached_property

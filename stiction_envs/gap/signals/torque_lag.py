@@ -46,9 +46,9 @@ LEAST_FRICTION_LAG = 0.01
 RESIDUAL_LEFT = 0.5
 """Largest remaining part of the residual for a lag to be corrected [-]; assumed."""
 DELAYS = np.arange(0.0, 0.1501, 0.01)
-"""Delays that are tried [s]; assumed."""
+"""Delays to try [s]; assumed."""
 LOWPASSES = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1)
-"""Time constants that are tried [s]; assumed."""
+"""Time constants to try [s]; assumed."""
 HINT_LEFT = 0.85
 """Part of the residual that some delay leaves at most, for a further search [-]; assumed."""
 LEAST_RUNS = 4
@@ -301,7 +301,7 @@ def _search(joints: Sequence[Sequence[_Run]]) -> tuple[Lag, Array, Array] | None
 
 
 def _is_time(runs: Sequence[_Run]) -> bool:
-    """Whether runs at several speeds lag by the same time; bristles lag by the same distance."""
+    """Return whether runs at several speeds lag by one time; bristles lag by one distance."""
     speeds, times = [], []
     for run in runs:
         v = np.abs(run.moved[:, 1])

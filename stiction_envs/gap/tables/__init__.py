@@ -1,1 +1,1 @@
-"""What a simulation gets wrong, found in tables of breakaway torques."""
+"""Diagnosis of torque tables: errors of a simulation."""

@@ -196,10 +196,10 @@ class TableData:
 
 @dataclass(frozen=True, eq=False)
 class Effect:
-    """What a cause changes in some readings, by one unknown x that is 0 in the nominal model.
+    """The change of some readings by a cause with one unknown x, 0 in the nominal model.
 
-    x is the logarithm of a `quantity` of the simulation over its nominal value, the size of a
-    `torque` that is added, or what `level` turns into a factor on friction.
+    x is the logarithm of a `quantity` of the simulation over its nominal value, the size of an
+    added `torque`, or the number from which `level` makes a factor on friction.
     """
 
     cause: str
@@ -219,7 +219,7 @@ class Effect:
     odds: float = 0.0
     """Log odds against it, beside those of one among the effects of its kind [nats]."""
     quantity: Quantity | None = None
-    """What the simulation varies."""
+    """Parameter that the simulation varies."""
     torque: Array | None = None
     """(rows,) torque that is added to the readings per unit of x."""
     level: Callable[[float], Array | float] | None = None

@@ -1,4 +1,4 @@
-"""What a simulation gets wrong, found in tables of breakaway torques.
+"""Name what a simulation gets wrong, from tables of breakaway torques.
 
     diagnosis = diagnose_tables(base, rows, WholeArm(load_arm("panda"), load_friction("panda")))
     print(diagnosis.verdict)
@@ -42,7 +42,7 @@ LEAST_BLOCKS = 3
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TableDiagnosis(Judgement):
-    """What the tables show about the simulation."""
+    """Errors of a simulation, found in torque tables."""
 
     joints: tuple[int, ...]
     """The joints with dithered torques in the tables."""
@@ -142,7 +142,7 @@ def diagnose_tables(
 
 
 def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
-    """Return what is said of a cause."""
+    """Return a cause with its values, evidence and rivals."""
     name, joints = c.effects[0].cause, c.effects[0].joints
     rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
     nearest = sorted(rivals, key=lambda x: x[1])

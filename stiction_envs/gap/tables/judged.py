@@ -301,5 +301,5 @@ class Judge:
 
 
 def _kind(e: Effect) -> tuple[str, bool, bool]:
-    """Return what makes effects of one cause alike."""
+    """Return the key that effects of one cause share."""
     return e.cause, e.torque is None, e.level is None

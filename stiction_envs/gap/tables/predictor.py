@@ -1,4 +1,4 @@
-"""Predicts all readings of torque tables, given what is wrong with the arm.
+"""Prediction of all readings of torque tables by an arm with causes.
 
 The prediction is the whole arm's (`WholeArm`) in the last simulated state x₀. Fast simulations of a
 lone joint predict changes from there:
@@ -29,7 +29,7 @@ from stiction_envs.gap.tables.data import (
 from stiction_envs.plant import CONTROL_DT
 
 Values = Mapping[Effect, float]
-"""What is wrong with the arm, and how much: x of each effect."""
+"""Effects in an arm: x of each effect."""
 States = Mapping[int, State]
 """The state from which each joint (from 1) is predicted."""
 LEVEL_STEP = 0.1
@@ -132,7 +132,7 @@ class LoneJointTorques:
 
 
 class LoneJoint:
-    """How the readings of a joint change with each quantity, about one state."""
+    """Changes of a joint's readings with each quantity, by simulations of one joint."""
 
     def __init__(
         self, jobs: Sequence[Job], whole: WholeArm, state: State, quantities: Sequence[Quantity]

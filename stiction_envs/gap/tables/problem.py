@@ -18,14 +18,14 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.gap.judge.problem import ARM, Channel, Problem, Term
 
 SCATTER = 0.01
-"""Usual scatter of a reading over friction [-]; assumed: what four iterations of 2 % scatter
-leave."""
+"""Usual scatter of a reading over friction [-]; assumed: mean of four iterations with
+2 % scatter."""
 SPREAD = 0.7
 """Prior size of the logarithm of the scatter over the usual one [-]; assumed."""
 COMMON = 1.0
 """Prior mean of the common error over the usual scatter (exponential) [-]; assumed."""
 _SCATTERS, _COMMONS = np.sqrt(2.0) ** np.arange(-3, 9), np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0])
-"""Scatters and common errors that are tried, over the usual scatter [-]; assumed."""
+"""Scatters and common errors to try, over the usual scatter [-]; assumed."""
 SIZES = np.array([(s, c) for s in _SCATTERS for c in _COMMONS])
 """(G, 2) scatter and common error [-]."""
 PRIOR = -0.5 * (np.log(SIZES[:, 0]) / SPREAD) ** 2 - SIZES[:, 1] / COMMON

@@ -1,1 +1,1 @@
-"""Hides each cause in the motion of a user's own log: what would a diagnosis find there?"""
+"""Hides a cause in the motion of a user's log, and diagnoses the simulated log.?"""

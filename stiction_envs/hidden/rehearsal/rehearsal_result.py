@@ -1,4 +1,4 @@
-"""The result of a rehearsal: what a recording can and cannot show, and its files."""
+"""The result of a rehearsal: causes that a recording can show, and result files."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ class Row:
     parameter: str
     unit: str
     smallest_found: float
-    """Smallest size that was named, told from all other causes, without a false cause; else NaN."""
+    """Smallest size that was named without a rival and without a false cause; else NaN."""
     smallest_named: float
-    """Smallest size that was named, told from others or not; else NaN."""
+    """Smallest size that was named, with or without a rival; else NaN."""
     tried: tuple[float, ...]
     """Sizes that were hidden, smallest effect first."""
     false_alarms: str
     """Causes that were named falsely, and at which sizes."""
     instead: str
-    """Why it was not found: what was named instead, or what it cannot be told from."""
+    """Why it was not found: the cause named instead, or its rival."""
     what_to_record: str
     """The motion that would show it, where this one does not."""
 
     @property
     def found(self) -> bool:
-        """Whether any size was found."""
+        """True if any size was found."""
         return not math.isnan(self.smallest_found)
 
     @property
     def named(self) -> bool:
-        """Whether any size was named, told from others or not."""
+        """True if any size was named, with or without a rival that fits as well."""
         return not math.isnan(self.smallest_named)
 
 
 def row_of(job: CauseJob, row: int, runs: list[RehearsalRun]) -> Row:
-    """Return what the runs of a job say of a joint (from 1), or of the arm."""
+    """Return the result row of a job's runs for a joint (from 1), or for the arm."""
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
 

@@ -1,4 +1,4 @@
-"""Would it be found on my arm? Hide each cause in the motion of the user's own log.
+"""Which causes would a diagnosis find on this arm? Hide each cause in the motion of a log.
 
     r = rehearse("log.csv", "panda", torque="link")
     print(r)                       # the smallest size of each cause that this motion shows
@@ -7,7 +7,7 @@
 log -> its own diagnosis -> motion and noise (`replay`) -> nominal torque + one cause of known size
 (`torque_effects`) + noise -> diagnosis -> was it named, and nothing else?
 
-Of servo logs (`servo`) the plant simulates the whole arm under its servos instead.
+For servo logs (`servo`) stock MuJoCo simulates the whole arm under its servos instead.
 
 A cause of single joints is hidden in all of them at once, because its torque is only its joint's.
 One that all joints' torques show (`Cause.acts_on`: a link, a gear) is hidden joint by joint: all
@@ -101,7 +101,7 @@ class Plan:
 
 
 def _begin(causes: Sequence[Cause]) -> None:
-    """Prepare a process: causes of other packages are known there too."""
+    """Prepare a process: register causes of other packages."""
     known = {c.name for c in registered()}
     for cause in (c for c in causes if c.name not in known):
         register(cause)

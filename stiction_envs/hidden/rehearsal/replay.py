@@ -42,7 +42,7 @@ LEAST_FRICTION = 5.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Replay:
-    """The motion of logs, what the nominal model says of it, and the noise."""
+    """The motion of logs, the nominal torque along it, and the noise."""
 
     data: Data
     """The motion at even times, unfiltered; `Data.nominal` is the torque of the nominal model."""
@@ -87,7 +87,7 @@ class Replay:
         return out
 
     def diagnose(self, logs: Sequence[JointLog], seed: int) -> Diagnosis:
-        """Return what a diagnosis with the same filter, arm and nominal model says of logs."""
+        """Diagnose logs with the same filter, arm and nominal model."""
         return diagnose_logs(
             logs,
             self.data.arm,

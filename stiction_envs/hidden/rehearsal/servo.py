@@ -184,7 +184,7 @@ class HiddenServos:
     ) -> list[ServoLog]:
         """Return the logs with noise of an arm that carries a mass [kg].
 
-        Its angles above a wall (n,) [rad] stop there.
+        Angles above a wall (n,) [rad] stop at the wall.
         """
         out, payload = [], (mass, *COM) if mass else None
         for log, left in zip(self.logs, self.left, strict=True):

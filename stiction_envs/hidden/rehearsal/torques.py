@@ -1,8 +1,8 @@
 """Causes hidden in joint logs: their torque along a motion, their sizes, and a diagnosis of them.
 
-The motion is given, so the motors follow it whatever is hidden, as under a stiff position
-controller. So `joint_elasticity` shows what the gear does to the torque, but not how a controller
-would answer: the motor moves as logged, the link does not.
+The motion is fixed: the motors follow it with every hidden cause, as under a stiff position
+controller. So `joint_elasticity` shows the gear's effect on the torque, but not the response of a
+controller: the motor moves as logged, the link does not.
 """
 
 from __future__ import annotations
@@ -192,8 +192,8 @@ class HiddenTorques:
     def _size(self, job: CauseJob, target: Array) -> Array:
         """Return (n,) sizes with torques of a root mean square (n,) [N·m]; 0 where there is none.
 
-        Of a cause that all joints show, one joint reaches its target, and the others do not. Sizes
-        end at the largest.
+        For a cause that all joints show, one joint reaches its target, the others stay below it.
+        Sizes end at the largest.
         """
         effect = EFFECTS.get(job.cause)
         start, largest = (effect.start, effect.largest) if effect else (0.01, np.inf)

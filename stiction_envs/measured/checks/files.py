@@ -1,4 +1,4 @@
-"""`check`: what is wrong in files of measurements, torque tables and joint logs."""
+"""`check`: defects in files of measurements, torque tables and joint logs."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def check(
     """List defects of torque tables, joint logs and servo logs; the columns show the kind of file.
 
     Tables: reductions that do not follow from their torques, repetitions that contradict each
-    other, impossible signs; whatever an SJE table, base torques or an amplitude table may not hold.
+    other, impossible signs; values that the kind of table does not allow.
     Logs: units, clock, repeated and missing rows, stuck or saturated channels, speeds that lag.
     Of servo logs also: commands beyond the joints' limits, that never move, or were copied.
 
@@ -246,5 +246,5 @@ def _check_sje(lines: list[Line]) -> Iterator[Cells]:
 
 
 def _rounding(value: Decimal) -> Decimal:
-    """Half a unit in the last printed place."""
+    """Return half a unit in the last printed place."""
     return Decimal((0, (5,), int(value.as_tuple().exponent) - 1))

@@ -18,7 +18,7 @@ OTHER_UNIT = 20.0
 ALIKE = 0.9
 """Least correlation of a command and the angle that follows it, to compare units [-]; assumed."""
 
-MOST_LAG = 0.2  # longest time between command and motion that is tried [s]; assumed
+MOST_LAG = 0.2  # longest time between command and motion to try [s]; assumed
 
 
 def check_servo_units(rows: RawLog, limits: Limits | None) -> list[str]:

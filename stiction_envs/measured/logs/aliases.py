@@ -2,7 +2,7 @@
 
 A name is cut into words and numbers: ``joint_a1_pos [deg]`` has the quantity *pos*, the joint *a 1*
 and the unit *deg*. Words such as *target* make a quantity a command; what is left names the joint.
-What is read under another name or in another unit is said.
+The reader reports each column that it reads under another name or in another unit.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Column(NamedTuple):
 
     @property
     def key(self) -> str:
-        """Return what tells its joint from others: its number, else its name."""
+        """Return the key of its joint: the number, else the name."""
         return "".join(self.joint) if self.number is None else str(self.number)
 
 
@@ -102,7 +102,7 @@ def unit_of(text: str) -> str | None:
 
 
 def column_of(name: str) -> Column | None:
-    """Return what the name of a column says; None where nothing of ours is in it."""
+    """Return the meaning of a column's name; None if it has none of our words."""
     bracket, unit = _BRACKET.search(name), ""
     if bracket and (unit_of(bracket[1]) or set(_words(bracket[1])) - NO_NAME - COMMANDED):
         name, unit = name[: bracket.start()], bracket[1].strip()

@@ -60,19 +60,19 @@ assumed: more is an arm that stops."""
 
 
 def usual_step(rows: RawLog) -> float:
-    """Median time between rows that are apart in time, s; NaN for a single row."""
+    """Return the median time between rows of different times [s]; NaN for a single row."""
     step = np.diff(rows.t)[rows.run[1:] == rows.run[:-1]]
     step = step[step > 0]
     return float(np.median(step)) if len(step) else float("nan")
 
 
 def find_gaps(t: Array, step: float) -> Index:
-    """First row after each gap of the times ``t`` (T,), s, whose usual step is ``step``, s."""
+    """Return the first row after each gap of times ``t`` (T,) [s] with usual step ``step`` [s]."""
     return np.flatnonzero(np.diff(t) > _gap(step)) + 1
 
 
 def _gap(step: float) -> float:
-    """Longest time between rows that is no gap, s."""
+    """Return the longest time between rows that is no gap [s]."""
     return max(GAP_STEPS * step, GAP_SECONDS)
 
 
@@ -103,12 +103,12 @@ def correct_clock(rows: RawLog, slowest: float = SLOWEST) -> list[Correction]:
 
 
 def _not_rising(rows: RawLog) -> Bools:
-    """Whether the next row of a recording has no later time: (T-1,)."""
+    """Return (T-1,) whether the next row of a recording has no later time."""
     return (np.diff(rows.t) <= 0) & (rows.run[1:] == rows.run[:-1])
 
 
 def _spread_equal(rows: RawLog) -> Correction:
-    """A clock coarser than the samples: rows with one stamp spaced evenly up to the next stamp."""
+    """Space rows with equal stamps evenly up to the next stamp: the clock is too coarse."""
     new = np.r_[True, (np.diff(rows.t) > 0) | (np.diff(rows.run) != 0)]
     first = np.flatnonzero(new)
     count = np.diff(np.r_[first, len(rows.t)])

@@ -42,7 +42,7 @@ _CHANNEL = re.compile(r"([a-z_]*[a-z])([1-9]\d?)")
 
 @dataclass(frozen=True, kw_only=True)
 class Columns:
-    """Where the channels of a log stand among its columns, counted from 0."""
+    """Positions of a log's channels among its columns, from 0."""
 
     t: int
     channels: dict[str, tuple[int, ...]]
@@ -78,7 +78,7 @@ def joints_of(names: Sequence[str]) -> int:
 
 
 def drives_in(names: Sequence[str]) -> tuple[str, ...]:
-    """Return what may have driven a log with these columns: `TORQUE`, `POSITION`, both, none."""
+    """Return the possible drives of a log with these columns: `TORQUE`, `POSITION`, both, none."""
     found = [_CHANNEL.fullmatch(name.strip()) for name in names]
     channels = {m[1] for m in found if m}
     return tuple(d for d, mark in ((TORQUE, "tau"), (POSITION, "q_cmd")) if mark in channels)

@@ -189,7 +189,7 @@ def drop_repeats(rows: RawLog) -> list[Correction]:
 
 
 def correct_stale(rows: RawLog) -> list[Correction]:
-    """Rows where q, dq or tau is still that of the row before, in place.
+    """Correct, in place, rows whose q, dq or tau is still that of the row before.
 
     Two neighbours that hold one sample between them become one row. What is left: a row with an
     old q is dropped, or, where these are many, its q interpolated; an old dq or tau is
@@ -235,7 +235,7 @@ def correct_stale(rows: RawLog) -> list[Correction]:
 
 
 def spread_held(rows: RawLog) -> list[Correction]:
-    """Columns that hold each value for two rows or more, as angles polled in turn, in place.
+    """Correct, in place, columns that hold each value for two rows or more (polled in turn).
 
     The rows where a value is new stay; a spline through them gives the others.
     """
@@ -272,18 +272,18 @@ def spread_held(rows: RawLog) -> list[Correction]:
 
 
 def longest_run(flags: Bools) -> int:
-    """Longest run of True."""
+    """Return the length of the longest run of True."""
     return max((end - start for start, end in _runs(flags)), default=0)
 
 
 def _runs(flags: Bools) -> list[tuple[int, int]]:
-    """First row of each run of True, and the row after it."""
+    """Return the first row of each run of True, and the row after it."""
     edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def _corrected(kind: str, mask: Bools, text: str) -> list[Correction]:
-    """The correction of some rows, their number in the text; nothing for no rows."""
+    """Return the correction of some rows, their number in the text; none for no rows."""
     count = int(mask.sum())
     shown = text.format(f"{count} row{'s' if count > 1 else ''}")
     return [Correction(kind=kind, rows=count, text=shown)] if count else []
@@ -300,7 +300,7 @@ def _refill(rows: RawLog, name: str, old: Bools, kept: Bools) -> None:
 
 
 def _through(t: Array, x: Array, good: Bools) -> Array:
-    """``x`` (T,) where it is good, and a cubic through its good values elsewhere."""
+    """Return good values of ``x`` (T,); a cubic through these replaces the others."""
     rising = good & np.r_[True, np.diff(t) > 0]
     out, old = x.copy(), ~good
     out[old] = CubicSpline(t[rising], x[rising])(t[old])
@@ -310,7 +310,7 @@ def _through(t: Array, x: Array, good: Bools) -> Array:
 
 
 def _short(flags: Bools, most: int) -> Bools:
-    """The flags without runs of more than ``most``, which are rest."""
+    """Return the flags without runs longer than ``most``: there the arm rests."""
     short = flags.copy()
     for start, end in _runs(flags):
         if end - start > most:
@@ -319,7 +319,7 @@ def _short(flags: Bools, most: int) -> Bools:
 
 
 def _freshness(rows: RawLog) -> tuple[dict[str, Bools], dict[str, Bools]]:
-    """For each channel: rows that differ from the one before; rows where a repeat is no chance.
+    """Return, per channel, rows that differ from the one before, and rows that should differ.
 
     If a joint changes by c of its smallest steps from row to row, it repeats itself by chance
     about once in 1 + 2c rows; the joints together as often as the product. The changes on both
@@ -349,7 +349,7 @@ def _freshness(rows: RawLog) -> tuple[dict[str, Bools], dict[str, Bools]]:
 
 
 def _changes(x: Array, run: Index) -> Array:
-    """Absolute change of ``x`` (T,) from row to row in its smallest steps, (T-1,); 0 at a run."""
+    """Return (T-1,) absolute changes of ``x`` (T,) in its smallest steps; 0 between runs."""
     change = np.abs(np.diff(x))
     change[run[1:] != run[:-1]] = 0.0
     moved = change[change > 0]

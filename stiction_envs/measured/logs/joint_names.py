@@ -56,7 +56,7 @@ class Reading(TypedDict, total=False):
 
 
 def naming_of(arm: Arm | None, reading: Reading) -> Naming:
-    """Return what an arm (None where no robot is known) and a person say of the joints of logs."""
+    """Return the names of joints, from an arm (None: no robot) and a caller's options."""
     return Naming(
         robot=() if arm is None else arm.joint_names,
         whole=() if arm is None else arm.whole,

@@ -87,7 +87,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
 
 
 def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
-    """Return what may have driven the joints of a log: torque, position, both or neither."""
+    """Return the possible drives of a log's joints: torque, position, both or neither."""
     return _kind(path).drives(os.fspath(path), naming or Naming())
 
 

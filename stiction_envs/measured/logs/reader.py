@@ -136,7 +136,7 @@ def read_poses(
 
 
 def drive_of(log: Path | RobotLog, naming: Naming | None = None) -> str:
-    """Return what drives the joints of a log: torque, or position where it has no torque.
+    """Return the drive of a log's joints: torque, or position if the log has no torque.
 
     Raises:
         StictionError: it has neither torques nor commanded positions, or cannot be read.
@@ -241,7 +241,7 @@ def _ignored(raw: RawLog) -> list[str]:
 
 
 def _join_runs(rows: RawLog, date: float | None) -> list[Correction]:
-    """One rising time for all recordings of a file, and small numbers for dates."""
+    """Make one rising time for all recordings of a file; subtract the date."""
     corrections = []
     starts = np.flatnonzero(np.diff(rows.run)) + 1
     if date is not None:

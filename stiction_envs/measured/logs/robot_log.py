@@ -1,4 +1,4 @@
-"""Logs of a robot after corrections: of torques, and of positions that a servo was told."""
+"""Logs of a robot after corrections: joint logs with torques, servo logs with commands."""
 
 from __future__ import annotations
 

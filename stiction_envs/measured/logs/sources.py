@@ -41,7 +41,7 @@ class LogSources:
 
 
 def log_sources(logs: Sequence[str | Path | RobotLog], word: str = "log") -> LogSources:
-    """Return what logs are; by ``word`` and their number."""
+    """Return the sources of logs, named by ``word`` and number."""
     named = {f"{word}{k}": log for k, log in enumerate(logs, 1)}
     in_memory = {k: log for k, log in named.items() if isinstance(log, RobotLog)}
     paths = {k: Path(log.source if isinstance(log, RobotLog) else log) for k, log in named.items()}

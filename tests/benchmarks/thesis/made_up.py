@@ -1,4 +1,4 @@
-"""What nobody simulated: measurements and paths, for tests."""
+"""Made-up measurements and paths for tests, not simulated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nested models: known errors without physics, what scores and page say of models."""
+"""Scores and page of nested models, for models with known errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tables and figures say of made-up measurements."""
+"""Tables and figures of made-up measurements."""
 
 import csv
 import dataclasses

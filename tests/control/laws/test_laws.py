@@ -41,7 +41,7 @@ def of(kind: str, **numbers: float) -> Compensation:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_number_of_a_law_is_its_place(kind):
-    """`law_torque` calls the law's own file, whatever it sees."""
+    """`law_torque` calls the function of the law's file for every measurement."""
     rng = np.random.default_rng(0)
     module = importlib.import_module(f"stiction_envs.control.laws.{kind}")
     for _ in range(20):
@@ -54,7 +54,7 @@ def test_number_of_a_law_is_its_place(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_law_owns_its_numbers(kind):
-    """Each field is a number of `Compensation`; columns are told apart; defaults are there."""
+    """Each field is a number of `Compensation` with a default; columns have different names."""
     law = LAWS[kind]
     names = [f.name for f in law.fields]
     assert set(names) <= set(NUMBERS)
@@ -90,7 +90,7 @@ def test_numbers_that_do_not_fit_are_refused():
 
 
 def test_smooth_sign_and_partial():
-    """g tanh(q̇/v) + b q̇; nothing at rest, whatever else is seen."""
+    """g tanh(q̇/v) + b q̇; zero at rest for every other measurement."""
     smooth, partial = of("smooth_sign", gain=0.7, speed=0.1), of("partial", gain=0.7, viscous=2.0)
     assert torque(smooth, SPEED=0.05) == pytest.approx(0.7 * np.tanh(0.5), rel=1e-14)
     v = partial.speed[0]

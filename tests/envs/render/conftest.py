@@ -1,4 +1,4 @@
-"""Whether pictures can be drawn here, and colours in them."""
+"""Checks that pictures can be drawn on this machine; their colours."""
 
 import mujoco
 import numpy as np

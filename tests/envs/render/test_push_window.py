@@ -1,4 +1,4 @@
-"""MuJoCo's viewer on an arm that a person pushes: what keys do, what is said, how time passes."""
+"""MuJoCo's viewer on a pushed arm: keys, messages, simulated time."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_keys_push_a_joint_until_dither_lets_it_go(view):
 
 
 class Viewer:
-    """As MuJoCo's passive viewer, without a window; presses keys and closes itself."""
+    """Replaces MuJoCo's passive viewer, without a window; presses keys and closes."""
 
     def __init__(self, model, data, press, keys, until):
         self.press, self.keys, self.until, self.data = press, keys, until, data

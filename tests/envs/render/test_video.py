@@ -22,7 +22,7 @@ WHERE = Configuration(7, "load", "+")
 
 @pytest.fixture
 def shown(monkeypatch):
-    """What pictures are drawn of, in order, without OpenGL."""
+    """Record the states of which pictures are drawn, in order, without OpenGL."""
     states = []
 
     def picture(self, state):

@@ -62,7 +62,7 @@ def test_tracking_error_without_friction_is_the_impedance_laws():
 
 
 def test_payload_of_a_wrong_controller_model_deflects_the_arm_by_force_over_stiffness():
-    """e = K⁻¹ F: too much is compensated, so the arm stands too high, and turned by the lever."""
+    """e = K⁻¹ F: too much gravity is compensated, so the hand is too high, and turned."""
     mass, arm = 0.4, 0.05
     controller_model = load_arm("panda", payload=(mass, arm, 0.0, 0.0))
     b = bench(kind="none", tail=6.0, scatter=False, controller_model=controller_model)
@@ -94,7 +94,7 @@ def test_friction_leaves_a_standing_error():
 
 
 def test_run_that_never_reaches_its_goal_is_given_up():
-    """Where the generator waits for ever, the protocol's patience ends the run; numbers are NaN."""
+    """If the generator waits for ever, the protocol ends the run; its numbers are NaN."""
     b = bench(
         motion=MotionLimits(patience=np.inf), protocol=load_gte_protocol().replace(patience=1)
     )
@@ -188,7 +188,7 @@ def test_bad_cases(tmp_path):
 
 
 def test_steering_that_sets_a_constant_dither_is_that_dither():
-    """The same bits, whatever the interval at which it is set; and each arm has its own case."""
+    """The bits do not depend on the interval of steering; each arm has its case."""
     b = bench()
     still = [Case(trajectory=name, stiffness=STIFF) for name in ("there", "corner")]
     asked = b.run([dataclasses.replace(c, dither=DITHER) for c in still], iterations=2)

@@ -1,4 +1,4 @@
-"""What a run is judged by, on runs whose numbers are known."""
+"""Measures of a run, on runs with known numbers."""
 
 from __future__ import annotations
 

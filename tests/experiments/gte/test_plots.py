@@ -1,4 +1,4 @@
-"""What the plots of the Generated Trajectory Experiment draw."""
+"""Plots of the Generated Trajectory Experiment."""
 
 from __future__ import annotations
 

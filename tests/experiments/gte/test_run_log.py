@@ -1,4 +1,4 @@
-"""What a run is written down from, on arms whose motion is known."""
+"""Logs of runs, on arms with known motion."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ START = np.array([0.0, 1.0, 0.0, 0.0])
 
 
 class Stub:
-    """As much of a rig as a log looks at; two arms at different places, moved by ``move``."""
+    """The part of a rig that a log reads; two arms at different places, moved by ``move``."""
 
     nsim, n = 2, 7
 
@@ -86,7 +86,7 @@ def test_vibration_of_a_pure_sine(frequency):
 
 @pytest.mark.parametrize(("axis", "path"), [(0, 7.0), (1, 0.0), (2, 7.0)])
 def test_turning_vibrates_by_the_lever(axis, path):
-    """As a position that far away would; a path that turns more than once around adds nothing."""
+    """A turn counts as the motion of a point at the lever; more than one turn adds nothing."""
     protocol, frequency = load_gte_protocol(), 30.0
 
     def move(stub, t):
@@ -127,7 +127,7 @@ def test_dither_power_and_torque_rate():
 
 
 def test_record_ends_with_its_own_tail():
-    """What happens later does not count: a case's run is the same in any company."""
+    """Later samples do not count: a case's run is the same in any batch."""
 
     def move(stub, t):
         stub.power[:] = 1e6 * (t > 3.5)

@@ -1,4 +1,4 @@
-"""What the impedance controller sees of arms on paths, and when its commands act."""
+"""The impedance controller's measurements of arms on paths, and the delay of its commands."""
 
 from __future__ import annotations
 

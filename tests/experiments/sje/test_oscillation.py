@@ -1,4 +1,4 @@
-"""What counts as oscillation of a joint: limit cases with known answers."""
+"""Oscillation of a joint: limit cases with known answers."""
 
 from __future__ import annotations
 

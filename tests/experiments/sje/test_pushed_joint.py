@@ -1,4 +1,4 @@
-"""What a person finds who pushes a joint: it holds, it lets go, dither lets it go earlier."""
+"""A pushed joint holds, then breaks away; with dither it breaks away earlier."""
 
 from __future__ import annotations
 

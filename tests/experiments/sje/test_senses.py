@@ -1,4 +1,4 @@
-"""What says in the Single Joint Experiment that a joint moves, and when commands act."""
+"""The measured angle that ends a Single Joint Experiment, and the delay of commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Dry friction that grows with load: a bristle of unchanged stiffness, whatever its level."""
+"""Dry friction that grows with load: the bristle stiffness does not change with the level."""
 
 from __future__ import annotations
 

@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from stiction_envs.gap.causes import TOLERANCES, registered
+from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.predictors.judged import best_of, plain_friction, search_of
-from stiction_envs.gap.predictors.torque import TorquePredictor
+from stiction_envs.gap.predictors.torque import TorquePredictor, lasting
+from stiction_envs.gap.predictors.torque import repeats as repeated
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.robots import load_arm
@@ -49,12 +52,25 @@ def test_errors_that_come_back_with_the_motion_count_once() -> None:
         causes = [c for c in registered() if c.name == "viscous_friction"]
         predictor = TorquePredictor(data, causes)
         slope = [t for t in predictor.candidates if t.joint == 2 and t.part == 1.0]
+        evidence = predictor.refresh(predictor.problem, slope)
+        repeats.append(repeated(data, predictor.rows))
+        model = Model(tuple(slope), (1.0, 1.0), predictor.problem.inflation, evidence)
+        predictor.repeats = predictor.lasting(model)
         predictor.refresh(predictor.problem, slope)
         gained.append(predictor.problem.score(slope) - predictor.problem.score([]))
-        repeats.append(predictor.repeats)
     assert repeats == pytest.approx([1.0, 3.6], rel=0.15)
     assert gained[0] > 1
     assert gained[1] < 1.5 * gained[0]
+
+
+@pytest.mark.parametrize("lag", [0, 1, 4])
+def test_a_mean_is_as_sure_as_its_independent_errors(lag: int) -> None:
+    """The variance of a mean of errors that decay over ``lag`` is that of 1/r of their number."""
+    rng, alike = np.random.default_rng(lag), np.exp(-1 / lag) if lag else 0.0
+    error = lfilter([np.sqrt(1 - alike**2)], [1, -alike], rng.standard_normal((500, 2000)))
+    block = np.zeros(error.size, dtype=np.int64)
+    found = lasting(error.ravel(), block, rows=1)
+    assert found == pytest.approx(error.mean(axis=1).var() * 2000, rel=0.2)
 
 
 def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None:
@@ -65,7 +81,7 @@ def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None
     causes = [c for c in registered() if c.name == "viscous_friction"]
     predictor = TorquePredictor(data, causes)
     true = [t for t in predictor.candidates if t.part == 0.1]
-    predictor.repeats = 20.0
+    predictor.repeats = np.full(arm.n, 20.0)
     worse, better = (predictor.refresh(predictor.problem, x) for x in ([], true))
     costs = sum(predictor.problem.odds[t] for t in true)
     assert better + costs > worse + 3

@@ -30,7 +30,7 @@ def _columns(path: Path) -> dict[str, np.ndarray]:
 def test_a_joint_log_s_series_are_measured_torques_models_and_causes(
     tmp_path: Path, torques: LogDiagnosis
 ) -> None:
-    """They are a joint log again."""
+    """The series are a joint log again."""
     (tmp_path / "series.csv").write_text(torques.series().csv())
     read, d = _columns(tmp_path / "series.csv"), torques.diagnosis
     for j in (1, 2):

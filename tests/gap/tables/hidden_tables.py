@@ -45,7 +45,7 @@ def nominal() -> FrictionParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """What differs from the nominal arm; factors 1 and offsets 0 are the nominal arm."""
+    """Differences from the nominal arm; factors 1 and offsets 0 are none."""
 
     joint: int = 0
     """Where it differs; 0 for the whole arm."""
@@ -93,7 +93,7 @@ def amplitude(where: Configuration, scale: float) -> float:
 def tables(joints: list[int], *truths: Truth, seed: int) -> tuple[BaseTable, list[DitheredRow]]:
     """Return the base table and the dithered torques of some joints (1..7), of one truth per joint.
 
-    The base torques of the other joints are the thesis's; nothing is said about them.
+    The base torques of the other joints are the thesis's; no cause is hidden there.
     """
     tau = thesis_base("panda").tau.copy()
     rows = []

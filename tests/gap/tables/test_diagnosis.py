@@ -122,7 +122,7 @@ def test_base_drift_of_one_configuration_may_be_a_bad_base_torque(diagnose):
 
 @pytest.mark.slow
 def test_corrupted_cell_is_one_cell(diagnose):
-    """As Table 4.7, joint 2 load −, 30 Hz of the thesis: −94 %."""
+    """A cell as wrong as joint 2, load, −, 30 Hz in the thesis's Table 4.7 (−94 %) is named."""
     found = diagnose(tables(JOINTS, Truth(joint=7, corrupted=BAD), seed=1))
     assert found.verdict == "explained"
     (cause,) = found.causes
@@ -133,7 +133,7 @@ def test_corrupted_cell_is_one_cell(diagnose):
 
 @pytest.mark.slow
 def test_direction_asymmetry_is_told_from_offset_where_dither_is_strong(diagnose):
-    """Dither shrinks friction and its asymmetry alike; an offset stays (sources.md 1.6)."""
+    """Dither reduces friction and its asymmetry equally, but not an offset (sources.md 1.6)."""
     base, dithered = tables(JOINTS, Truth(joint=7, asymmetry_nm=0.06), seed=1)
     strongest = max(-x.change_pct for x in dithered if x.joint == 7)
     found = diagnose((base, dithered))

@@ -1,4 +1,4 @@
-"""What torque tables show, put into friction: the inverse of what `hidden_tables` hides."""
+"""Causes of torque tables, put into friction: the inverse of `hidden_tables`."""
 
 from __future__ import annotations
 

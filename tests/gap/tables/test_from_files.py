@@ -46,7 +46,7 @@ def put(tmp_path):
 
 
 def test_base_and_dithered_torques_may_lie_in_several_files(put):
-    """As `tune` writes them; a base torque that both hold is one, and joints keep their own."""
+    """Files as `tune` writes them; a base torque in both counts once, each joint keeps its rows."""
     paths = [put("base.csv", base(5) + base(7, tau=0.7)), put("scale.csv", base(5) + dithered(5))]
     table, cells = read_tables(paths, ARM)
     assert table.tau.shape == (7, 2, 2)

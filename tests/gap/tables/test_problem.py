@@ -1,4 +1,4 @@
-"""Evidence of torque tables against the Gaussian density that it stands for."""
+"""Evidence of torque tables against the Gaussian density."""
 
 from __future__ import annotations
 

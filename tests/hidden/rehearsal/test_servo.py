@@ -88,7 +88,7 @@ def test_smallest_sizes_are_found_without_a_false_alarm(planned: Plan) -> None:
 
 
 def test_of_unknown_servos_their_own_are_no_false_alarms(arm: Arm, seen: HiddenServoLog) -> None:
-    """Whatever stiffness and lag they have is named rightly; what hides behind them is said."""
+    """Their stiffness and lag are no false alarms; the plan says why causes are not hidden."""
     asked = plan([seen.log], arm, causes=["coulomb_friction", "servo_stiffness", "payload"])
     quick = replace(asked, jobs=tuple(j for j in asked.jobs if j.why_not or j is NO_JOB)).run()
     assert quick.named_without == ()

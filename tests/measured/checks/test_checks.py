@@ -105,7 +105,7 @@ ixz="0" iyz="0"/></inertial></link><joint name="j{0}" type="continuous"><parent 
 
 
 def test_continuous_joints_have_no_limits(tmp_path):
-    """Angles that come within one turn are said, not refused."""
+    """Angles within one turn are a remark, not an error."""
     robot = tmp_path / "two.urdf"
     links = JOINT.format("a", "base", 60) + JOINT.format("b", "a", 30)
     robot.write_text(CONTINUOUS.format(links))
@@ -120,7 +120,7 @@ def test_continuous_joints_have_no_limits(tmp_path):
 
 
 def test_tables_with_semicolons_and_decimal_commas(tmp_path):
-    """As Excel saves them again in most of Europe."""
+    """Excel saves such tables in most of Europe."""
     path = tmp_path / "final.csv"
     write_amplitudes(path, [AmplitudeRow(7, 15.5, 13.25)])
     path.write_text(path.read_text().replace(",", ";").replace(".", ","), "utf-16")

@@ -44,7 +44,7 @@ def numbered(**signals: Array) -> dict[str, Array]:
 
 @dataclass(frozen=True)
 class Shaken:
-    """What `excitation` wrote: the file, and how many rows of each defect."""
+    """File of `excitation`, and its number of rows with each defect."""
 
     path: Path
     repeats: int

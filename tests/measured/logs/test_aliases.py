@@ -101,7 +101,7 @@ def test_units_of_a_header_or_a_row_are_used(tmp_path: Path) -> None:
 
 
 def test_a_german_excel(tmp_path: Path) -> None:
-    """Windows' letters, semicolons, decimal commas and degrees, all said by `check`."""
+    """`check` reports Windows' letters, semicolons, decimal commas and degrees."""
     values = VALUES.copy()
     values[:, 1:15] /= DEGREE
     names = header("q{} [°]", "dq{} [°/s]", "tau{} [Nm]", time="Zeit [s]")

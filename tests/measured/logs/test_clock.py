@@ -64,7 +64,7 @@ def test_a_clock_of_no_whole_number_is_found(rate: float, lost: float) -> None:
 
 
 def test_clocks_that_drift_apart_for_minutes() -> None:
-    """80 ppm over 100 s are eight steps: still the robot's clock, and the drift is told."""
+    """80 ppm over 100 s are eight steps: still the robot's clock; the reader reports the drift."""
     rows, truth = swaying(1000.0, 0.3, rows=100_000, jitter=0.4, lost=0.06, drift=-8e-5)
     (correction,) = correct_clock(rows)
     assert wrong_steps(rows, truth) < 1e-4

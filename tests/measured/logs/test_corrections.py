@@ -1,4 +1,4 @@
-"""What the reader finds and corrects in made-up logs whose truth is known."""
+"""The reader finds and corrects defects in made-up logs with known truth."""
 
 from __future__ import annotations
 

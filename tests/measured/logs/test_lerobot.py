@@ -120,7 +120,7 @@ def test_units_that_nothing_shows_are_asked_for(tmp_path: Path) -> None:
 
 
 def test_torques_of_an_openarm(tmp_path: Path) -> None:
-    """Degrees whatever the numbers; state and action have speeds and torques between the angles."""
+    """Angles are in degrees; state and action have speeds and torques between the angles."""
     motors = ("joint_1", "joint_2", "gripper")
     names = tuple(f"{m}.{c}" for m in motors for c in ("pos", "vel", "torque"))
     t = np.arange(ROWS) / FPS

@@ -109,7 +109,7 @@ def test_a_torque_limit_that_may_fill_a_gap_warns(tmp_path: Path, torque, origin
 
 
 def test_a_speed_limit_that_may_fill_a_gap_warns(tmp_path: Path) -> None:
-    """But no joint moves at 20 rad/s: these are degrees, whatever the limit is."""
+    """No joint moves at 20 rad/s, so these are degrees for every limit."""
     limits = dataclasses.replace(LIMITS, velocity=np.full(7, 0.1))
     values = good_values()
     (log,) = read_logs([put(tmp_path / "log.csv", text_of(values))], 7, limits=limits)

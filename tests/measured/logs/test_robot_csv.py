@@ -104,7 +104,7 @@ def test_they_are_told_and_checked_without_a_robot(tmp_path: Path, text: str) ->
 
 
 def test_side_of_the_torque(tmp_path: Path) -> None:
-    """What the logs say where nobody else does; a contradiction is told."""
+    """The log's side is the default; an option that contradicts the log warns."""
     theirs = read(tmp_path / "theirs.csv", libfranka(VALUES))
     ours = read(tmp_path / "ours.csv", text_of(VALUES))
     assert torque_side(None, [theirs]) == "link"

@@ -1,4 +1,4 @@
-"""What the reader finds in logs of real robots, and in simulated copies with the same defects.
+"""Defects in logs of real robots, and in simulated copies with the same defects.
 
 The real ones are there on some machines only.
 """
@@ -54,7 +54,7 @@ def test_a_log_by_a_pc_gives_the_robots_samples_back(tmp_path: Path) -> None:
 
 
 def test_panda_defects_are_found() -> None:
-    """What the log's README lists."""
+    """The reader finds the defects that the log's README lists."""
     path = real("panda_exciting_trajectory/panda_exciting_trajectory.csv.gz")
     (log,) = read_logs([path], 7, limits=PANDA)
     assert_log_of_a_pc(log, 1131, [59, 63], pytest.approx(5.3, abs=0.5))

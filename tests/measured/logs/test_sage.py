@@ -1,4 +1,4 @@
-"""SAGE's folders, and what of PyTorch is said."""
+"""SAGE's folders, and the message on files of PyTorch."""
 
 from __future__ import annotations
 

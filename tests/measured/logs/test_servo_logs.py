@@ -27,7 +27,7 @@ HEADER = header_of("q_cmd", "q")
 
 
 def servo_values(rows: int = 250, rate: float = 50.0) -> np.ndarray:
-    """t, q_cmd, q (rows, 15) of servos in steps of an encoder that stand still until told far."""
+    """Return t, q_cmd, q (rows, 15) in encoder steps of servos that rest until a large command."""
     t = np.arange(rows) / rate
     middle = np.array([0, 0, 0, -1.5, 0, 1.5, 0])
     command = middle + 0.3 * np.sin(np.outer(t, 1.5 + 0.1 * np.arange(N)))

@@ -1,4 +1,4 @@
-"""Where a search may look: never past limits, rates and forbidden bands."""
+"""A search never proposes settings past limits, rates or in forbidden bands."""
 
 import numpy as np
 import pytest

@@ -49,7 +49,7 @@ def objective(make):
 
 @pytest.fixture(scope="module")
 def dithered(objective):
-    """What the thesis's dither leaves."""
+    """The errors with the thesis's dither."""
     return objective.measure([THESIS])[0]
 
 

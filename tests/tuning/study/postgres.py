@@ -40,7 +40,7 @@ class Server:
         return f"postgresql+psycopg://tuner:{password}@127.0.0.1:{self.port}/{name}"
 
     def start(self) -> None:
-        """Start it, and wait until it answers."""
+        """Start the server, and wait until it answers."""
         options = f"-h 127.0.0.1 -p {self.port} -k '' -c fsync=off"
         self._run("pg_ctl", "-w", "-l", str(self._folder / "log"), "-o", options, "start")
 

@@ -24,7 +24,7 @@ from tuning.study.record import Record, run
 
 
 class Killed(BaseException):
-    """Stands in for the end of the process."""
+    """Replaces the end of the process."""
 
 
 def stop_at(monkeypatch, count):

@@ -65,7 +65,7 @@ def alone(tmp_path):
 
 
 def test_it_is_filled_to_its_budget_by_the_draws_of_a_search_alone(alone):
-    """What cannot be measured counts; draws come from the trial's number."""
+    """Failed trials count; a trial's draws depend on its number."""
     seen = []
     workers.run([alone()], evaluate, lambda done, total: seen.append((done, total)))
     found = alone().record.trials
@@ -132,7 +132,7 @@ def test_a_killed_worker_costs_the_other_only_the_setting_that_it_ran(database, 
 
 @pytest.mark.slow
 def test_many_may_begin_at_once_on_an_empty_database(new_database, tmp_path):
-    """They share the trials: the budget is met, by all, with at most one more of each."""
+    """The workers share the trials and meet the budget, with at most one more trial each."""
     url, log = new_database(tables=False), tmp_path / "log"
     finish(start(url, log, 4, evaluations=12, pause=0.5))
     found = trials_of(url)

@@ -44,7 +44,7 @@ class BaseTilt(Cause):
     )
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return (x_0, y_0) that are tried: upright, and what a lean alone would find."""
+        """Return (x_0, y_0) to try: upright, and the fit of a lean alone."""
         rows = data.block >= 0
         torque = (data.residual[rows] - data.residual[rows].mean(axis=0)) / data.noise
         side = data.recording.derived(_sideways)[rows]

@@ -55,7 +55,7 @@ class LinkInertia(Cause):
         return data.ddq[:, joint, None]
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Add it to the rotor, as far as that stays positive."""
+        """Add the inertia to the rotor, which stays positive."""
         j, (more,) = part.joint - 1, part.coefficients
         draft.rotor[j] += more
         if draft.rotor[j] < 0:

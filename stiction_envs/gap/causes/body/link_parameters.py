@@ -41,10 +41,10 @@ FARTHEST = 0.15
 
 
 class LinkParameters(Cause):
-    """A link of another mass, or with its centre elsewhere, than the model says.
+    """A link whose mass or centre of mass differs from the model.
 
-    Its inertia changes too, J' = (1 + s) T(δ) J T(δ)ᵀ, so that it stays physically consistent. Mass
-    and moment have a prior about the nominal, for what this motion does not show. An error of the
+    The link's inertia changes too, J' = (1 + s) T(δ) J T(δ)ᵀ, and stays physically consistent. A
+    prior about the nominal mass and moment decides what the motion does not show. An error of the
     last link is named `payload`.
     """
 
@@ -70,7 +70,7 @@ class LinkParameters(Cause):
         return [(joint + 1.0, mass, sd) for sd in CENTRE_SDS]
 
     def joints(self, data: Data) -> list[int]:
-        """Return all but the last: what is wrong with that link is named payload."""
+        """Return all but the last link: errors of the last are named payload."""
         return super().joints(data)[:-1]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

@@ -38,11 +38,11 @@ mean of a small sphere's or of the link's [-]; assumed: far below any body's, fa
 
 
 class Payload(Cause):
-    """A tool, a gripper, a cable's weight; or one that only the model has.
+    """A tool, a gripper, a cable's weight; or a body that only the model has.
 
-    Its inertia has a prior about that of a small sphere at its centre, because slow motion shows it
-    wrongly. The columns are linear about a centre, the nonlinear parameter, which is computed anew
-    once it is found (`payload_directions`).
+    The body's inertia has a prior about that of a small sphere at its centre, because slow motion
+    hardly shows inertia. The columns are linear about a centre, the nonlinear parameter; they are
+    computed again at the fitted centre (`payload_directions`).
     """
 
     name: ClassVar[str] = "payload"
@@ -54,7 +54,7 @@ class Payload(Cause):
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return the flange: the centre is not known yet."""
+        """Return the flange as first guess of the centre."""
         return [(0.0, 0.0, 0.0)]
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

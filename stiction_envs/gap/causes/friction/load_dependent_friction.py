@@ -35,7 +35,7 @@ class LoadDependentFriction(Cause):
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return no bend yet, and the mean load, at which presliding distances were measured.
 
-        Those of a nominal model's friction are of the level without load.
+        Presliding distances of a nominal model's friction belong to the level without load.
         """
         mean = 0.0 if data.has_friction else float(np.abs(data.rigid[:, joint]).mean())
         return [(0.0, mean)]

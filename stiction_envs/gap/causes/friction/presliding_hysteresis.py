@@ -16,7 +16,7 @@ from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 
 DISTANCES = np.geomspace(1e-3, 1e-3 * 50**1.25, 11)
-"""Presliding distances that are tried [rad]; assumed: in a filtered log shorter ones look like
+"""Presliding distances to try [rad]; assumed: in a filtered log shorter ones look like
 sign(q̇), and no gear yields over the longest, 0.13 rad."""
 
 
@@ -57,7 +57,7 @@ class PreslidingHysteresis(Cause):
         return Prior(np.array([0.05 * data.strength[joint]]))
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
-        """Return what the bristle adds to dry friction of 1 N·m."""
+        """Return the change by the bristle of dry friction of 1 N·m."""
         path, runs = data.reversal_path[:, [joint]], data.recording.path_runs
         distance = np.array([[shape[0]]])
         ratio = bristles(path, runs, distance)[:, 0, 0]

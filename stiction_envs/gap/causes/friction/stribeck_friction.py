@@ -16,9 +16,9 @@ from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
 FASTEST = 0.3
-"""Largest Stribeck velocity that is tried [rad/s]; assumed."""
+"""Largest Stribeck velocity to try [rad/s]; assumed."""
 COUNT = 10
-"""Number of Stribeck velocities that are tried; assumed."""
+"""Number of Stribeck velocities to try; assumed."""
 MOST_RATIO = 5.0
 """Largest ΔF over the level in motion for which bristles are bent [-]; assumed."""
 

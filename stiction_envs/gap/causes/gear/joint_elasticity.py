@@ -24,7 +24,7 @@ from stiction_envs.gap.signals.recording import Recording, rate
 from stiction_envs.gap.signals.rigid_body import gravity_slopes, mass_matrices
 
 DAMPINGS = (0.01, 0.03, 0.1, 0.3)
-"""Damping ratios of the link on its spring that are tried [-]; assumed."""
+"""Damping ratios of the link on its spring to try [-]; assumed."""
 BEST = 6
 """Number of shapes that go on to the selection; assumed."""
 LEAST_ROTOR = 0.01
@@ -32,7 +32,7 @@ LEAST_ROTOR = 0.01
 SPRINGS = 20
 """Number of springs that are simulated at once: more take memory without saving time; assumed."""
 TRIED = np.geomspace(500.0, 32000.0, 25)
-"""Stiffnesses that are tried [N·m/rad]; assumed: soft harmonic drives to stiff gears."""
+"""Stiffnesses to try [N·m/rad]; assumed: soft harmonic drives to stiff gears."""
 LEAST, MOST = 0.3, 1.5
 """Bounds of the torque over what a tried stiffness predicts [-]; assumed: room for stiffnesses
 between those tried."""
@@ -59,7 +59,7 @@ class JointElasticity(Cause):
         return Prior(np.ones(1), np.array([LEAST]), np.array([MOST]))
 
     def grid(self, data: Data, joint: int) -> Array:
-        """Return the stiffnesses that are tried [N·m/rad]."""
+        """Return the stiffnesses to try [N·m/rad]."""
         return TRIED
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
@@ -95,7 +95,7 @@ class JointElasticity(Cause):
         return {"stiffness_nm_per_rad": shape[0] / float(coefficients[0])}
 
     def contribute(self, draft: ModelDraft, part: Part) -> None:
-        """Make the joint elastic if a rotor is known that can swing on the spring."""
+        """Make the joint elastic if its rotor inertia is known."""
         j = part.joint - 1
         if draft.rotor[j] >= LEAST_ROTOR and not np.isfinite(draft.spring[j]):
             draft.spring[j] = max(1.0, part.shape[0] / part.coefficients[0])

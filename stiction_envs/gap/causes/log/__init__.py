@@ -1,1 +1,1 @@
-"""What a log says otherwise than the arm: offsets, gains, delays; a cause per file."""
+"""Errors of the log itself: offsets, gains, delays; one file per cause."""

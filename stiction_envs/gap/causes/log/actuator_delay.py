@@ -21,12 +21,12 @@ from stiction_envs.gap.signals.recording import rate
 LEAST = 0.001
 """Shortest delay that counts [s]; assumed: a robot's cycle."""
 TRIED = (-0.002, -0.01, -0.02, -0.04, 0.002, 0.01, 0.02, 0.04)
-"""T' that are tried [s]; assumed."""
+"""T' to try [s]; assumed."""
 LOWPASS_PARTS = (0.5, 1.0)
 """Second number of a shape whose torques were low-passed before they were logged: the part of |T'|
 that is the low-pass's time constant; the rest is a delay [-]; assumed."""
 SMOOTHED = (0.01, 0.02, 0.04, 0.08)
-"""|T'| of these that are tried [s]; assumed."""
+"""|T'| of low-passed torques to try [s]; assumed."""
 
 
 class ActuatorDelay(Cause):
@@ -51,11 +51,11 @@ class ActuatorDelay(Cause):
     _torque: Array | None = None
     """(T, n) torque that acts late [N·m]; None for that of the nominal model."""
     _further: tuple[float, ...] = ()
-    """Further T' that are tried [s]."""
+    """Further T' to try [s]."""
 
     @property
     def acts_on_all(self) -> bool:
-        """Whether it shifts a torque that was given, and not only the nominal torque."""
+        """True if the delay shifts the torque of `acting_on`, not only the nominal torque."""
         return self._torque is not None
 
     def acting_on(self, torque: Array, lengths: Sequence[float] = ()) -> ActuatorDelay:

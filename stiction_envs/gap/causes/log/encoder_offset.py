@@ -63,7 +63,7 @@ class EncoderOffset(Cause):
     )
 
     def __init__(self, far: AngleError | None = None) -> None:
-        """Take the joint whose zero is known to be far off; None for none."""
+        """Take the joint whose zero is far off, found by `angles`; None for none."""
         self.far = far
 
     def near(self, far: AngleError) -> EncoderOffset:
@@ -71,7 +71,7 @@ class EncoderOffset(Cause):
         return EncoderOffset(far)
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
-        """Return δ_0 [rad] that are tried: the tangent, and what the tangent alone would find.
+        """Return δ_0 [rad] to try: the tangent at 0, and its fit.
 
         A link's centre that is free in three directions fits the curvature better than a tangent.
         """
@@ -139,7 +139,7 @@ class EncoderOffset(Cause):
 
 
 def _under(model: pin.Model, gravity: tuple[float, ...]) -> pin.Model:
-    """Return a model under a gravity x, y, z [m/s²]; () for its own."""
+    """Return a model under gravity x, y, z [m/s²]; () for the model's gravity."""
     if not gravity:
         return model
     out = model.copy()

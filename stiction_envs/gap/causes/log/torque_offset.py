@@ -64,7 +64,7 @@ class TorqueOffset(Cause):
         draft.offset[part.joint - 1] += part.coefficients[0]
 
     def in_tables(self, data: TableData) -> Iterator[Effect]:
-        """Yield a torque that shifts + and − alike, and that dither does not shrink."""
+        """Yield a torque that shifts both directions equally; dither does not reduce it."""
         for j, rows in data.of_joint.items():
             unit = float(data.unit[rows].min())
             yield Effect(

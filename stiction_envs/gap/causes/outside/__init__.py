@@ -1,1 +1,1 @@
-"""What pulls at the arm from outside: springs, cables, hoses; a cause per file."""
+"""Outside torques on the arm: springs, cables, hoses; one file per cause."""

@@ -29,7 +29,7 @@ class ExternalSpring(Cause):
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return a third of what the joint can bear, at one radian [N·m/rad, N·m]; assumed.
 
-        Springs that balance an arm carry most of its weight. They pull back, whatever their rest.
+        Springs that balance an arm carry most of its weight. They pull back from any rest angle.
         """
         low, high = np.array([0.0, -np.inf]), np.full(2, np.inf)
         return Prior(np.full(2, data.strength[joint] / 3), low, high)

@@ -22,7 +22,7 @@ from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.signals.dataset import Data
 
 MOST_ORDER = 3
-"""Largest number of harmonics of a turn that are tried. A fourth never predicted left-out angles
+"""Largest number of harmonics of a turn to try. A fourth never predicted left-out angles
 better, of the Panda, the iiwa and simulated humps."""
 DISTINCT = 1e-08
 """Least eigenvalue of the correlations of its columns for the logs to distinguish them [-];

@@ -35,7 +35,7 @@ class FrictionLevel(Cause):
 
     name = "friction_level"
     log_size: ClassVar[float] = 0.15
-    """Prior size of the factor's logarithm [-]; assumed: what temperature and wear change."""
+    """Prior size of the factor's logarithm [-]; assumed: change by temperature and wear."""
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": BASE_AGAIN}
 
     def scopes(self, data: TableData, joint: int) -> Iterator[tuple[str, Index]]:

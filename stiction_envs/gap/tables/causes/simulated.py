@@ -14,13 +14,13 @@ from stiction_envs.gap.causes.base import Cause
 from stiction_envs.gap.tables.data import Effect, Quantity, TableData
 
 TRIALS = (-1.8, -0.8, -0.3, 0.3, 0.8, 1.8)
-"""Logarithms of the factor that are tried, over its prior size [-]; assumed."""
+"""Logarithms of the factor to try, over its prior size [-]; assumed."""
 LOW_PASS = Quantity(fields=("lowpass_hz",), of_interface=True, low=8.0, high=1000.0)
 """Cut-off of a low-pass [Hz]; the range is assumed."""
 LOW_PASS_SIZE = 0.7
 """Prior size of the logarithm of the cut-off [-]; assumed."""
 CUTOFFS = 25
-"""Number of cut-offs that are tried; assumed."""
+"""Number of cut-offs to try; assumed."""
 OTHER_JOINTS = "the same dither on the other joints: a filter acts on all of them"
 SAME_DAY = "base and dithered torques measured in turn on one day"
 

@@ -154,7 +154,7 @@ def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bo
 
 
 def _drives(reader: AnyReader) -> tuple[str, ...]:
-    """Return what may have driven the joints; torque where nothing says, whose reader refuses."""
+    """Return the possible drives; torque if unknown, since the torque reader then raises."""
     known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
     position = any(x.has_commands for x in known.values())
@@ -344,7 +344,7 @@ def _order(place: str, sample: Sample, joints: tuple[str, ...], wanted: Wanted) 
 
 
 def _check_size(place: str, kind: Kind, channel: str, size: int, n: int) -> None:
-    """Every joint has an angle, and what is needed or what the first message had."""
+    """Check that a message has one value of a channel for each of ``n`` joints."""
     names = {"q": "position", "dq": "velocity", "tau": kind.tau, "q_cmd": "commanded position"}
     if channel == "tau" and not size:
         raise StictionError(

@@ -63,7 +63,7 @@ class LogFormat(ABC):
         """Return for how many joints there are angles; 0 where there are none."""
 
     def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """Return what may have driven the joints: torque, position, both or neither."""
+        """Return the possible drives of the joints: torque, position, both or neither."""
         return (TORQUE,)
 
 

@@ -30,7 +30,7 @@ _OURS = {"q": "q", "dq": "dq", "tau_J": "tau"}
 
 
 def _column(time: str, channel: str) -> Callable[[str], str]:
-    """Return what gives our names: `channel` matches a channel and a joint from 0."""
+    """Return the renaming to our columns; `channel` matches a channel and a joint from 0."""
     pattern = re.compile(channel)
 
     def column(name: str) -> str:

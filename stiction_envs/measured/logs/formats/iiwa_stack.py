@@ -61,7 +61,7 @@ def arms(types: Mapping[str, str]) -> dict[str, dict[str, str]]:
 
 
 def drives_of(topics: Mapping[str, str]) -> tuple[str, ...]:
-    """Return what may have driven an arm with these topics."""
+    """Return the possible drives of an arm with these topics."""
     return tuple(d for d, c in ((TORQUE, "tau"), (POSITION, "q_cmd")) if c in topics)
 
 

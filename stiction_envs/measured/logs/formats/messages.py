@@ -1,4 +1,4 @@
-"""Messages of ROS with the state of an arm's joints: what each field becomes.
+"""Messages of ROS with the state of an arm's joints: our name of each field.
 
 | type | ``q``, ``dq`` | ``tau`` |
 |---|---|---|

@@ -31,7 +31,7 @@ _formats: list[LogFormat] = [
 
 
 def register(new: LogFormat | Header) -> None:
-    """Make a kind of log file, or the columns of a kind of CSV, known wherever a log is named.
+    """Register a kind of log file, or the columns of a kind of CSV, for all readers.
 
     Raises:
         StictionError: ends of names, or a mark, that another kind has.
