@@ -17,12 +17,11 @@ import mujoco
 import numpy as np
 
 from benchmarks.hidden_motions import BLIND_MOTIONS, MOTIONS
-from benchmarks.imperfect_arms import with_scattered_links
 from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
-from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
+from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World, with_scattered_links
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
@@ -94,7 +93,7 @@ def make_case(
         joint: from 1; random by default.
         size: of the effect, 0 (just visible) to 1 (large); random by default.
         second: length of a log of another kind of motion [s]; 0 for none.
-        scatter: how far every link is off what the makers know [-] (`imperfect_arms.scattered`):
+        scatter: how far every link is off what the makers know [-] (`hidden.worlds.scattered`):
             0.03 is 3 % of the mass and 3 mm. It is no hidden cause.
 
     Raises:

@@ -19,7 +19,7 @@ cutoff of the first log, over that on held-out blocks of the first, mean over jo
 arm in which nothing is hidden leaves there, where that is more than the error on held-out blocks.
 
 *Links off.* With ``--scatter`` every link of the simulated arm differs from what its makers know
-(`benchmarks.imperfect_arms`), and that is not hidden: where nothing else is, a name is
+(`hidden.worlds.scattered`), and that is not hidden: where nothing else is, a name is
 false. What is visible is judged by the hidden cause alone.
 """
 
@@ -68,8 +68,7 @@ HOLDS = 1.3
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
 MADE_BY = (
-    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_*.py", "benchmarks/imperfect_arms.py"),
-    "benchmarks/accuracy/blind_logs.py",
+    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_*.py", "benchmarks/accuracy/blind_logs.py"),
 )
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)

@@ -4,8 +4,8 @@
 
 Arms of `example_robot_data` and ours, each with its links 5 % off, angles in steps of 1.5 mrad,
 late stamps and a clock that jitters, hide none to three causes on drawn joints
-(`benchmarks.hidden_servo_logs`). `diagnose` knows the servos' stiffness and damping as they should
-be. Which causes does it name, and on the right joints?
+(`hidden.servo_logs`). `diagnose` knows the servos' stiffness and damping as they should be. Which
+causes does it name, and on the right joints?
 """
 
 from __future__ import annotations
@@ -18,16 +18,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row
-from benchmarks.hidden_servo_logs import CAUSES, hide
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.hidden.servo_logs import CAUSES, hide
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.robots import load_arm
 
-PLACES = (
-    *("stiction_envs/hidden", "stiction_envs/plant"),
-    *("benchmarks/hidden_servo_logs.py", "benchmarks/imperfect_arms.py"),
-    "benchmarks/servo/blind_servo_logs.py",
-)
+PLACES = ("stiction_envs/hidden", "stiction_envs/plant", "benchmarks/servo/blind_servo_logs.py")
 STUDY = Benchmark(__file__, __doc__, made_by=(*LOGS, *PLACES))
 FIRST = 6000
 """Seeds of the study begin here; those below are for development."""

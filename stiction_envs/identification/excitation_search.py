@@ -114,10 +114,15 @@ class ExcitationProblem:
         return np.asarray(links + self._stated(*state))
 
     def _stated(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (T, n) torque of rotors, friction, springs and gravity compensation [N·m]."""
+        """Return (T, n) torque of rotors, springs and gravity compensation [N·m].
+
+        Of the friction that the file states, what the margin of the torque limits does not hold.
+        """
         s = self.arm.stated
-        out = s.armature * ddq + s.damping * dq + s.stiction * np.tanh(dq / SIGN_SPEED)
-        out += s.stiffness * (q - s.springref)
+        out = s.armature * ddq + s.stiffness * (q - s.springref)
+        friction = s.damping * dq + s.stiction * np.tanh(dq / SIGN_SPEED)
+        margin = self.arm.limits.torque - self.bounds.torque
+        out += friction - np.clip(friction, -margin, margin)
         return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:

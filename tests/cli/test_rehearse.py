@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import hide
+from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.cli.short_commands import BASE_TWO
 from tests.command_line import csv_rows

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.imperfect_arms import scattered
 from stiction_envs import SingleJointExperiment, load_model
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje import experiment
@@ -21,6 +20,7 @@ from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.hidden.worlds import scattered
 from stiction_envs.plant import Plant
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import inertial_parameters

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import ENCODER
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.examples import SHIPPED, write_example
+from stiction_envs.hidden.servo_logs import ENCODER
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_logs, read_servo_logs
 from stiction_envs.robots import load_arm

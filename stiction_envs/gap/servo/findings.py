@@ -21,7 +21,7 @@ from stiction_envs.gap.servo.questions import SERVO_LAG
 Array = NDArray[np.float64]
 CLEAN = 5.0
 """Largest error over the noise floor that links a little off leave [-]; assumed: simulated arms of
-5 % scatter leave up to 7 (`benchmarks.hidden_servo_logs`)."""
+5 % scatter leave up to 7 (`hidden.servo_logs`)."""
 CLOSE = 3.0
 """Held-out error over the noise floor below which nothing is left [-]; assumed."""
 ACTS = 0.1

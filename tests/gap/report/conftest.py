@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import hide
 from stiction_envs import diagnose
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
+from stiction_envs.hidden.servo_logs import hide
 from tests.gap.servo.small_arm import held, two_links
 from tests.gap.small_logs import dry, hidden
 

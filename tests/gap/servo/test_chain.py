@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.hidden_servo_logs import hide
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnose import diagnose
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
+from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 
 ROBOT = str(Path(robot_file("so101")).parents[2] / "go2_description/urdf/go2.urdf")

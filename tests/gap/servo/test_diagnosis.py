@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import HiddenServoLog, hide
 from stiction_envs import diagnose
 from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.examples import log_csv
+from stiction_envs.hidden.servo_logs import HiddenServoLog, hide
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.robots import Arm, load_arm
 from tests.gap.servo.small_arm import TWO_LINKS, held, two_links
@@ -226,7 +226,7 @@ def test_files_of_a_diagnosis_and_the_model_it_hands_on(tmp_path: Path) -> None:
     (cause,) = written["causes"]
     assert [(cause["name"], j) for j in cause["joints"]] == list(h.hidden)
     coulomb = cause["parameters"]["coulomb_nm"]
-    truth = 0.02 * h.stiffness[1]  # as `benchmarks.hidden_servo_logs` has it
+    truth = 0.02 * h.stiffness[1]  # as `hidden.servo_logs` has it
     assert coulomb["value"] == pytest.approx(truth, rel=0.05)
     assert coulomb["ci95"][0] < coulomb["value"] < coulomb["ci95"][1]
     mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "model.xml"))

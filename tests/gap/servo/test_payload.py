@@ -4,7 +4,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import hide
 from stiction_envs import diagnose
 from stiction_envs.gap.causes.body.bodies import sphere, with_payload
 from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
@@ -13,6 +12,7 @@ from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.payload import gravity_of_tip, proposed
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
+from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.gap.servo.small_arm import two_links
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB
 from stiction_envs.hidden.rehearsal.rehearse import Plan, plan
 from stiction_envs.hidden.rehearsal.servo import HiddenServos
 from stiction_envs.hidden.servo_effects import EFFECTS
+from stiction_envs.hidden.servo_logs import ENCODER, HiddenServoLog, hide
 from stiction_envs.robots import Arm
 from tests.gap.servo.small_arm import two_links
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.hidden_servo_logs import ENCODER, commands, hide
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.gap.servo.arm import simulate_arm
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
+from stiction_envs.hidden.servo_logs import ENCODER, commands, hide
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm

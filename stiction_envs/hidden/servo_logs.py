@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from benchmarks.imperfect_arms import with_scattered_links
 from stiction_envs.arrays import Array
 from stiction_envs.errors import unknown
 from stiction_envs.friction.inertia import link_inertia
@@ -20,6 +19,7 @@ from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
+from stiction_envs.hidden.worlds import with_scattered_links
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
