@@ -263,15 +263,15 @@ def read_arm(args: argparse.Namespace) -> Arm:
 def note_robot(args: argparse.Namespace) -> None:
     """Say on standard error how a user's robot file was read; its errors are the command's."""
     from stiction_envs.robots import ARMS, load_arm
-    from stiction_envs.robots.stated import ROTORS, SPRINGS
+    from stiction_envs.robots.stated import SPRINGS, WITHOUT_FRICTION
 
     robot = getattr(args, "robot", None)
     if robot is None or str(robot) in ARMS:
         return
     nominal = getattr(args, "nominal", None)
     used: bool | tuple[str, ...] = nominal in (None, "file")
-    if args.command in ("check", "identify"):  # no nominal friction
-        used = (ROTORS, SPRINGS)
+    if args.command in ("check", "excite", "identify"):
+        used = WITHOUT_FRICTION
     elif getattr(args, "friction", None) is not None:  # rotors are in it, too
         used = (SPRINGS,)
     with suppress(StictionError):

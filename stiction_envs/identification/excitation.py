@@ -36,6 +36,7 @@ from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
+from stiction_envs.robots.stated import WITHOUT_FRICTION
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
@@ -218,7 +219,7 @@ def excite(
         slow, after = _sweeps(problem, series.state(np.zeros(1))[0][0])
         q, dq, ddq = (np.vstack(pair) for pair in zip(fine, after, strict=True))
         check = q, dq, ddq
-    notes = [*arm.notes(), *problem.clearance.notes]
+    notes = [*arm.notes(WITHOUT_FRICTION), *problem.clearance.notes]
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:

@@ -109,20 +109,14 @@ class ExcitationProblem:
         return _condition(self._whole(*state)[:, :, self.base.kept])
 
     def torque(self, state: State) -> Array:
-        """Return (T, n) torque of the arm with the joint physics that its file states [N·m]."""
+        """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""
         links = torque_regressor(self.model, *state) @ self.phi
         return np.asarray(links + self._stated(*state))
 
-    def _stated(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """Return (T, n) torque of rotors, springs and gravity compensation [N·m].
-
-        Of the friction that the file states, what the margin of the torque limits does not hold.
-        """
+    def _stated(self, q: Array, _: Array, ddq: Array) -> Array:
+        """Return (T, n) torque of rotors, springs and gravity compensation [N·m]."""
         s = self.arm.stated
         out = s.armature * ddq + s.stiffness * (q - s.springref)
-        friction = s.damping * dq + s.stiction * np.tanh(dq / SIGN_SPEED)
-        margin = self.arm.limits.torque - self.bounds.torque
-        out += friction - np.clip(friction, -margin, margin)
         return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:

@@ -45,15 +45,13 @@ from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
-from stiction_envs.robots.stated import ROTORS, SPRINGS
+from stiction_envs.robots.stated import WITHOUT_FRICTION
 
 __all__ = ["Identification", "identify"]
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
 """Samples of all logs together; assumed. Longer logs are thinned out after the filter."""
-TAKEN = (ROTORS, SPRINGS)
-"""What the robot's file states and the fit takes; friction is fitted."""
 POOR = 0.02
 """Largest error of torque over the torque limit of a well excited parameter [-]; assumed."""
 MODELS = ("nominal", "nominal + friction", "base parameters", "consistent")
@@ -343,5 +341,5 @@ def identify(
         noise=np.array(predictor.data.noise),
         provenance=made,
         unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),
-        notes=(*arm.notes(TAKEN), *signals.notes, *source, *sign),
+        notes=(*arm.notes(WITHOUT_FRICTION), *signals.notes, *source, *sign),
     )

@@ -49,6 +49,8 @@ NO_PHYSICS = ("name", "info", "id", "signature", "group", "userdata", "frame", "
 """Attributes that change no motion; a plugin's own elements do not compile without it."""
 ROTORS, DRY, DAMPING, SPRINGS = "rotors", "dry friction", "damping", "springs"
 """What a file may state of joints; gravity compensation counts as springs."""
+WITHOUT_FRICTION = ROTORS, SPRINGS
+"""What is taken of a file where friction is fitted, or has a margin of the torque limits."""
 URDF_TAGS = ("transmission", "ros2_control", "gazebo", "safety_controller", "calibration")
 """Elements of a URDF that MuJoCo does not read."""
 
