@@ -19,7 +19,7 @@ cutoff of the first log, over that on held-out blocks of the first, mean over jo
 arm in which nothing is hidden leaves there, where that is more than the error on held-out blocks.
 
 *Links off.* With ``--scatter`` every link of the simulated arm differs from what its makers know
-(`stiction_envs.hidden.imperfect_arms`), and that is not hidden: where nothing else is, a name is
+(`hidden.worlds.scattered`), and that is not hidden: where nothing else is, a name is
 false. What is visible is judged by the hidden cause alone.
 """
 
@@ -41,11 +41,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row, met
+from benchmarks.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.hidden_logs import Case, Hidden, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import table_text
@@ -67,7 +67,9 @@ HOLDS = 1.3
 """Error on the second motion over that on held-out blocks of the first, at most [-]; assumed."""
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
-MADE_BY = (*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py")
+MADE_BY = (
+    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_*.py", "benchmarks/accuracy/blind_logs.py"),
+)
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 
@@ -90,7 +92,7 @@ class Job:
         off = f", links {self.scatter:g} off" if self.scatter else ""
         return f"{self.seed} {' '.join(self.causes)}{off}"
 
-    def case(self) -> Case:
+    def case(self) -> HiddenLogs:
         """Simulate it."""
         rng = np.random.default_rng([self.seed, 77])
         make = partial(make_case, self.seed, scatter=self.scatter)
@@ -198,7 +200,7 @@ def inside(found: Diagnosis, hidden: Hidden) -> dict[str, bool]:
     return out
 
 
-def second(case: Case, found: Diagnosis) -> Row:
+def second(case: HiddenLogs, found: Diagnosis) -> Row:
     """Return (7,) errors on the second motion [N·m]: of the extended model, and of the truth."""
     friction = None if isinstance(case.nominal, str) else case.nominal
 

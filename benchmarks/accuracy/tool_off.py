@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.hidden_logs import TAU_NOISE, HiddenLogs, make_case
 from stiction_envs import diagnose
 from stiction_envs.gap.model_file import resolve
 from stiction_envs.gap.report.results import LogDiagnosis
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.hidden_logs import TAU_NOISE, Case, make_case
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 
@@ -52,7 +52,7 @@ def error(arm: Arm, model: Path, logs: list[JointLog], cutoff: float) -> NDArray
     return np.asarray(np.sqrt(np.mean(np.square(data.residual[data.block >= 0]), axis=0)))
 
 
-def edited(case: Case, folder: Path) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+def edited(case: HiddenLogs, folder: Path) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
     """Return the tool's found mass, and errors (n,) of the edited and of the tool-free model."""
     found, free = (
         diagnose(logs, case.robot, nominal=case.nominal) for logs in (case.logs, case.unhidden)

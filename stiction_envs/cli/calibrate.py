@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     from stiction_envs.experiments.sje.calibrate import ROUNDS, calibrate
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+    from stiction_envs.friction.sticking import friction_origin
     from stiction_envs.measured import read_base
     from stiction_envs.reporting.output_folder import check_file, default_folder
 
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> common.Answer:
             )
         result.write_toml(
             out,
-            base=files["friction"],
+            base=friction_origin(arm, args.friction),
             table=args.table,
             provenance=common.run_provenance(args, {**files, "table": args.table}),
         )

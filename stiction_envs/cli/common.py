@@ -263,14 +263,20 @@ def read_arm(args: argparse.Namespace) -> Arm:
 def note_robot(args: argparse.Namespace) -> None:
     """Say on standard error how a user's robot file was read; its errors are the command's."""
     from stiction_envs.robots import ARMS, load_arm
+    from stiction_envs.robots.stated import SPRINGS, WITHOUT_FRICTION
 
     robot = getattr(args, "robot", None)
     if robot is None or str(robot) in ARMS:
         return
-    other = getattr(args, "friction", None) or getattr(args, "nominal", None)
+    nominal = getattr(args, "nominal", None)
+    used: bool | tuple[str, ...] = nominal in (None, "file")
+    if args.command in ("check", "excite", "identify"):
+        used = WITHOUT_FRICTION
+    elif getattr(args, "friction", None) is not None:  # rotors are in it, too
+        used = (SPRINGS,)
     with suppress(StictionError):
         arm = load_arm(robot, chain=getattr(args, "chain", None))
-        for note in arm.notes(used=other in (None, "file")):
+        for note in arm.notes(used):
             print(f"note: {note}", file=sys.stderr)
 
 
@@ -308,7 +314,7 @@ def output_folder(
 
 def run_provenance(args: argparse.Namespace, inputs: Mapping[str, Path | None]) -> Provenance:
     """Return the provenance of a command line's result."""
-    from stiction_envs.measured.logs.files import is_log
+    from stiction_envs.measured.logs.log_files import is_log
     from stiction_envs.reporting.provenance import provenance
 
     recorded = {k: v for k, v in vars(args).items() if k not in NOT_RECORDED}

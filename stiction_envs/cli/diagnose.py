@@ -137,8 +137,8 @@ def _options(args: argparse.Namespace) -> LogOptions:
 
 def _rehearse(args: argparse.Namespace) -> common.Answer:
     """Hide causes in the logs' motion; write ``rehearsal.csv`` and provenance."""
+    from stiction_envs.hidden.rehearsal.rehearsal_result import CSV, RUNS
     from stiction_envs.hidden.rehearsal.rehearse import plan
-    from stiction_envs.hidden.rehearsal.result import CSV, RUNS
 
     for option in ("check", "poses"):
         if getattr(args, option):

@@ -107,7 +107,7 @@ def log_inputs(name: str, logs: Iterable[Path]) -> dict[str, Path]:
     Raises:
         StictionError: one that is not there.
     """
-    from stiction_envs.measured.logs.files import is_log, no_log
+    from stiction_envs.measured.logs.log_files import is_log, no_log
 
     found = {f"{name}{k}": log for k, log in enumerate(logs, 1)}
     for log in found.values():

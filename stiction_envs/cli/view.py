@@ -52,12 +52,12 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     from stiction_envs.envs.render.push_window import KEYS, PushView, PushWindow
     from stiction_envs.experiments.gte.protocol import read_dither
-    from stiction_envs.experiments.sje.push import Push
+    from stiction_envs.experiments.sje.pushed_joint import PushedJoint
     from stiction_envs.friction.sticking import sticking_model
 
     sticking = sticking_model(arm, args.friction)
     rows = usual_dither(sticking) if args.dither is None else read_dither(args.dither, arm)
-    push = Push(sticking, dither=rows, seed=args.seed)
+    push = PushedJoint(sticking, dither=rows, seed=args.seed)
     push.choose(args.joint)
     shown = PushView(push)
     window = PushWindow(shown)

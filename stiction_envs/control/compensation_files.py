@@ -24,7 +24,7 @@ from stiction_envs.control.laws import LAWS
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import Line, read_lines, write_lines
-from stiction_envs.measured.ros_parameters import Group, is_parameters, read_parameters
+from stiction_envs.measured.ros_parameters import ParameterGroup, is_parameters, read_parameters
 from stiction_envs.measured.tables import write_final
 
 COLUMNS = ("joint", "gain_nm")  # Columns of a table of gains, which may also have `OPTIONAL`
@@ -147,5 +147,5 @@ def write_treatment(
             write_compensation(folder / "final.csv", compensation)
         note = f"Friction compensation, {LAWS[compensation.kind].what}; units in the names."
         rows = compensation_rows(compensation)
-        groups.append(Group(GROUP, rows, {KIND: compensation.kind}, note))
+        groups.append(ParameterGroup(GROUP, rows, {KIND: compensation.kind}, note))
     write_final(folder, dither, joint_names, groups)

@@ -26,7 +26,7 @@ from stiction_envs.control.operational import renew
 from stiction_envs.control.rotation import error_matrix
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.robots import Limits
-from stiction_envs.robots.tables import Table, read_toml
+from stiction_envs.robots.arm_toml import Table, read_toml
 
 GTE_DEFAULTS: dict[str, Table] = {
     table: {name: entry["value"] for name, entry in entries.items()}

@@ -31,8 +31,8 @@ from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
+from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import read_toml
 
 Numbers = float | tuple[float, ...]  # One number for all joints, or one per joint
 SPEEDS = ("logged", "difference")

@@ -21,7 +21,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stiction_envs.envs.batches import Batches
-from stiction_envs.envs.page import whole_page
+from stiction_envs.envs.page_parts import whole_page
 from stiction_envs.envs.render.arm_scene import Frame
 from stiction_envs.envs.render.frames import RENDER_MODES, Renderer, check_render_mode
 from stiction_envs.errors import StictionError, unknown

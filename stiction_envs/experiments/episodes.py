@@ -24,7 +24,7 @@ from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, named
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.observation import (
     Checked,
-    Group,
+    Elements,
     action_bounds,
     observation_bounds,
     observation_names,
@@ -106,7 +106,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Measures that are in the info of every step."""
     final: ClassVar[tuple[str, ...]]
     """Measures that are in the info of an episode's last step."""
-    groups: tuple[Group, ...]
+    groups: tuple[Elements, ...]
     """The observation."""
     arms_per_batch: ClassVar[int] = 64
     """Most arms of a batch, see `envs.batches`. Of 1024 arms of the GTE on two cores, batches of 32

@@ -26,7 +26,7 @@ iiwa."""
 
 
 @dataclass(frozen=True)
-class Group:
+class Elements:
     """Neighbouring elements of the observation."""
 
     name: str
@@ -44,24 +44,26 @@ class Group:
         return [f"{self.name}_{label}" for label in labels] or [self.name]
 
 
-TORQUE = Group(
+TORQUE = Elements(
     "torque", -50.0, 50.0, "stiction", "commanded torque, dither excluded", per_joint=True
 )
 """Part of every environment's observation."""
 DITHER = (
-    Group("amplitude", -1.0, 1.0, "1", "last amplitude; −1 is 0, +1 is A_max", per_joint=True),
-    Group("frequency", -1.0, 1.0, "1", "last frequency; −1 is f_min, +1 is f_max", per_joint=True),
+    Elements("amplitude", -1.0, 1.0, "1", "last amplitude; −1 is 0, +1 is A_max", per_joint=True),
+    Elements(
+        "frequency", -1.0, 1.0, "1", "last frequency; −1 is f_min, +1 is f_max", per_joint=True
+    ),
 )
 """Groups of the last action: every environment's observation ends with them."""
 
 
-def observation_names(n: int, groups: Sequence[Group]) -> tuple[str, ...]:
+def observation_names(n: int, groups: Sequence[Elements]) -> tuple[str, ...]:
     """Return the name of every element of the observation for an arm of ``n`` joints."""
     return tuple(name for g in groups for name in g.names(n))
 
 
 def observation_bounds(
-    n: int, groups: Sequence[Group]
+    n: int, groups: Sequence[Elements]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the lowest and highest observation for an arm of ``n`` joints."""
     counts = [len(g.names(n)) for g in groups]

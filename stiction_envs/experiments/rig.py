@@ -31,7 +31,7 @@ from stiction_envs.control.torque_path import TorqueInterface, TorquePath
 from stiction_envs.dither.dither import Dither
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.experiments.servos import Approach, Servos
+from stiction_envs.experiments.holding_servos import Approach, Servos
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow

@@ -30,10 +30,10 @@ from stiction_envs.reporting.markdown import aligned, table_text
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.reporting.templates import render
+from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.mjcf import numbers
 from stiction_envs.robots.registry import ARMS, arm_title
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION
-from stiction_envs.robots.tables import read_toml
 from stiction_envs.version import __version__
 
 Kind = Literal["dcmotor", "frictionloss"]
@@ -107,6 +107,7 @@ def plain_mjcf(
         presliding=f"{float((bias[:, STICTION] / bristle).max()):.2g}",
         stribeck=f"{float((bias[:, STICTION] / bias[:, COULOMB]).max() - 1):.0%}",
         offsets=bool(own.offset.any() or own.gravity_error.any()),
+        springs=bool(arm.stated.stiffness.any()),
     )
     paragraphs = words.replace("--", "- -").strip().split("\n\n")
     wrap = textwrap.TextWrapper(

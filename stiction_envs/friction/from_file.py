@@ -14,6 +14,7 @@ from stiction_envs.friction.parameters import (
 )
 from stiction_envs.friction.steady import steady
 from stiction_envs.robots import Arm
+from stiction_envs.robots.stated import DAMPING, DRY, ROTORS, SPRINGS
 
 NO_STRIBECK = 0.05
 """Stribeck velocity of friction that is the same at rest and in motion [rad/s]: no effect."""
@@ -95,6 +96,15 @@ FROM_LOGS = (
 
 def _same(one: FrictionParameters, two: FrictionParameters) -> bool:
     return all(np.array_equal(getattr(one, q), getattr(two, q)) for q in QUANTITIES)
+
+
+def simulated_note(arm: Arm, friction: FrictionParameters) -> str:
+    """Return the top of a report of simulations: how the robot's file was read, `friction_note`."""
+    own, used = own_friction(arm), [SPRINGS]
+    for kind, name in ((ROTORS, "rotor_inertia"), (DRY, "stiction"), (DAMPING, "viscous")):
+        used += [kind] * np.array_equal(getattr(friction, name), getattr(own, name))
+    read = (f"{x}." for x in arm.notes(used))
+    return " ".join(x for x in (*read, friction_note(arm, friction)) if x)
 
 
 def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:

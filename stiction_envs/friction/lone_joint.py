@@ -19,7 +19,6 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
-from stiction_envs.friction.bristle import bristle_after
 from stiction_envs.friction.parameters import CONTROL_DT
 
 
@@ -54,6 +53,17 @@ def breakaway(joints: LoneJoints, *, threshold: float, longest: float, hold: int
     """
     columns = np.ascontiguousarray(np.stack([getattr(joints, f.name) for f in fields(joints)], 1))
     return _breakaway(columns, threshold, round(longest / CONTROL_DT), hold)
+
+
+@compiled
+def bristle_after(deflection, speed, decay, step):  # type: ignore[no-untyped-def]
+    """Return the deflection after a step at constant speed, as MuJoCo's ``dcmotor`` integrates it.
+
+    Exact solution of ż = v − |v| σ0/g z: ``deflection`` is z [rad], ``speed`` v [rad/s], ``decay``
+    |v| σ0/g times the step, above 0 [-].
+    """
+    e = np.expm1(-decay)
+    return deflection + (e * deflection - e / decay * step * speed)
 
 
 @compiled

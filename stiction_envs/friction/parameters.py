@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.reporting.toml import toml_text
+from stiction_envs.robots.arm_toml import Table, check_range, read_toml
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import Table, check_range, read_toml
 
 CONTROL_DT = 1e-3  # Control step, and longest physics step [s]
 GENERIC = Path(__file__).with_name("generic.toml")
@@ -251,10 +251,15 @@ def friction_text(robot: str | Path | None) -> Table:
 def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dict[str, str], Table]:
     """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
-    ``given`` is a robot or TOML as in `load_friction`, or parameters, which have no sources.
+    ``given`` is a robot or TOML as in `load_friction`, or parameters, of which those that are equal
+    to `generic.toml` are assumed.
     """
     if isinstance(given, FrictionParameters):
-        return dict.fromkeys(QUANTITIES, "parameters in memory"), {}
+        sources, generic = friction_sources(GENERIC)[0], load_friction(GENERIC, given.n)
+        for k in QUANTITIES:
+            if not np.array_equal(getattr(given, k), getattr(generic, k)):
+                sources[k] = "the robot's file, or parameters in memory"
+        return sources, {}
     table, name = friction_text(given), friction_path(given).name
     sources = {
         k: str(table[k].get("source", "assumed")) if k in table else f"assumed: not in {name}"

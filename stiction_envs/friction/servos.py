@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array
-from stiction_envs.robots.tables import read_toml
+from stiction_envs.robots.arm_toml import read_toml
 
 LONGEST_DELAY = 1.0  # Longest delay of a command that is simulated [s]; assumed
 

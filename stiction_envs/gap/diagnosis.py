@@ -34,7 +34,7 @@ from stiction_envs.gap.signals.sessions import sessions, spans
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.gap.signals.torque_sign import converted
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]

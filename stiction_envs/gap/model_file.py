@@ -37,8 +37,8 @@ from stiction_envs.gap.signals.sessions import Spans
 from stiction_envs.gap.signals.torque_lag import Lag
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.arm_toml import Table, check_range, largest, read_toml
 from stiction_envs.robots.stated import without_springs
-from stiction_envs.robots.tables import Table, check_range, largest, read_toml
 
 LEAST_UNIT = 1e-9
 """Least factor of another unit of torques [-]: it divides."""

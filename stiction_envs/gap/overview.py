@@ -25,7 +25,7 @@ from stiction_envs.gap.signals.prepare import Signals, prepare
 from stiction_envs.gap.signals.spectra import effective_rate
 from stiction_envs.gap.signals.torque_lag import correct_torques, lag_of
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm

@@ -17,9 +17,9 @@ from stiction_envs.errors import unknown
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
-from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
+from stiction_envs.hidden.worlds import with_scattered_links
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 

@@ -1,10 +1,10 @@
 """Effects that are hidden in joint logs: one entry per effect, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and returns the truth. Simulated logs
-(`hidden_logs`) draw its value; a rehearsal hides three values along the motion of a user's log. It
-shares only the name and the keys of the parameters with the cause of the diagnosis. A payload that
-only the model has is an effect with its own name, ``phantom_payload``; as a cause it is a payload
-of negative mass.
+(`benchmarks.hidden_logs`) draw its value; a rehearsal hides three values along the motion of a
+user's log. It shares only the name and the keys of the parameters with the cause of the diagnosis.
+A payload that only the model has is an effect with its own name, ``phantom_payload``; as a cause it
+is a payload of negative mass.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from dataclasses import KW_ONLY, dataclass
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.hidden.hidden_motions import REACH
-from stiction_envs.hidden.worlds import World
+from stiction_envs.hidden.worlds import REACH, World
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import inertial_parameters
 
@@ -167,7 +166,7 @@ def _of_friction(w: World, j: int, size: float) -> float:
 
 
 @dataclass(frozen=True)
-class Effect:
+class TorqueEffect:
     """A rule that hides a cause in a joint log."""
 
     hide: Hide
@@ -213,17 +212,17 @@ OVER_ANGLE = frozenset({"torque_offset", "external_spring", "position_dependent_
 ON_FLANGE = frozenset({"payload", "phantom_payload"})
 """The one takes the other away."""
 EFFECTS = {
-    "coulomb_friction": Effect(
+    "coulomb_friction": TorqueEffect(
         sets("more_coulomb", "coulomb_nm"),
         lambda w, d: d.more(0.3, 0.8, w.coulomb, d.friction),
         ("fourier", "reversals", "sweeps"),
     ),
-    "viscous_friction": Effect(
+    "viscous_friction": TorqueEffect(
         sets("more_viscous", "viscous_nms"),
         lambda w, d: d.more(0.4, 0.9, w.viscous, 2 * d.friction),
         ("fourier", "fast", "sweeps"),
     ),
-    "stribeck_friction": Effect(
+    "stribeck_friction": TorqueEffect(
         _stribeck,
         lambda w, d: d.between(0.3, 1.2) * d.friction,
         ("sweeps", "rests"),
@@ -231,7 +230,7 @@ EFFECTS = {
         largest=3.0,
         expected=DRY,
     ),
-    "direction_asymmetry": Effect(
+    "direction_asymmetry": TorqueEffect(
         sets("asymmetry", "asymmetry_nm"),
         lambda w, d: d.signed(0.2, 0.5) * w.coulomb[d.joint],
         ("rests",),
@@ -239,7 +238,7 @@ EFFECTS = {
         largest=0.9,
         expected=DRY,
     ),
-    "load_dependent_friction": Effect(
+    "load_dependent_friction": TorqueEffect(
         sets("load", "load_coefficient"),
         lambda w, d: d.between(0.02, 0.1),
         ("fourier", "fast"),
@@ -247,7 +246,7 @@ EFFECTS = {
         largest=1.0,
         expected=DRY,
     ),
-    "presliding_hysteresis": Effect(
+    "presliding_hysteresis": TorqueEffect(
         _presliding,
         lambda w, d: d.between(3e-3, 2e-2),
         ("reversals",),
@@ -256,10 +255,10 @@ EFFECTS = {
         largest=0.1,
         expected=DRY,
     ),
-    "position_dependent_friction": Effect(
+    "position_dependent_friction": TorqueEffect(
         _ripple, lambda w, d: d.between(0.2, 1.0) * d.friction, ("sweeps", "fourier")
     ),
-    "warm_up_drift": Effect(
+    "warm_up_drift": TorqueEffect(
         sets("drift", "drift_nm_per_s"),
         lambda w, d: d.signed(0.4, 0.8) * w.coulomb[d.joint] / w.seconds,
         ("fourier", "sweeps", "reversals"),
@@ -267,13 +266,13 @@ EFFECTS = {
         largest=1.0,
         expected=DRY,
     ),
-    "torque_offset": Effect(
+    "torque_offset": TorqueEffect(
         sets("offset", "offset_nm"),
         lambda w, d: d.signed(0.2, 1.5) * d.friction,
         ("fourier", "poses", "rests"),
         excludes=OVER_ANGLE,
     ),
-    "torque_scale": Effect(
+    "torque_scale": TorqueEffect(
         sets("scale", "scale"),
         lambda w, d: 1 + d.signed(0.03, 0.2),
         ("fourier", "poses"),
@@ -281,7 +280,7 @@ EFFECTS = {
         value=lambda w, j, size: 1 + size,
         largest=0.8,
     ),
-    "payload": Effect(
+    "payload": TorqueEffect(
         _payload,
         lambda w, d: d.between(0.1, 2.0),
         ("fourier", "poses", "fast"),
@@ -289,14 +288,14 @@ EFFECTS = {
         excludes=ON_FLANGE,
         largest=20.0,
     ),
-    "phantom_payload": Effect(
+    "phantom_payload": TorqueEffect(
         _phantom,
         lambda w, d: d.between(0.35, 0.75),
         ("fourier", "poses", "fast"),
         arm_wide=True,
         excludes=ON_FLANGE,
     ),
-    "link_parameters": Effect(
+    "link_parameters": TorqueEffect(
         _link,
         lambda w, d: d.signed(0.05, 0.3) * PANDA_LINK_KG[d.joint],
         ("fourier", "poses", "fast"),
@@ -306,14 +305,14 @@ EFFECTS = {
         value=lambda w, j, size: size * inertial_parameters(w.rigid.pinocchio())[j, 0],
         largest=0.5,
     ),
-    "position_dependent_torque": Effect(
+    "position_dependent_torque": TorqueEffect(
         _smooth,
         lambda w, d: d.signed(0.6, 3.0) * d.friction,
         ("fourier", "sweeps", "poses"),
         excludes=OVER_ANGLE,
         parameter="height_nm",
     ),
-    "base_tilt": Effect(
+    "base_tilt": TorqueEffect(
         _tilt,
         lambda w, d: d.between(0.01, 0.1),
         ("fourier", "poses"),
@@ -321,13 +320,13 @@ EFFECTS = {
         start=1e-3,
         largest=0.3,
     ),
-    "link_inertia": Effect(
+    "link_inertia": TorqueEffect(
         sets("armature", "armature_kgm2"),
         lambda w, d: (d.sign if w.rotor[d.joint] else 1.0) * d.between(0.3, 0.7) * ROTOR[d.joint],
         ("fast", "chirp"),
         start=1e-3,
     ),
-    "joint_elasticity": Effect(
+    "joint_elasticity": TorqueEffect(
         _elasticity,
         lambda w, d: d.between(5000.0, 1000.0),
         ("chirp",),
@@ -337,7 +336,7 @@ EFFECTS = {
         start=1e-4,
         largest=1 / 300,
     ),
-    "actuator_delay": Effect(
+    "actuator_delay": TorqueEffect(
         sets("delay", "delay_s"),
         lambda w, d: d.between(4e-3, 3e-2),
         ("fast", "chirp"),
@@ -345,7 +344,7 @@ EFFECTS = {
         start=1e-3,
         largest=0.1,
     ),
-    "encoder_offset": Effect(
+    "encoder_offset": TorqueEffect(
         sets("zero", "offset_rad"),
         lambda w, d: d.signed(0.01, 0.15),
         ("fourier", "poses", "fast"),
@@ -354,7 +353,7 @@ EFFECTS = {
         start=1e-3,
         largest=0.2,
     ),
-    "gravity_compensation_missing": Effect(
+    "gravity_compensation_missing": TorqueEffect(
         sets("gravity_missing", "share"),
         # most controllers that log their own command leave out all of it
         lambda w, d: 1.0 if d.rng.random() < 0.3 else d.between(0.02, 1.0),
@@ -362,7 +361,7 @@ EFFECTS = {
         arm_wide=True,
         largest=1.0,
     ),
-    "external_spring": Effect(
+    "external_spring": TorqueEffect(
         _spring,
         lambda w, d: d.between(0.4, 4.0) * d.friction,
         ("fourier", "poses", "sweeps"),

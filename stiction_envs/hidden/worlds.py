@@ -8,15 +8,26 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array
-from stiction_envs.hidden.hidden_motions import CENTRE
+from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.inertias import with_inertias
+from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
 
+CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
+"""Middle of the motions of joints 1 to 7 [rad]; assumed."""
+REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
+"""How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
+the motion."""
 STEP = 1e-3  # step of the simulation [s]; assumed
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
 RADIUS = 0.03  # radius of a payload, a solid sphere [m]; assumed
+CENTRE_M = 0.1
+"""Standard deviation of a centre of mass per unit of scatter [m]: at 3 % 3 mm; assumed."""
+MOST = 0.2  # largest scatter [-] (assumed): masses stay positive up to five standard deviations
 
 
 ZERO: Any = 0.0
@@ -25,7 +36,7 @@ ONE: Any = 1.0
 
 
 @dataclass(kw_only=True)
-class _Joints:
+class _JointProperties:
     """Properties of the joints, (n, ...); one value stands for all joints."""
 
     middle: Array = field(default_factory=CENTRE.copy)
@@ -61,7 +72,7 @@ class _Joints:
 
 
 @dataclass(kw_only=True)
-class World(_Joints):
+class World(_JointProperties):
     """An arm before it is simulated."""
 
     rigid: Arm = field(default_factory=lambda: load_arm("panda"))
@@ -84,7 +95,7 @@ class World(_Joints):
     """Share of the makers' gravity torque that the logged torques lack [-]."""
 
     def __post_init__(self) -> None:
-        for name in (f.name for f in fields(_Joints)):
+        for name in (f.name for f in fields(_JointProperties)):
             value = np.atleast_1d(np.asarray(getattr(self, name), np.float64))
             if len(value) != self.rigid.n:
                 setattr(self, name, np.repeat(value, self.rigid.n, axis=0))
@@ -173,3 +184,31 @@ def inverse_torque(model: mujoco.MjModel, q: Array, dq: Array, ddq: Array) -> Ar
         mujoco.mj_inverse(model, data)
         out[k] = data.qfrc_inverse
     return out
+
+
+def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array:
+    """Return (n, 10) parameters of links that differ from ``phi`` by a ``scatter``.
+
+    Each link's mass is multiplied by 1 + N(0, s), its centre moved by N(0, s · `CENTRE_M`)
+    along each axis, and the link stretched and rotated about its centre by A = I + N(0, s) (3, 3):
+    J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
+    (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
+    """
+    if not 0 <= scatter <= MOST:
+        raise StictionError(f"scatter {scatter:g}: expected 0 to {MOST:g}")
+    before = np.asarray(phi, dtype=np.float64)
+    n = len(before)
+    mass = 1 + scatter * rng.normal(size=n)
+    shift = scatter * CENTRE_M * rng.normal(size=(n, 3))
+    stretch = np.eye(3) + scatter * rng.normal(size=(n, 3, 3))
+    centre = before[:, 1:4] / before[:, :1]
+    affine = np.tile(np.eye(4), (n, 1, 1))
+    affine[:, :3, :3] = stretch
+    affine[:, :3, 3] = centre + shift - (stretch @ centre[..., None])[..., 0]
+    moved = affine @ pseudo_inertia(before) @ affine.transpose(0, 2, 1)
+    return from_pseudo_inertia(mass[:, None, None] * moved)
+
+
+def with_scattered_links(arm: Arm, scatter: float, rng: np.random.Generator) -> Arm:
+    """Return an arm with links that are all a little off: see `scattered`."""
+    return with_inertias(arm, scattered(inertial_parameters(arm.pinocchio()), scatter, rng))

@@ -28,7 +28,7 @@ from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
 from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
-from stiction_envs.identification.excitation_search import FINE, Problem, search
+from stiction_envs.identification.excitation_search import FINE, ExcitationProblem, search
 from stiction_envs.identification.settings import ExcitationSettings, excitation_settings
 from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
@@ -36,6 +36,7 @@ from stiction_envs.reporting.json_text import write_json
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import Arm
+from stiction_envs.robots.stated import WITHOUT_FRICTION
 
 __all__ = ["Excitation", "ExcitationSettings", "excite"]
 
@@ -190,7 +191,7 @@ def excite(
     _check_rate(rate)
     s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
-    problem = Problem(arm, s, rng)
+    problem = ExcitationProblem(arm, s, rng)
     points, conditions = [], []
     for k in range(max(s.randoms, s.starts)):
         points.append(problem.random(rng))
@@ -218,7 +219,7 @@ def excite(
         slow, after = _sweeps(problem, series.state(np.zeros(1))[0][0])
         q, dq, ddq = (np.vstack(pair) for pair in zip(fine, after, strict=True))
         check = q, dq, ddq
-    notes = list(problem.clearance.notes)
+    notes = [*arm.notes(WITHOUT_FRICTION), *problem.clearance.notes]
     if not problem.clearance.own_geometry:
         notes.append("the model has no collision geometry: only the flange was kept clear")
     if not acceleration_limits(arm, s.acceleration_free)[1]:
@@ -252,7 +253,7 @@ def _check_rate(hz: float) -> None:
         raise StictionError(f"rate {hz} Hz: expected a number above 0")
 
 
-def _sweeps(problem: Problem, start: Array) -> tuple[Sweeps, State]:
+def _sweeps(problem: ExcitationProblem, start: Array) -> tuple[Sweeps, State]:
     """Return sweeps inside all limits, and their states; first directions turn and spans shrink."""
     rng, b = np.random.default_rng(0), problem.bounds
     for trial in range(SWEEP_TRIES):

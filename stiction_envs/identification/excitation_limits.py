@@ -20,7 +20,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.identification.excitation_motion import State
 from stiction_envs.identification.settings import ExcitationSettings
 from stiction_envs.robots import ARMS, Arm
-from stiction_envs.robots.tables import lookup, per_joint
+from stiction_envs.robots.arm_toml import lookup, per_joint
 
 NEAR = 0.05
 """Links that are nearer at rest are neighbours: half of their distance there is kept [m]; assumed.
@@ -34,7 +34,7 @@ _SOLID = {"contype": 1, "conaffinity": 1}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Bounds:
+class MotionBounds:
     """Margins taken off; (n,) each."""
 
     low: Array
@@ -58,13 +58,13 @@ def acceleration_limits(arm: Arm, free: float) -> tuple[Array, bool]:
     return np.full(arm.n, free), False
 
 
-def bounds_of(arm: Arm, settings: ExcitationSettings) -> Bounds:
+def bounds_of(arm: Arm, settings: ExcitationSettings) -> MotionBounds:
     """Return an arm's limits minus the margins."""
     low, high = arm.limits.position.T
     # a range narrower than both margins leaves its middle
     margin = np.minimum(settings.position_margin, 0.45 * (high - low))
     acceleration, _ = acceleration_limits(arm, settings.acceleration_free)
-    return Bounds(
+    return MotionBounds(
         low=low + margin,
         high=high - margin,
         velocity=settings.velocity_part * arm.limits.velocity,
@@ -198,7 +198,7 @@ class Clearance:
         return total, gradient
 
 
-def used(state: State, torque: Array, bounds: Bounds) -> dict[str, float]:
+def used(state: State, torque: Array, bounds: MotionBounds) -> dict[str, float]:
     """Return the largest part of each limit that a motion uses, margins included [-]."""
     q, dq, ddq = state
     half = (bounds.high - bounds.low) / 2

@@ -20,7 +20,8 @@ from scipy.special import logsumexp, softmax
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import ExperimentError
-from stiction_envs.identification.excitation_limits import Bounds, Clearance, bounds_of, used
+from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.identification.excitation_limits import Clearance, MotionBounds, bounds_of, used
 from stiction_envs.identification.excitation_motion import (
     FourierSeries,
     State,
@@ -57,16 +58,18 @@ squares."""
 FINE = 400  # per period in the check of the result; assumed
 
 
-class Problem:
+class ExcitationProblem:
     """One arm's regressor and limits."""
 
     def __init__(self, arm: Arm, settings: ExcitationSettings, rng: np.random.Generator) -> None:
         """Find base parameters and scales from random states."""
         self.arm, self.settings = arm, settings
-        self.bounds: Bounds = bounds_of(arm, settings)
+        self.bounds: MotionBounds = bounds_of(arm, settings)
         self.clearance = Clearance(arm, settings)
         self.model = arm.pinocchio()
         self.phi = inertial_parameters(self.model).ravel()
+        carries = bool(arm.stated.gravcomp)
+        self.carried = arm.pinocchio(compensated=True) if carries else None
         n, b = arm.n, self.bounds
         q = rng.uniform(b.low, b.high, (STATES, n))
         dq = rng.uniform(-1, 1, (STATES, n)) * b.velocity
@@ -106,8 +109,15 @@ class Problem:
         return _condition(self._whole(*state)[:, :, self.base.kept])
 
     def torque(self, state: State) -> Array:
-        """Return (T, n) torque of the rigid arm [N·m]."""
-        return np.asarray(torque_regressor(self.model, *state) @ self.phi)
+        """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""
+        links = torque_regressor(self.model, *state) @ self.phi
+        return np.asarray(links + self._stated(*state))
+
+    def _stated(self, q: Array, _: Array, ddq: Array) -> Array:
+        """Return (T, n) torque of rotors, springs and gravity compensation [N·m]."""
+        s = self.arm.stated
+        out = s.armature * ddq + s.stiffness * (q - s.springref)
+        return out if self.carried is None else out - gravity_torque(self.carried, q)
 
     def series(self, x: Array) -> FourierSeries:
         """Return the series of a point (n (2 N − 1),): offsets, then free coefficients."""
@@ -213,10 +223,11 @@ class Problem:
         w = whole[:, :, self.base.kept] * scale
         flat = w.reshape(-1, self.base.size)
         value, inner = smooth_condition(flat, POWER)
-        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ
+        # ∂f/∂W on the kept columns, and ∂(penalty)/∂τ on those of the links: τ = W φ + stated
         outer = np.zeros_like(whole)
         outer[:, :, self.base.kept] = inner.reshape(w.shape) * scale
-        torque = whole[:, :, : 10 * n] @ self.phi
+        stated = self._stated(*state)
+        torque = whole[:, :, : 10 * n] @ self.phi + stated
         limit = TIGHT * self.bounds.torque
         over = np.maximum(np.abs(torque) / limit - 1, 0.0)
         value += weight * float(np.sum(over**2)) / SAMPLES
@@ -230,6 +241,8 @@ class Problem:
                 moved[kind][:, j] += DIFFERENCE
                 change = (self._whole(*moved) - whole) / DIFFERENCE
                 along[kind][:, j] = np.einsum("tij,tij->t", outer, change)
+                change = (self._stated(*moved) - stated) / DIFFERENCE
+                along[kind][:, j] += np.einsum("tj,tj->t", slope, change)
         more, pushes = self._penalties(state, weight)
         value += more
         gq, gv, ga = (g + push for g, push in zip(along, pushes, strict=True))
@@ -268,7 +281,7 @@ def smooth_condition(w: Array, power: float) -> tuple[float, Array]:
 
 
 def search(
-    problem: Problem, x: Array, progress: Callable[[], None] = lambda: None
+    problem: ExcitationProblem, x: Array, progress: Callable[[], None] = lambda: None
 ) -> tuple[Array, float] | None:
     """Return the best point found inside all limits from ``x``, and its condition number."""
     best: tuple[Array, float] | None = None

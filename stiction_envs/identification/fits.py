@@ -27,7 +27,8 @@ from stiction_envs.gap.links import nearest_links
 from stiction_envs.gap.predictors.torque import FOLDS, TorquePredictor
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.friction_state import noise_floor, presliding_distances
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.gap.signals.rigid_body import passive_torque
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import (
     BaseSet,
@@ -94,8 +95,15 @@ class BaseFit:
     """Condition number of the weighted columns, scaled to unit length [-]."""
 
 
-def fit_base(predictor: TorquePredictor, columns: Array) -> BaseFit:
-    """Return least squares of the measured torque on columns (T, n, r), by a predictor's weights.
+def torque_to_fit(data: Data) -> Array:
+    """Return (T, n) measured torque less springs and gravity compensation of the file [N·m]."""
+    return np.asarray(data.tau - passive_torque(data.arm, data.q))
+
+
+def fit_base(predictor: TorquePredictor, columns: Array, torque: Array) -> BaseFit:
+    """Return least squares of the links' and joints' torque (T, n) on columns (T, n, r).
+
+    The weights are those of a predictor; ``torque`` is as of `torque_to_fit`.
 
     The variance is that of noise that neighbouring rows share, or the mean of it and of the
     jackknife over folds, if that is larger. The former does not see what the model leaves at the
@@ -110,7 +118,7 @@ def fit_base(predictor: TorquePredictor, columns: Array) -> BaseFit:
             rows = predictor.fold == f
             own = columns[rows, j]
             xx[f] += own.T @ (own * weight[rows, None])
-            xr[f] += own.T @ (data.tau[rows, j] * weight[rows])
+            xr[f] += own.T @ (torque[rows, j] * weight[rows])
     whole, along = xx.sum(axis=0), xr.sum(axis=0)
     size = np.sqrt(np.maximum(np.diag(whole), 1e-200))
     across = np.outer(size, size)
@@ -236,26 +244,29 @@ def parameters(predictor: TorquePredictor, terms: Sequence[Term]) -> Array:
     """Return (1 + F, 10 n + k n) parameters of a model fitted to all folds, and to all but each.
 
     Links exist, and are the nominal ones in models without their errors. What the logs do not show
-    of a joint's own is zero.
+    of a joint's own is zero; of a rotor, what the robot's file states.
     """
     problem, n = predictor.problem, predictor.data.n
     c = np.stack([problem.fit(terms), *(problem.without(f).fit(terms) for f in range(FOLDS))])
     kinds = [x.name for x in predictor.causes.values() if x.acts_on != THE_ARM]
     own = np.zeros((len(c), len(kinds), n))
+    if LinkInertia.name in kinds:
+        own[:, kinds.index(LinkInertia.name)] = predictor.data.friction.rotor
     links = np.tile(inertial_parameters(predictor.data.pinocchio), (len(c), 1, 1))
     for term, mine in zip(terms, problem.split(terms, c), strict=True):
         if term.joint != ARM:
-            own[:, kinds.index(term.cause), term.joint] = mine[:, 0]
+            own[:, kinds.index(term.cause), term.joint] += mine[:, 0]
         else:
             links = nearest_links(predictor, c)
     return np.concatenate([links.reshape(len(c), -1), own.reshape(len(c), -1)], axis=1)
 
 
-def held_out(predictor: TorquePredictor, columns: Array, values: Array) -> Array:
+def held_out(predictor: TorquePredictor, columns: Array, values: Array, torque: Array) -> Array:
     """Return (n,) error on folds that a model was not fitted to, root mean square [N·m].
 
-    ``columns`` (T, n, p) are torque per parameter, ``values`` (1 + F, p) as of `parameters`.
+    ``columns`` (T, n, p) are torque per parameter, ``values`` (1 + F, p) as of `parameters`,
+    ``torque`` (T, n) as of `torque_to_fit`.
     """
-    data, rows = predictor.data, np.flatnonzero(predictor.fold >= 0)
-    torque = np.einsum("tjp,tp->tj", columns[rows], values[1 + predictor.fold[rows]])
-    return np.asarray(np.sqrt(np.square(data.tau[rows] - torque).mean(axis=0)))
+    rows = np.flatnonzero(predictor.fold >= 0)
+    fitted = np.einsum("tjp,tp->tj", columns[rows], values[1 + predictor.fold[rows]])
+    return np.asarray(np.sqrt(np.square(torque[rows] - fitted).mean(axis=0)))

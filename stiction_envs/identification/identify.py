@@ -16,6 +16,7 @@ causes (`fits`), keeps links near the nominal ones and physically consistent.
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -44,6 +45,7 @@ from stiction_envs.reporting.templates import write_md_and_html
 from stiction_envs.robots import Arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
+from stiction_envs.robots.stated import WITHOUT_FRICTION
 
 __all__ = ["Identification", "identify"]
 
@@ -82,7 +84,8 @@ class Identification(Result):
     offset: Array
     """(n,) [N·m]."""
     rotor: Array | None
-    """(n,) [kg·m²]; None where torque was measured behind the gear."""
+    """(n,) [kg·m²]; None where torque was measured behind the gear. Where the logs do not show one,
+    it is that of the robot's file."""
     rms: dict[str, Array]
     """Held-out residual of each of `MODELS`, (n,) [N·m]."""
     noise: Array
@@ -93,7 +96,8 @@ class Identification(Result):
     nominal there."""
     provenance: Provenance
     notes: tuple[str, ...] = ()
-    """How the signals were made, and whether the torques had the opposite sign."""
+    """How the robot's file was read and the signals were made, and whether the torques had the
+    opposite sign."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,8 +121,19 @@ class Identification(Result):
         return float(100 * (1 - ratio.mean()))
 
     def arm(self) -> Arm:
-        """Return the arm with the identified links."""
-        return with_inertias(self.nominal, self.phi)
+        """Return the arm with the identified links; its file states rotors and friction, too."""
+        arm = with_inertias(self.nominal, self.phi)
+        none = np.zeros(arm.n)
+        stated = dataclasses.replace(
+            arm.stated,
+            armature=arm.stated.armature if self.rotor is None else self.rotor,
+            stiction=self.coulomb,
+            coulomb=self.coulomb,
+            stribeck=none,
+            bristle=none,
+            damping=self.viscous,
+        )
+        return dataclasses.replace(arm, stated=stated)
 
     def to_json(self) -> dict[str, object]:
         """Return JSON values."""
@@ -292,7 +307,8 @@ def identify(
         )
     predictor = fits.fit_predictor(data)
     terms, stacked = fits.terms_of(predictor), fits.all_columns(predictor)
-    found = fits.fit_base(predictor, stacked[:, :, base.kept])
+    to_fit = fits.torque_to_fit(predictor.data)
+    found = fits.fit_base(predictor, stacked[:, :, base.kept], to_fit)
     say("fitting", 0.2)
     consistent = fits.parameters(predictor, terms)
     say("held-out", 0.5)
@@ -318,9 +334,12 @@ def identify(
         viscous=viscous,
         offset=offset,
         rotor=rotor[0] if rotor else None,
-        rms={k: fits.held_out(predictor, stacked, x) for k, x in zip(MODELS, models, strict=True)},
+        rms={
+            k: fits.held_out(predictor, stacked, x, to_fit)
+            for k, x in zip(MODELS, models, strict=True)
+        },
         noise=np.array(predictor.data.noise),
         provenance=made,
         unsure=tuple(np.flatnonzero((found.errors * unit_torque > POOR) | hidden).tolist()),
-        notes=(*signals.notes, *source, *sign),
+        notes=(*arm.notes(WITHOUT_FRICTION), *signals.notes, *source, *sign),
     )

@@ -36,7 +36,7 @@ class ExcitationSettings:
     acceleration_free: NotNegative
     """Acceleration limit of joints that have none [rad/s²]."""
     torque_part: Share
-    """Part of the torque limit that the rigid arm may need [-]."""
+    """Part of the torque limit that the arm may need, without friction [-]."""
     clearance: NotNegative
     """Least distance to the floor and between links [m]."""
     starts: Count

@@ -42,7 +42,7 @@ DITHER_NOTE = (
 
 
 @dataclass(frozen=True)
-class Group:
+class ParameterGroup:
     """Rows that a file holds under one name."""
 
     name: str
@@ -55,7 +55,7 @@ class Group:
 
 
 def write_parameters(
-    path: str | os.PathLike[str], groups: Sequence[Group], names: Sequence[str]
+    path: str | os.PathLike[str], groups: Sequence[ParameterGroup], names: Sequence[str]
 ) -> None:
     """Write groups of rows at once; ``names`` are those of joints 1 to n."""
     tree: dict[str, object] = {}

@@ -151,7 +151,7 @@ def write_final(
     folder: Path,
     rows: Iterable[AmplitudeRow],
     joint_names: Sequence[str],
-    more: Sequence[ros.Group] = (),
+    more: Sequence[ros.ParameterGroup] = (),
 ) -> None:
     """Write ``final.csv``, and the same with ``more`` as ``final.yaml`` for a controller of ROS 2.
 
@@ -160,7 +160,9 @@ def write_final(
     rows, groups = list(rows), list(more)
     if rows or not groups:
         write_amplitudes(os.path.join(folder, "final.csv"), rows)
-        groups.insert(0, ros.Group(ros.GROUP, [asdict(row) for row in rows], note=ros.DITHER_NOTE))
+        groups.insert(
+            0, ros.ParameterGroup(ros.GROUP, [asdict(row) for row in rows], note=ros.DITHER_NOTE)
+        )
     ros.write_parameters(os.path.join(folder, "final.yaml"), groups, joint_names)
 
 

@@ -25,8 +25,8 @@ from stiction_envs.errors import ExperimentError, StictionError
 from stiction_envs.friction.load_sensor import LoadSensor
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
-from stiction_envs.plant.arrays import PlantArrays, write_directions
 from stiction_envs.plant.copies import CopiedBatch
+from stiction_envs.plant.loop_arrays import PlantArrays, write_directions
 from stiction_envs.plant.loop_batch import LoopBatch
 from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
 

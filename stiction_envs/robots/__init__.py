@@ -8,7 +8,7 @@ from stiction_envs.robots.registry import ARMS, BUILTIN, arm_title, register_arm
 
 if TYPE_CHECKING:
     from stiction_envs.robots.arm import Arm, load_arm
-    from stiction_envs.robots.tables import Limits
+    from stiction_envs.robots.arm_toml import Limits
 
 __all__ = ["ARMS", "BUILTIN", "Arm", "Limits", "arm_title", "load_arm", "register_arm_folder"]
 
@@ -20,7 +20,7 @@ def __getattr__(name: str) -> object:
 
         return getattr(arm, name)
     if name == "Limits":
-        from stiction_envs.robots.tables import Limits
+        from stiction_envs.robots.arm_toml import Limits
 
         return Limits
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from operator import attrgetter
@@ -19,11 +19,7 @@ from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.precomputed.store import digest
 from stiction_envs.reporting.atomic import naming
 from stiction_envs.robots import mjcf
-from stiction_envs.robots.chain import Chain
-from stiction_envs.robots.overlapping_links import excluded_pairs
-from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
-from stiction_envs.robots.stated import StatedJoints, nothing_stated
-from stiction_envs.robots.tables import (
+from stiction_envs.robots.arm_toml import (
     Limits,
     Table,
     hand_yaw,
@@ -32,6 +28,10 @@ from stiction_envs.robots.tables import (
     payload_radius,
     per_joint,
 )
+from stiction_envs.robots.chain import Chain
+from stiction_envs.robots.overlapping_links import excluded_pairs
+from stiction_envs.robots.registry import ARMS, ENDS, ArmFiles, find_model, known_arm
+from stiction_envs.robots.stated import StatedJoints, nothing_stated, write_stated
 from stiction_envs.robots.user_arm import read_user_arm
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ class Arm:
         files = [Path(e.get("file", "")) for e in root.iter() if e.get("file")]
         return digest(own, [path.read_bytes() for path in files])
 
-    def notes(self, used: bool = True) -> list[str]:
+    def notes(self, used: bool | Collection[str] = True) -> list[str]:
         """Return how the arm was read, one line each; ``used`` as in `StatedJoints.line`."""
         pairs = [f"{one} and {two}" for one, two in excluded_pairs(self.xml)]
         touching = f"links that touch in every pose are not called collisions: {', '.join(pairs)}"
@@ -112,8 +112,9 @@ class Arm:
         return () if text is None else tuple(text.get("data", "").split("\n"))
 
     def carrying_xml(self) -> str:
-        """Return MJCF with limits and rest pose for `load_arm` (`mjcf.CARRIED`)."""
+        """Return MJCF with limits, rest pose and stated joint physics for `load_arm`."""
         root = ET.fromstring(self.xml)
+        write_stated(self.stated, self.joint_names, root)
         self.carry_into(root)
         return ET.tostring(root, encoding="unicode")
 

@@ -25,7 +25,7 @@ from types import MappingProxyType
 from typing import Any
 
 from stiction_envs.errors import StictionError, missing_extra
-from stiction_envs.robots.tables import Table, read_toml
+from stiction_envs.robots.arm_toml import Table, read_toml
 
 PACKAGE = Path(__file__).resolve().parents[1]
 Descriptions = Any  # of robot_descriptions, an extra that has no types

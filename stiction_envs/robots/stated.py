@@ -8,6 +8,7 @@ Source: MuJoCo 4, XML reference (joint, actuator, body, tendon, equality).
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
+from stiction_envs.robots import mjcf
 
 # columns of actuator_biasprm and actuator_dynprm that hold LuGre friction (sources.md 3.5)
 COULOMB, STICTION, STRIBECK = 3, 4, 5
@@ -45,6 +47,10 @@ DISABLING = tuple(
 """Flags of MuJoCo's option that switch off what this file reads."""
 NO_PHYSICS = ("name", "info", "id", "signature", "group", "userdata", "frame", "parent", "plugin")
 """Attributes that change no motion; a plugin's own elements do not compile without it."""
+ROTORS, DRY, DAMPING, SPRINGS = "rotors", "dry friction", "damping", "springs"
+"""What a file may state of joints; gravity compensation counts as springs."""
+WITHOUT_FRICTION = ROTORS, SPRINGS
+"""What is taken of a file where friction is fitted, or has a margin of the torque limits."""
 URDF_TAGS = ("transmission", "ros2_control", "gazebo", "safety_controller", "calibration")
 """Elements of a URDF that MuJoCo does not read."""
 
@@ -94,28 +100,56 @@ class StatedJoints:
         """True if the file states springs or gravity compensation."""
         return bool(self.stiffness.any()) or bool(self.gravcomp)
 
-    def line(self, used: bool = True) -> str:
+    def line(self, used: bool | Collection[str] = True) -> str:
         """Return one line on the numbers taken and left; empty where the file states nothing.
 
-        Friction, springs and gravity compensation are taken if ``used``; rotors always are.
+        ``used`` are the kinds that are taken; True for all, False for rotors alone.
         """
-        numbers = (
-            ("rotor inertia", self.armature, "kg·m²"),
-            ("dry friction", self.stiction, "N·m"),
-            ("damping", self.damping, "N·m·s/rad"),
-            ("springs", self.stiffness, "N·m/rad"),
-        )
-        found = [f"{name} {_each(x)} {unit}" for name, x, unit in numbers if x.any()]
+        if isinstance(used, bool):
+            used = (ROTORS, DRY, DAMPING, SPRINGS) if used else (ROTORS,)
+        found = [
+            (kind, f"{name} {_each(x)} {unit}")
+            for kind, name, x, unit in (
+                (ROTORS, "rotor inertia", self.armature, "kg·m²"),
+                (DRY, "dry friction", self.stiction, "N·m"),
+                (DAMPING, "damping", self.damping, "N·m·s/rad"),
+                (SPRINGS, "springs", self.stiffness, "N·m/rad"),
+            )
+            if x.any()
+        ]
         if self.gravcomp:
             shares = _each(np.array(list(self.gravcomp.values())))
-            found.append(f"gravity compensation {shares} of {len(self.gravcomp)} bodies")
-        rotors = 1 if self.armature.any() else 0
-        taken, left = (found, []) if used else (found[:rotors], found[rotors:])
+            text = f"gravity compensation {shares} of {len(self.gravcomp)} bodies"
+            found.append((SPRINGS, text))
+        taken = [text for kind, text in found if kind in used]
+        left = [text for kind, text in found if kind not in used]
         parts = [f"taken from the file: {', '.join(taken)}"] if taken else []
-        if self.passive and used:
+        if self.passive and SPRINGS in used:
             parts.append("in simulated experiments the controller balances springs and gravity")
         left += self.left
         return "; ".join([*parts, *self.changed, *([f"left out: {', '.join(left)}"] * bool(left))])
+
+
+def write_stated(stated: StatedJoints, joints: Sequence[str], root: ET.Element) -> None:
+    """Write the stated physics of ``joints`` to the MJCF element ``root``.
+
+    `read_stated` finds it there again. LuGre friction becomes frictionloss of its F_s.
+    """
+    compiler = root.find("compiler")
+    degrees = compiler is None or compiler.get("angle", "degree") == "degree"
+    found = {element.get("name"): element for element in root.iter("joint")}
+    values = {
+        "armature": stated.armature,
+        "damping": stated.damping,
+        "frictionloss": stated.stiction,
+        "stiffness": stated.stiffness,
+        "springref": np.degrees(stated.springref) if degrees else stated.springref,
+    }
+    for j, name in enumerate(joints):
+        found[name].attrib |= {k: mjcf.numbers([x[j]]) for k, x in values.items() if x[j]}
+    for body in root.iter("body"):
+        if share := stated.gravcomp.get(body.get("name", "")):
+            body.set("gravcomp", mjcf.numbers([share]))
 
 
 def without_springs(stated: StatedJoints) -> StatedJoints:

@@ -20,6 +20,17 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import mjcf, urdf
+from stiction_envs.robots.arm_toml import (
+    Limits,
+    Table,
+    check_range,
+    generic,
+    hand_yaw,
+    lookup,
+    on_floor,
+    per_joint,
+    read_toml,
+)
 from stiction_envs.robots.chain import (
     Chain,
     balance_inertias,
@@ -32,17 +43,6 @@ from stiction_envs.robots.chain import (
 from stiction_envs.robots.mjcf import free_name
 from stiction_envs.robots.overlapping_links import exclude_overlapping
 from stiction_envs.robots.stated import URDF_TAGS, read_stated, refuse_constraints
-from stiction_envs.robots.tables import (
-    Limits,
-    Table,
-    check_range,
-    generic,
-    hand_yaw,
-    lookup,
-    on_floor,
-    per_joint,
-    read_toml,
-)
 
 JOINTS = (1, 9)  # smallest and largest number of hinges of an arm [-] (assumed)
 

@@ -103,7 +103,8 @@ def test_a_full_disk_is_one_line_and_the_same_command_again_ends_as_undisturbed(
         assert whole(work / name) == clean, name
 
 
-STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" frictionloss="1.3"/>
+STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" frictionloss="1.3"
+ armature="0.1"/>
 <geom size="0.1" pos="0 0 0.1" mass="2"/></body></worldbody>
 <actuator><position joint="a" kp="200"/></actuator></mujoco>"""
 
@@ -112,7 +113,9 @@ STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" fric
     "line",
     [
         "export {own.xml} --json",
+        "export {own.xml} --friction {dry.toml}",
         "check {log.csv} --robot {own.xml}",
+        "identify {log.csv} --robot {own.xml}",
         "diagnose {log.csv} --robot {own.xml} --torque nonsense",
         pytest.param("conformance {own.xml}", marks=pytest.mark.slow),
         pytest.param("sje {own.xml} --iterations 1 --no-scatter", marks=pytest.mark.slow),
@@ -120,10 +123,20 @@ STATED = """<mujoco><worldbody><body name="l1"><joint name="a" axis="0 1 0" fric
 )
 def test_one_line_says_what_is_taken_from_the_robots_file(cli, inputs, line):
     (inputs / "own.xml").write_text(STATED, "utf-8")
+    values = {"stiction": 0.8, "coulomb_ratio": 0.8, "stribeck_velocity": 0.05, "viscous": 0.4}
+    values |= {"bristle_stiffness": 600.0, "rotor_inertia": 0.2}
+    text = "".join(f"[{name}]\nvalue = {x}\nassumed = true\n" for name, x in values.items())
+    (inputs / "dry.toml").write_text(text, "utf-8")
     write_csv(inputs / "log.csv", hidden(load_arm(inputs / "own.xml")))
     said = [x for x in cli(*line.split()).err.splitlines() if x.startswith("note: ")]
     if "nonsense" in line:  # an error of the command line comes before
         assert said == []
-    else:
-        taken, left = "taken from the file: dry friction 1.3 N·m", "position servos (kp 200)"
-        assert said == [f"note: own: {taken}; left out: {left}"]
+        return
+    rotor, friction = "rotor inertia 0.1 kg·m²", "dry friction 1.3 N·m"
+    taken, left = [rotor, friction], ["position servos (kp 200)"]
+    if line.startswith(("check", "identify")):  # friction is not needed, or fitted
+        taken, left = [rotor], [friction, *left]
+    elif "dry.toml" in line:
+        taken, left = [], [rotor, friction, *left]
+    words = f"taken from the file: {', '.join(taken)}; " * bool(taken)
+    assert said == [f"note: own: {words}left out: {', '.join(left)}"]

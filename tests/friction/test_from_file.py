@@ -16,8 +16,9 @@ from stiction_envs.friction.from_file import (
     friction_note,
     own_friction,
     shipped_friction,
+    simulated_note,
 )
-from stiction_envs.friction.parameters import GENERIC, QUANTITIES, load_friction
+from stiction_envs.friction.parameters import GENERIC, QUANTITIES, friction_sources, load_friction
 from stiction_envs.friction.sticking import friction_of, sticking_model
 from stiction_envs.robots import Arm, load_arm
 
@@ -49,6 +50,14 @@ def test_stated_friction_and_rotors_replace_generic_ones(tmp_path: Path):
     assert not own.ripple_amplitude.any()
 
 
+def test_sources_tell_the_file_from_what_is_assumed(tmp_path: Path):
+    own = own_friction(arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3"'))
+    sources, _ = friction_sources(own)
+    file = {k for k, x in sources.items() if x.startswith("the robot's file")}
+    assert {"stiction", "viscous", "rotor_inertia"} <= file
+    assert sources["warm_up_viscous"].startswith("assumed")
+
+
 def test_without_stated_dry_friction_it_stays_assumed(tmp_path: Path):
     arm = arm_of(tmp_path, 'damping="0.7"', 'damping="0.2"')
     own, generic = own_friction(arm), load_friction(GENERIC, 2)
@@ -56,6 +65,16 @@ def test_without_stated_dry_friction_it_stays_assumed(tmp_path: Path):
     np.testing.assert_array_equal(own.viscous[:, 0], [0.7, 0.2])
     assert friction_note(arm, own) == ASSUMED
     assert friction_note(arm, file_friction(arm)) == ""
+
+
+def test_a_report_of_simulations_says_what_was_taken(tmp_path: Path):
+    arm = arm_of(tmp_path, 'armature="0.05" damping="0.7" frictionloss="1.3" stiffness="9"')
+    own = own_friction(arm)
+    taken = "rotor inertia 0.05 0 kg·m², dry friction 1.3 0 N·m, damping 0.7 0 N·m·s/rad, springs"
+    assert simulated_note(arm, own).startswith(f"own: taken from the file: {taken} 9 0 N·m/rad; in")
+    calibrated = simulated_note(arm, own.replace(stiction=2 * own.stiction))
+    assert "left out: dry friction 1.3 0 N·m." in calibrated
+    assert simulated_note(load_arm("panda"), load_friction("panda")) == ""
 
 
 def test_shipped_friction_takes_the_rotors_of_the_file(tmp_path: Path):

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stiction_envs.friction.bristle import bristle_after
-from stiction_envs.friction.lone_joint import LoneJoints, breakaway
+from stiction_envs.friction.lone_joint import LoneJoints, breakaway, bristle_after
 from stiction_envs.friction.parameters import bristle_damping
 from stiction_envs.hidden.friction_law import LuGre
 from tests.hidden.one_joint import simulate_joint

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from benchmarks.hidden_logs import HiddenLogs, make_case
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import with_causes
-from stiction_envs.hidden.hidden_logs import Case, make_case
 from tests.gap.small_logs import hidden, panda, sliding
 
 
-def solved(case: Case) -> Diagnosis:
+def solved(case: HiddenLogs) -> Diagnosis:
     return diagnose_logs(case.logs, "panda", nominal=case.nominal)
 
 
-def check_size(case: Case, named: NamedCause, slack: float = 0.1) -> None:
+def check_size(case: HiddenLogs, named: NamedCause, slack: float = 0.1) -> None:
     """The truth lies in the stated interval, or within ``slack`` of the value."""
     hidden = next(h for h in case.hidden if h.name == named.name)
     for key, truth in hidden.values.items():

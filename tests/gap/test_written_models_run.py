@@ -20,7 +20,7 @@ from stiction_envs.gap.extended_model import Extension, extend
 from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.imperfect_arms import scattered
+from stiction_envs.hidden.worlds import scattered
 from stiction_envs.plant import Plant
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.regressor import inertial_parameters

@@ -16,7 +16,7 @@ from stiction_envs.identification.excitation_motion import (
     rest_basis,
     sweeps_from,
 )
-from stiction_envs.identification.excitation_search import SIGN_SPEED, Problem
+from stiction_envs.identification.excitation_search import SIGN_SPEED, ExcitationProblem
 from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.robots import Arm, load_arm
 from tests.robots.test_overlapping_links import ARM
@@ -116,7 +116,7 @@ def test_better_conditioned_than_random_motions(motion):
 def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
     """In SI units, worked out anew: 43 links' base parameters of the Panda and 21 of friction."""
     assert len(motion.columns) == 43 + 21
-    problem = Problem(panda, QUICK, np.random.default_rng(3))
+    problem = ExcitationProblem(panda, QUICK, np.random.default_rng(3))
     q, dq, ddq = motion.series.state(problem.fine)
     model, data = panda.pinocchio(), panda.pinocchio().createData()
     rows = []
@@ -132,7 +132,7 @@ def test_stated_condition_number_is_that_of_the_regressor(panda, motion):
 def test_gradient_of_the_objective(panda):
     """Finite differences of the whole, with penalties active."""
     rng = np.random.default_rng(0)
-    problem = Problem(panda, QUICK, rng)
+    problem = ExcitationProblem(panda, QUICK, rng)
     x = 1.4 * problem.random(rng)
     value, gradient = problem.value(x, 10.0)
     assert value > problem.value(x, 0.0)[0]  # the penalties count

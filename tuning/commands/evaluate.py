@@ -137,7 +137,7 @@ def _named(text: str) -> tuple[str, Any]:
 
 def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
-    from tuning.policies.evaluation import check, evaluate_all
+    from tuning.policies.comparison import check, evaluate_all
 
     task, options = read_task(args, common.read_arm(args).n), read_options(args)
     check(task, args.policy, options)
@@ -162,7 +162,7 @@ def run(args: argparse.Namespace) -> common.Answer:
 
 def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     """Return the policies that are files, by unique names."""
-    from tuning.policies.evaluation import gated_file
+    from tuning.policies.comparison import gated_file
 
     files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}
     shipped = gated_file(robot) if "gated" in policies else None

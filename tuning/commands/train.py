@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Train; write policy, curve, evaluation, plots and provenance."""
     from stiction_envs.method_settings import override
     from tuning.policies import train as training
-    from tuning.policies.evaluation import evaluate_all
+    from tuning.policies.comparison import evaluate_all
     from tuning.policies.settings import policy_settings
 
     arm = common.read_arm(args)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.experiments.sje.protocol import Configuration, Measurement
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured import BaseTable, thesis_dithered, thesis_robots
 from stiction_envs.reporting.markdown import signed, table_text
 from stiction_envs.reporting.templates import write_md_and_html
@@ -121,7 +121,7 @@ def write_report(
         tuner.out,
         TEMPLATE,
         f"Dither amplitudes for {robot}",
-        note=friction_note(sticking.arm, sticking.parameters),
+        note=simulated_note(sticking.arm, sticking.parameters),
         robot=robot,
         mean=mean,
         reductions=reductions,

@@ -8,8 +8,8 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.measured import AmplitudeRow
+from stiction_envs.robots.arm_toml import lookup
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import lookup
 from tuning.settings import ThesisSettings, tuning_settings
 
 

@@ -37,7 +37,7 @@ from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord
 from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
-from tuning.study.record import Outcome, Parameters, Search
+from tuning.study.record import Parameters, TrialOutcome, TrialSearch
 from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import fill
@@ -220,10 +220,12 @@ class ThesisTuner:
         self._write("verification.csv", out["final"].values())
         return out
 
-    def _search(self, name: str, space: dict[str, CategoricalDistribution], batch: int) -> Search:
+    def _search(
+        self, name: str, space: dict[str, CategoricalDistribution], batch: int
+    ) -> TrialSearch:
         """Return the search of a whole grid; each cell occurs once, in an order from the seed."""
         every = cells(space, 1, self.experiment.seed)
-        return Search(
+        return TrialSearch(
             record=self.run.record(name),
             space=space,
             sampler=sampler("grid", space, seed=self.experiment.seed),
@@ -233,7 +235,11 @@ class ThesisTuner:
         )
 
     def _measure(
-        self, stage: str, searches: Sequence[Search], jobs: Jobs, experiment: SingleJointExperiment
+        self,
+        stage: str,
+        searches: Sequence[TrialSearch],
+        jobs: Jobs,
+        experiment: SingleJointExperiment,
     ) -> dict[Job, Measurement]:
         """Fill the studies of a stage; return the measurements of all their trials."""
         n = sum(s.evaluations for s in searches)
@@ -244,7 +250,7 @@ class ThesisTuner:
             done += more
             self.progress(stage, min(done, seconds), seconds)
 
-        def evaluate(wanted: list[tuple[int, Parameters]]) -> list[Outcome]:
+        def evaluate(wanted: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
             nonlocal seconds
             groups = [jobs(k, setting) for k, setting in wanted]
             distinct = list(dict.fromkeys(j for group in groups for j in group))
@@ -264,12 +270,12 @@ class ThesisTuner:
             for job in jobs(k, t.params)
         }
 
-    def _outcome(self, measured: list[Measurement]) -> Outcome:
+    def _outcome(self, measured: list[Measurement]) -> TrialOutcome:
         """Return the stored outcome of a setting; values are None if a joint stuck."""
         base = self.base
         taus = [m.mean / base[m.job.configuration].mean if base else m.mean for m in measured]
         value = float(np.mean(np.abs(taus)))
-        return Outcome(
+        return TrialOutcome(
             values=(value,) if np.isfinite(value) else None,
             measures={_key(m.job.configuration): as_data(m) for m in measured},
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
@@ -74,7 +74,7 @@ class JointState:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class State:
+class RobotState:
     """Current results of a robot."""
 
     robot: str
@@ -131,7 +131,7 @@ def state_of(
     predicted: Predicted,
     settings: RobotSettings,
     count: int,
-) -> State:
+) -> RobotState:
     """Return the present state of the study, and up to ``count`` settings per joint to measure."""
     measured = readings(record, predicted, settings.same)
     joints = []
@@ -153,17 +153,17 @@ def state_of(
         )
     base = BaseTorques(record)
     cells = [(j, *cell) for j in sorted(predicted.candidates) for cell in CONFIGURATIONS]
-    return State(
+    return RobotState(
         robot=experiment.sticking.arm.name,
         joint_names=experiment.sticking.arm.joint_names,
         joints=tuple(joints),
         missing=tuple(cell for cell in cells if not base.measured(cell)),
         settings=settings,
-        note=friction_note(experiment.sticking.arm, experiment.sticking.parameters),
+        note=simulated_note(experiment.sticking.arm, experiment.sticking.parameters),
     )
 
 
-def write_state(folder: Path, state: State, *, asked: bool) -> None:
+def write_state(folder: Path, state: RobotState, *, asked: bool) -> None:
     """Write final.csv, final.yaml, report.md; if ``asked``, ask.csv and measure.csv."""
     write_final(folder, [j.final for j in state.joints], state.joint_names)
     if asked:
@@ -172,9 +172,7 @@ def write_state(folder: Path, state: State, *, asked: bool) -> None:
     write_md_and_html(folder, TEMPLATE, title, note=state.note, **_words(state))
 
 
-def _ask_lines(
-    rows: Sequence[JsonRecord],
-) -> tuple[tuple[str, ...], list[tuple[str | float, ...]]]:
+def _ask_lines(rows: Sequence[JsonRecord]) -> tuple[tuple[str, ...], list[tuple[str | float, ...]]]:
     """Return header and lines of ask.csv; with numbers within a joint if there are several."""
     several = max(r["setting"] for r in rows) > 1
     columns = (*AMPLITUDE_COLUMNS, "setting") if several else AMPLITUDE_COLUMNS
@@ -186,7 +184,7 @@ def _cells(row: AmplitudeRow) -> dict[str, float]:
     return {name: getattr(row, name) for name in AMPLITUDE_COLUMNS}
 
 
-def _write_asked(folder: Path, state: State) -> None:
+def _write_asked(folder: Path, state: RobotState) -> None:
     """Write ask.csv, and measure.csv: every cell to measure, with an empty torque."""
     if not (asked := state.asked):
         for name in ("ask.csv", "measure.csv"):
@@ -210,7 +208,7 @@ def _write_asked(folder: Path, state: State) -> None:
     write_lines(folder / "measure.csv", SJE_COLUMNS, cells)
 
 
-def _words(state: State) -> dict[str, object]:
+def _words(state: RobotState) -> dict[str, object]:
     """Return the variables of the report's template."""
     s = state.settings
     best = []

@@ -25,7 +25,7 @@ from stiction_envs.reporting.provenance import sha256
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
 from tuning.robot.posterior import Candidates
 from tuning.robot.prediction import mean_of, predict
-from tuning.robot.report import State, state_of, write_state
+from tuning.robot.report import RobotState, state_of, write_state
 from tuning.robot.robot_study import Predicted, add_measured, predictions, write_predictions
 from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
@@ -100,7 +100,7 @@ class Session:
         self._progress = None if progress is None else self._counting(progress)
         self._study = study or f"{arm.name}-robot"
 
-    def ask(self, count: int = 1) -> State:
+    def ask(self, count: int = 1) -> RobotState:
         """Write the next ``count`` settings of each unfinished joint: ask.csv, and measure.csv.
 
         The first call simulates all candidates (minutes; for an arm that nobody has fitted under
@@ -118,7 +118,7 @@ class Session:
             write_state(self.run.folder.path, state, asked=True)
         return state
 
-    def tell(self, table: str | Path) -> State:
+    def tell(self, table: str | Path) -> RobotState:
         """Add measured torques to the study, and write the new predictions.
 
         The table is that of `measured_table.read_measured`; settings that were not proposed count

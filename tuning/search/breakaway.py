@@ -23,7 +23,7 @@ from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from tuning.search.bounds import Bounds
-from tuning.study.record import LIMITS, Outcome, Parameters
+from tuning.study.record import LIMITS, Parameters, TrialOutcome
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,24 +138,24 @@ class BreakawayObjective:
             )
         return out
 
-    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of settings (joint from 0, parameters of `Bounds.space`)."""
         rows = [self.bounds.setting(j + 1, parameters) for j, parameters in asked]
         depths = [self.bounds.forbidden(row.joint, row.frequency_hz) for row in rows]
         found = self.measure([r for r, d in zip(rows, depths, strict=True) if d <= 0])
         return [self.outcome(row, found.get(row), d) for row, d in zip(rows, depths, strict=True)]
 
-    def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> Outcome:
+    def outcome(self, row: AmplitudeRow, found: Breakaway | None, depth: float) -> TrialOutcome:
         """Return the stored outcome of a setting; ``found`` is None in a forbidden band."""
         limit = self.displacement[row.joint - 1]
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
             none = (1.0, 0.0) if self.pareto else (1.0,)
-            return Outcome(values=none, constraints=(0.0, *forbidden))
+            return TrialOutcome(values=none, constraints=(0.0, *forbidden))
         shaken = found.displacement / limit - 1.0 if np.isfinite(limit) else -1.0
         rate = 2 * np.pi * row.frequency_hz * row.amplitude_nm
         price = (found.displacement,) if self.pareto else ()
-        return Outcome(
+        return TrialOutcome(
             values=(found.left, *price) if np.isfinite(found.left) else None,
             constraints=(0.0 if self.pareto else shaken, *forbidden),
             measures={

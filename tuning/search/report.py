@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction_envs.control.compensation_files import compensation_rows
 from stiction_envs.experiments.sje.protocol import configurations
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.measured import SJERow, write_sje
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.json_text import JsonRecord
@@ -21,7 +21,7 @@ from stiction_envs.reporting.templates import write_md_and_html
 from tuning.protocol.tune import gains_table
 from tuning.search import figures
 from tuning.search.bounds import Table
-from tuning.search.stages import SEARCHED, Stages
+from tuning.search.stages import SEARCHED, SearchStages
 from tuning.search.trials import allowed, complete
 from tuning.search.verify import LEFT, NOTHING, Verified
 
@@ -29,7 +29,7 @@ TEMPLATE = Path(__file__).parents[1] / "templates" / "search.md.j2"
 COMPARISON = ("table", "experiment", "where", "measure", "value", "low", "high")
 
 
-def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict[str, object]:
+def write_search_report(found: SearchStages, folder: Path, verified: Verified) -> dict[str, object]:
     """Write verification.csv, comparison.csv, plots and report.md; return the summary."""
     objective, final = found.options.objective, found.final
     chosen = list(found.tables)[-1]
@@ -64,7 +64,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
         folder,
         TEMPLATE,
         f"{what} for {summary['robot']}, searched",
-        note=friction_note(found.sje.sticking.arm, found.sje.sticking.parameters),
+        note=simulated_note(found.sje.sticking.arm, found.sje.sticking.parameters),
         summary=summary,
         objective=objective,
         final=_final(found, final) if final else "",
@@ -86,7 +86,7 @@ def write_search_report(found: Stages, folder: Path, verified: Verified) -> dict
     return summary
 
 
-def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
+def _mean_reduction(found: SearchStages, verified: Verified, name: str) -> float:
     """Return a table's mean reduction over all joints [%]; a joint without dither counts as 0."""
     joints = verified.breakaway[name]
     every = range(1, found.bounds.n + 1)
@@ -94,7 +94,7 @@ def _mean_reduction(found: Stages, verified: Verified, name: str) -> float:
     return 100.0 * float(np.mean(each))
 
 
-def _comparison(found: Stages, verified: Verified, name: str) -> dict[str, object]:
+def _comparison(found: SearchStages, verified: Verified, name: str) -> dict[str, object]:
     """Return the summary of a table."""
     out: dict[str, object] = {}
     if name in verified.breakaway:
@@ -124,7 +124,7 @@ def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, ob
     return out
 
 
-def _winner(found: Stages, verified: Verified) -> dict[str, object]:
+def _winner(found: SearchStages, verified: Verified) -> dict[str, object]:
     """Return the treatment that is recommended, what it leaves on unseen paths, and the next."""
     ranked = [(name, found.left(verified, name)) for name in found.ranking(verified)]
     if not ranked:
@@ -138,7 +138,7 @@ def _winner(found: Stages, verified: Verified) -> dict[str, object]:
     }
 
 
-def _treatment_table(found: Stages, verified: Verified) -> str:
+def _treatment_table(found: SearchStages, verified: Verified) -> str:
     """Return the remaining error of every searched treatment, and its prerequisites."""
     header = ["treatment", "left on unseen paths [%]", "recommended", "needs to know"]
     ranked = found.ranking(verified) if found.options.treatment else []
@@ -153,7 +153,7 @@ def _treatment_table(found: Stages, verified: Verified) -> str:
     return table_text(header, rows) if rows else ""
 
 
-def _write_verification(path: Path, found: Stages, verified: Verified, name: str) -> None:
+def _write_verification(path: Path, found: SearchStages, verified: Verified, name: str) -> None:
     """Write the table that was found, as measured again, in the form of SJE tables."""
     robot, dither = found.sje.sticking.arm.name, {r.joint: r for r in found.tables[name]}
     rows = [
@@ -195,7 +195,7 @@ def _write_comparison(path: Path, verified: Verified) -> None:
     write_lines(path, COMPARISON, lines)
 
 
-def _final(found: Stages, final: Table) -> str:
+def _final(found: SearchStages, final: Table) -> str:
     header = ["joint", "f [Hz]", "A [N·m]", "bounds met"]
     rows = []
     for r in final:
@@ -204,7 +204,7 @@ def _final(found: Stages, final: Table) -> str:
     return table_text(header, rows)
 
 
-def _gains(found: Stages) -> JsonRecord | None:
+def _gains(found: SearchStages) -> JsonRecord | None:
     """Return kind and numbers of the compensation that was found, per joint by their columns."""
     c = found.compensation
     if c is None:
@@ -214,7 +214,7 @@ def _gains(found: Stages) -> JsonRecord | None:
     return {"kind": c.kind, **{name: [row[name] for row in rows] for name in columns}}
 
 
-def _joint_table(found: Stages, verified: Verified) -> str:
+def _joint_table(found: SearchStages, verified: Verified) -> str:
     every = range(1, found.bounds.n + 1)
     header = ["table", *(f"joint {j}" for j in every), "mean"]
     rows = []

@@ -28,7 +28,7 @@ from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import Bounds, bounds_of, reference_tables
 from tuning.search.report import write_search_report
-from tuning.search.stages import Options, Stages
+from tuning.search.stages import Options, SearchStages
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.tuning_run import Progress, open_run
 
@@ -139,7 +139,7 @@ def search(
         inputs={"bounds": bounds, "limit": limit},
         evaluations=evaluations,
     )
-    stages = Stages(
+    stages = SearchStages(
         run=run,
         sje=sje,
         bounds=where,

@@ -30,7 +30,7 @@ from tuning.search.tracking import Place, TrackingObjective, Treatment
 from tuning.search.trials import best, front, score, write_trials
 from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_start
 from tuning.settings import TuningSettings
-from tuning.study.record import Parameters, Record, Search, Space
+from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
 from tuning.study.tuning_run import Progress, TuningRun
 from tuning.study.workers import Evaluate, fill
@@ -89,7 +89,7 @@ class Options:
 
 
 @dataclasses.dataclass(kw_only=True, eq=False)
-class Stages:
+class SearchStages:
     """The stages of one search; each of them finds its earlier results in the studies."""
 
     run: TuningRun
@@ -175,7 +175,7 @@ class Stages:
         population: int,
         evaluations: int,
         first: Parameters | None = None,
-    ) -> Search:
+    ) -> TrialSearch:
         """Return a search by the sampler of a stage; a grid is one batch of all its cells."""
         s, options = self.search, self.options
         name = options.sampler_of(stage)
@@ -185,7 +185,7 @@ class Stages:
             begin = cells(space, s.points, seed)
             population = len(begin)
             evaluations = min(options.evaluations or population, population)
-        return Search(
+        return TrialSearch(
             record=self.run.record(study, 1 + options.pareto, name),
             space=space,
             sampler=sampler(
@@ -202,7 +202,7 @@ class Stages:
             first=begin,
         )
 
-    def _fill(self, stage: str, searches: list[Search], evaluate: Evaluate) -> None:
+    def _fill(self, stage: str, searches: list[TrialSearch], evaluate: Evaluate) -> None:
         fill(searches, evaluate, partial(self.progress, stage))
         self.records.setdefault(stage, []).extend(s.record for s in searches)
 

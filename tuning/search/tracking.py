@@ -28,7 +28,7 @@ from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.measured import AmplitudeRow
 from tuning.search.bounds import Bounds, Table
 from tuning.settings import BoundsSettings, tuning_settings
-from tuning.study.record import LIMITS, Outcome, Parameters
+from tuning.study.record import LIMITS, Parameters, TrialOutcome
 
 Place = tuple[str, tuple[float, float, float]]
 """A path by name and its stiffness [N/m, N·m/rad, N·m/rad]."""
@@ -247,7 +247,7 @@ class TrackingObjective:
             for k in range(len(treatments))
         ]
 
-    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[Outcome]:
+    def evaluate(self, asked: list[tuple[int, Parameters]]) -> list[TrialOutcome]:
         """Return outcomes of tables (0, parameters of `space`)."""
         treatments = [self.treatment(parameters) for _, parameters in asked]
         depths = [
@@ -259,17 +259,17 @@ class TrackingObjective:
         found = dict(zip(allowed, tried, strict=True))
         return [self.outcome(found.get(k), depth) for k, depth in enumerate(depths)]
 
-    def outcome(self, found: Tracking | None, depth: float) -> Outcome:
+    def outcome(self, found: Tracking | None, depth: float) -> TrialOutcome:
         """Return the stored outcome of a table; ``found`` is None in a forbidden band."""
         forbidden = (max(depth, -1.0),) if np.isfinite(depth) else ()
         if found is None:  # not simulated: treated as if it had no effect
             values = (self.penalty * depth, *self.plain.shaking[: self.pareto])
             calm = (0.0, 0.0, *forbidden, *([0.0] if np.isfinite(self.torque_rate) else []))
-            return Outcome(values=values, constraints=calm)
+            return TrialOutcome(values=values, constraints=calm)
         position, orientation = found.left(self.plain)
         value = 0.5 * float(np.log(position) + np.log(orientation))
         if not np.isfinite(value):
-            return Outcome(values=None)
+            return TrialOutcome(values=None)
         over = [
             shaken / limit - 1.0 if np.isfinite(limit) else -1.0
             for shaken, limit in zip(found.shaking, self.vibration, strict=True)
@@ -280,7 +280,7 @@ class TrackingObjective:
             constraints = (*constraints, over[-1])
         moving, resting = found.shaking
         penalised = value + self.penalty * sum(max(c, 0.0) for c in constraints)
-        return Outcome(
+        return TrialOutcome(
             values=(penalised, *found.shaking[: self.pareto]),
             constraints=constraints,
             measures={

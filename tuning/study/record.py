@@ -44,7 +44,7 @@ UNMEASURED = "unmeasured"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class TrialOutcome:
     """Result of a setting."""
 
     values: tuple[float, ...] | None
@@ -142,14 +142,14 @@ def has_outcome(trial: FrozenTrial) -> bool:
     return trial.state == TrialState.COMPLETE or (failed and UNMEASURED in trial.user_attrs)
 
 
-def attributes_of(outcome: Outcome) -> Parameters:
+def attributes_of(outcome: TrialOutcome) -> Parameters:
     """Return an outcome as user attributes of its trial."""
     out = {**outcome.measures, CONSTRAINTS: list(outcome.constraints)}
     return {**out, UNMEASURED: True} if outcome.values is None else out
 
 
 @dataclass(frozen=True, kw_only=True)
-class Search:
+class TrialSearch:
     """One record, and how to fill it."""
 
     record: Record
@@ -164,8 +164,8 @@ class Search:
 
 
 def run(
-    searches: Sequence[Search],
-    evaluate: Callable[[list[tuple[int, Parameters]]], list[Outcome]],
+    searches: Sequence[TrialSearch],
+    evaluate: Callable[[list[tuple[int, Parameters]]], list[TrialOutcome]],
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
     """Fill the records of all searches, batch by batch, all searches' batches in one call.
@@ -198,7 +198,7 @@ def run(
 class _Fill:
     """A search in memory: the stored trials, and the batch that is being evaluated."""
 
-    def __init__(self, search: Search) -> None:
+    def __init__(self, search: TrialSearch) -> None:
         self.search = search
         known = search.record.trials
         whole = len(known) // search.batch * search.batch
@@ -238,7 +238,7 @@ class _Fill:
         self._begun = []
         return [n for n in self.proposed if n not in begun]
 
-    def tell(self, number: int, outcome: Outcome) -> None:
+    def tell(self, number: int, outcome: TrialOutcome) -> None:
         """Store an outcome."""
         self._tell_memory(number, outcome.values, attributes_of(outcome))
         self.search.record.add(self._memory.get_trials(deepcopy=True)[number])

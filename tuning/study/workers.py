@@ -18,21 +18,25 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.trial import FrozenTrial, Trial
 
 from tuning.study import record
-from tuning.study.record import Outcome, Parameters, Search, attributes_of, has_outcome
+from tuning.study.record import Parameters, TrialOutcome, TrialSearch, attributes_of, has_outcome
 from tuning.study.samplers import fixed
 from tuning.study.storage import writing
 
-Evaluate = Callable[[list[tuple[int, Parameters]]], list[Outcome]]
+Evaluate = Callable[[list[tuple[int, Parameters]]], list[TrialOutcome]]
 Progress = Callable[[int, int], None]
 
 
-def fill(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
+def fill(
+    searches: Sequence[TrialSearch], evaluate: Evaluate, progress: Progress | None = None
+) -> None:
     """Fill the records of all searches: by `record.run`, or together with other machines."""
     together = any(s.record.shared for s in searches)
     (run if together else record.run)(searches, evaluate, progress)
 
 
-def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | None = None) -> None:
+def run(
+    searches: Sequence[TrialSearch], evaluate: Evaluate, progress: Progress | None = None
+) -> None:
     """Work on records of one database, trial by trial, until each has its budget.
 
     The arguments are those of `record.run`; ``progress`` counts the trials of all workers.
@@ -53,7 +57,7 @@ def run(searches: Sequence[Search], evaluate: Evaluate, progress: Progress | Non
                 _evaluate_one(k, search, evaluate)
 
 
-def _evaluate_one(k: int, search: Search, evaluate: Evaluate) -> None:
+def _evaluate_one(k: int, search: TrialSearch, evaluate: Evaluate) -> None:
     """Evaluate one more trial of the search of number ``k``, under Optuna's heartbeats."""
     study, taken = search.record.study, list[int]()
 
@@ -92,13 +96,13 @@ def _evaluate_one(k: int, search: Search, evaluate: Evaluate) -> None:
         )
 
 
-def _missing(search: Search, trials: Sequence[FrozenTrial]) -> list[Parameters]:
+def _missing(search: TrialSearch, trials: Sequence[FrozenTrial]) -> list[Parameters]:
     """Return the listed settings that none of some trials has."""
     tried = [t.params for t in trials]
     return [setting for setting in search.first[: search.evaluations] if setting not in tried]
 
 
-def _due(search: Search, trials: Sequence[FrozenTrial]) -> list[Parameters]:
+def _due(search: TrialSearch, trials: Sequence[FrozenTrial]) -> list[Parameters]:
     """Return the listed settings without a trial, or else those without an outcome.
 
     The latter are repeated at the end, in case that their worker is dead.

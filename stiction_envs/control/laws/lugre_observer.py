@@ -8,7 +8,7 @@ bristle is estimated from the measured speed, and the tracking error, here the e
 corrects it with gain k [1/s] (the paper's −k e, its e being angle less reference). At rest the
 correction makes ẑ an integral of the error, so it is bounded: |ẑ| <= F_s/σ0, which no bristle in
 sliding exceeds. Over a cycle the speed is taken as constant and ẑ follows exactly, as the plant's
-own bristle does (`friction.bristle`).
+own bristle does (`friction.lone_joint`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 
 from stiction_envs.compiled import compiled
 from stiction_envs.control.laws.base import ERROR, SPEED, Array, Field, Law, breakaway, coulomb
-from stiction_envs.friction.bristle import bristle_after
+from stiction_envs.friction.lone_joint import bristle_after
 from stiction_envs.friction.parameters import FrictionParameters
 
 _SLOWEST = 1e-15  # decay of a bristle in a cycle, far below any effect; avoids 0/0 [-]

@@ -13,7 +13,7 @@ import numpy as np
 from stiction_envs.envs.render.arm_scene import ArmScene, draw_joint
 from stiction_envs.envs.render.window import Window, check_display
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.push import Push
+from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.reporting.markdown import signed
 from stiction_envs.robots import arm_title
@@ -31,7 +31,7 @@ _SLIPPING = 0.1  # share of the threshold beyond which a joint counts as slippin
 class PushView:
     """Applies keys to a push, and says and draws how it goes."""
 
-    def __init__(self, push: Push) -> None:
+    def __init__(self, push: PushedJoint) -> None:
         """Show a push; OpenGL is not touched yet."""
         self.push = push
         self.time = 0.0

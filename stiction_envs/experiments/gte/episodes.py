@@ -47,7 +47,7 @@ from stiction_envs.experiments.gte.random_paths import (
 from stiction_envs.experiments.gte.rig import GTERig
 from stiction_envs.experiments.gte.sampling import Recorder
 from stiction_envs.experiments.gte.undithered import Key, Undithered, undithered
-from stiction_envs.experiments.observation import DITHER, TORQUE, Checked, Group, named_options
+from stiction_envs.experiments.observation import DITHER, TORQUE, Checked, Elements, named_options
 from stiction_envs.friction.sticking import Friction
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm
@@ -58,21 +58,21 @@ CAPACITY = max(random_path_settings().most_goals, *(len(p().position) for p in P
 # the largest stiffness [N/m, N·m/rad] is observed as 1
 _UNIT = np.max(episode_settings().stiffness, axis=0)[:2]
 GROUPS = (
-    Group("displacement", -3.0, 3.0, "rad", "link angle minus the start's", per_joint=True),
-    Group("velocity", -3.0, 3.0, "rad/s", "link speed", per_joint=True),
+    Elements("displacement", -3.0, 3.0, "rad", "link angle minus the start's", per_joint=True),
+    Elements("velocity", -3.0, 3.0, "rad/s", "link speed", per_joint=True),
     TORQUE,
-    Group("error", -20.0, 20.0, "tolerance", "pose minus reference", labels=AXES),
-    Group("reference", -1.0, 1.0, "v_max", "velocity of the reference", labels=POSITION),
-    Group("turning", 0.0, 1.0, "ω_max", "angular speed of the reference"),
-    Group("remaining", -20.0, 20.0, "s", "time until the reference comes to rest, < 0 since"),
-    Group("goal", -2.0, 2.0, "m", "goal on the way to, minus the tool point", labels=POSITION),
-    Group(
+    Elements("error", -20.0, 20.0, "tolerance", "pose minus reference", labels=AXES),
+    Elements("reference", -1.0, 1.0, "v_max", "velocity of the reference", labels=POSITION),
+    Elements("turning", 0.0, 1.0, "ω_max", "angular speed of the reference"),
+    Elements("remaining", -20.0, 20.0, "s", "time until the reference comes to rest, < 0 since"),
+    Elements("goal", -2.0, 2.0, "m", "goal on the way to, minus the tool point", labels=POSITION),
+    Elements(
         *("onward", -2.0, 2.0, "m", "goal behind it, minus that goal; 0 at the last"),
         labels=POSITION,
     ),
-    Group("goals_left", 0.0, float(CAPACITY), "1", "goals not reached yet"),
-    Group("translational", 0.0, 20.0, f"{_UNIT[0]:g} N/m", "translational stiffness"),
-    Group("rotational", 0.0, 20.0, f"{_UNIT[1]:g} N·m/rad", "rotational stiffness"),
+    Elements("goals_left", 0.0, float(CAPACITY), "1", "goals not reached yet"),
+    Elements("translational", 0.0, 20.0, f"{_UNIT[0]:g} N/m", "translational stiffness"),
+    Elements("rotational", 0.0, 20.0, f"{_UNIT[1]:g} N·m/rad", "rotational stiffness"),
     *DITHER,
 )
 """The observation, in order; bounds are assumed: wider than what occurs."""

@@ -42,7 +42,7 @@ from stiction_envs.experiments.gte.rig import GTERig, GTESetup
 from stiction_envs.experiments.gte.sampling import RunLog
 from stiction_envs.experiments.rig import dither_arrays
 from stiction_envs.experiments.sje.protocol import load_protocol
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.parameters import FrictionParameters, stack_friction
 from stiction_envs.friction.sticking import (
     Friction,
@@ -230,7 +230,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         return TrackingErrors(
             robot=arm.name,
             runs=tuple((r, measure(r, self.protocol, self.motion)) for r in runs),
-            note=friction_note(arm, self.sticking.parameters),
+            note=simulated_note(arm, self.sticking.parameters),
             provenance=provenance(
                 "gte",
                 {

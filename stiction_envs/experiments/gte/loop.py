@@ -17,12 +17,7 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
-from stiction_envs.control.impedance import (
-    Impedance,
-    impedance_cycle,
-    read_flags,
-    renew_space,
-)
+from stiction_envs.control.impedance import Impedance, impedance_cycle, read_flags, renew_space
 from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
 from stiction_envs.control.rotation import write_one_error_matrix
 from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
@@ -30,7 +25,12 @@ from stiction_envs.control.torque_path import PathState, pass_torque
 from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sample, write_twist
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import CONTROL_DT
-from stiction_envs.plant.arrays import PlantArrays, write_direction, write_joint_torque, write_links
+from stiction_envs.plant.loop_arrays import (
+    PlantArrays,
+    write_direction,
+    write_joint_torque,
+    write_links,
+)
 from stiction_envs.plant.loop_batch import Loop, advance, fwd_position, fwd_velocity, take_fields
 from stiction_envs.robots import Arm
 

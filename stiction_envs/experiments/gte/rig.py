@@ -23,8 +23,8 @@ from stiction_envs.control.sensing import CommandLine, Senses, Sensing
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.gte.loop import Arms, ControllerModel, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
+from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
-from stiction_envs.experiments.servos import Approach
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.robots import Arm

@@ -32,7 +32,7 @@ from stiction_envs.measured.tables import BaseTable
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.markdown import aligned, joints, percent
 from stiction_envs.reporting.toml import toml_text
-from stiction_envs.robots.tables import read_toml
+from stiction_envs.robots.arm_toml import read_toml
 
 TOLERANCE = 0.002  # Rounds end when every base torque agrees this well, relative [-]; assumed
 CONVERGED = 5.0  # Largest error of the best round, over the tolerance [-]; assumed

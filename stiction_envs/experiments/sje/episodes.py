@@ -23,7 +23,7 @@ from stiction_envs.experiments.observation import (
     DITHER,
     TORQUE,
     Checked,
-    Group,
+    Elements,
     largest_stiction,
     named_options,
 )
@@ -101,15 +101,17 @@ class Oscillation:
 
 OPTIONS = ("joint", "load", "direction")  # Names of the reset options
 GROUPS = (
-    Group("displacement", -5.0, 5.0, "threshold", "link angle minus the pose", per_joint=True),
-    Group("velocity", -50.0, 50.0, "threshold/s", "link speed", per_joint=True),
+    Elements("displacement", -5.0, 5.0, "threshold", "link angle minus the pose", per_joint=True),
+    Elements("velocity", -50.0, 50.0, "threshold/s", "link speed", per_joint=True),
     TORQUE,
-    Group("progress", -5.0, 5.0, "threshold", "angle since the ramp started, along the ramp"),
-    Group("ramp", -10.0, 10.0, "τ_base", "commanded torque of the tested joint, dither excluded"),
-    Group("elapsed", 0.0, 20.0, "τ_base", "torque by which the ramp has grown"),
-    Group("tested", 0.0, 1.0, "1", "1 for the tested joint, else 0", per_joint=True),
-    Group("load", 0.0, 1.0, "1", "1 in the load pose, 0 in the no-load pose"),
-    Group("direction", -1.0, 1.0, "1", "sign of the ramp"),
+    Elements("progress", -5.0, 5.0, "threshold", "angle since the ramp started, along the ramp"),
+    Elements(
+        "ramp", -10.0, 10.0, "τ_base", "commanded torque of the tested joint, dither excluded"
+    ),
+    Elements("elapsed", 0.0, 20.0, "τ_base", "torque by which the ramp has grown"),
+    Elements("tested", 0.0, 1.0, "1", "1 for the tested joint, else 0", per_joint=True),
+    Elements("load", 0.0, 1.0, "1", "1 in the load pose, 0 in the no-load pose"),
+    Elements("direction", -1.0, 1.0, "1", "sign of the ramp"),
     *DITHER,
 )
 """The observation, in order; bounds are assumed: wider than what occurs."""

@@ -36,7 +36,7 @@ from stiction_envs.experiments.sje.protocol import (
 from stiction_envs.experiments.sje.results import BreakawayTorques, in_order
 from stiction_envs.experiments.sje.rig import BLOCK, RAMP, SJERig, SJESetup
 from stiction_envs.experiments.sje.servo_rig import ServoRig
-from stiction_envs.friction.from_file import friction_note
+from stiction_envs.friction.from_file import simulated_note
 from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.sticking import Friction, Robot, model_sha256, sticking_model
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
@@ -230,7 +230,7 @@ class SingleJointExperiment(SJESetup):
             n=self.n,
             protocol=self.protocol,
             measurements=tuple(in_order(measured)),
-            note=friction_note(arm, self.sticking.parameters),
+            note=simulated_note(arm, self.sticking.parameters),
             servo_stiffness=None if self.servos is None else self.servos.stiffness,
             provenance=provenance(
                 "sje",

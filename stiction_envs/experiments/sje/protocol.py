@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM
 from stiction_envs.errors import StictionError, unknown
+from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import joint_number
-from stiction_envs.experiments.servos import Approach
 from stiction_envs.measured import DIRECTIONS, LOADS
 from stiction_envs.method_settings import NotNegative, Positive, load_settings, override
+from stiction_envs.robots.arm_toml import read_toml
 from stiction_envs.robots.registry import ARMS
-from stiction_envs.robots.tables import read_toml
 
 POSES = {"load": "load pose", "no_load": "no-load pose"}  # As pages write loads
 SIGNS = {"+": "+", "-": "−"}

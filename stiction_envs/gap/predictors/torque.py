@@ -24,7 +24,7 @@ from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
 from stiction_envs.gap.judge.search import NAMED, Model
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
-from stiction_envs.measured.motion import REST_SPEED
+from stiction_envs.measured.motion_thresholds import REST_SPEED
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

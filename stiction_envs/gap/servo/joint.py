@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.friction.bristle import bristle_after
+from stiction_envs.friction.lone_joint import bristle_after
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]

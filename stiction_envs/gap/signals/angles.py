@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
-from stiction_envs.measured.motion import REVERSAL_SPEED
+from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.measured.motion import START_SAMPLES, START_SPAN
+from stiction_envs.measured.motion_thresholds import START_SAMPLES, START_SPAN
 
 Array = NDArray[np.float64]
 

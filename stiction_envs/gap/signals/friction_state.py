@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.recording import Recording
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 
 Array = NDArray[np.float64]
 PRESLIDING_DISTANCE = 2e-4

@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
-from stiction_envs.measured.motion import REVERSAL_SPEED, TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED, TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 

@@ -32,7 +32,7 @@ from stiction_envs.gap.signals.filters import WIDER, lowpass, reversal_path
 from stiction_envs.gap.signals.sessions import Sessions, sessions
 from stiction_envs.gap.signals.spectra import PERIODS, Spectra, by_column, resample
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import REST_SPEED
+from stiction_envs.measured.motion_thresholds import REST_SPEED
 from stiction_envs.reporting.markdown import plural
 
 Array = NDArray[np.float64]

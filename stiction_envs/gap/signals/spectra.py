@@ -19,7 +19,7 @@ from scipy.signal import butter, sosfreqz, welch
 
 from stiction_envs.gap.signals.filters import ORDER
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import MOVER_RATIO
+from stiction_envs.measured.motion_thresholds import MOVER_RATIO
 
 Array = NDArray[np.float64]
 ACCURATE_ABSOLUTE = 0.05

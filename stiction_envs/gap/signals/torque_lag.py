@@ -32,7 +32,7 @@ from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torqu
 from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
 from stiction_envs.measured.logs.corrections import Correction
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.measured.motion import REVERSAL_SPEED
+from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]

@@ -36,7 +36,7 @@ from stiction_envs.gap.signals.sessions import sessions
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.measured.logs.reader import LEAST_SECONDS, JointLog
 from stiction_envs.measured.logs.robot_log import RobotLog
-from stiction_envs.measured.motion import TRAVEL_SPAN
+from stiction_envs.measured.motion_thresholds import TRAVEL_SPAN
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 

@@ -19,7 +19,7 @@ whichever is more; root mean squares [-]; assumed: nobody overlooks either. The 
 much as the noise, hardly visible to the eye; the middle one is their geometric mean."""
 
 
-class Run(TypedDict):
+class RehearsalRun(TypedDict):
     """Diagnosis of a log in which a cause was hidden."""
 
     sizes: dict[str, float]
@@ -50,7 +50,7 @@ class Hideable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Job:
+class CauseJob:
     """One cause, and the joints (from 0) in which it is hidden at once."""
 
     what: Hideable
@@ -73,16 +73,16 @@ class Job:
         return (0,) if self.what.arm_wide else tuple(j + 1 for j in self.joints)
 
 
-NO_JOB = Job(what=Hideable(NOTHING, "", "", ""), joints=())
+NO_JOB = CauseJob(what=Hideable(NOTHING, "", "", ""), joints=())
 
 
 class Subject(Protocol):
     """Logs in which causes can be hidden."""
 
-    def sizes(self, job: Job) -> tuple[Array, Array, Array]:
+    def sizes(self, job: CauseJob) -> tuple[Array, Array, Array]:
         """Return three sizes (n,) of the cause of a job; 0 on joints where it changes nothing."""
 
-    def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
+    def run(self, job: CauseJob, size: Array, seed: int, number: int) -> RehearsalRun:
         """Hide a cause of sizes (n,), diagnose the log, and return what is named."""
 
 
@@ -90,7 +90,7 @@ FOUND, CONFUSED, MISSED = "found", "confused", "missed"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Judgement:
+class Verdict:
     """Verdict of a run on the hidden cause on a joint."""
 
     verdict: str
@@ -101,7 +101,7 @@ class Judgement:
     why: str
 
 
-def judge(job: Job, row: int, run: Run) -> Judgement:
+def judge(job: CauseJob, row: int, run: RehearsalRun) -> Verdict:
     """Return whether a run finds the cause on a joint (from 1), 0 for the whole arm.
 
     Named falsely is every cause that was not hidden: anywhere on the arm if the hidden cause acts
@@ -129,10 +129,10 @@ def judge(job: Job, row: int, run: Run) -> Judgement:
         verdict, why = CONFUSED, f"these data cannot tell it from {listed(alike)}"
     elif alike is not None:
         verdict, why = FOUND, ""
-    return Judgement(verdict=verdict, false=tuple(false), why=why)
+    return Verdict(verdict=verdict, false=tuple(false), why=why)
 
 
-def measure(job: Job, subject: Subject, seed: int) -> list[Run]:
+def measure(job: CauseJob, subject: Subject, seed: int) -> list[RehearsalRun]:
     """Hide a cause at the sizes that are needed; the smallest effect first."""
     if job.cause == NOTHING:
         return [subject.run(job, np.zeros(0), seed, 1)]

@@ -30,9 +30,9 @@ from stiction_envs.gap.causes import Cause, cause_named, register, registered
 from stiction_envs.gap.diagnose import LogOptions, diagnose
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Subject, measure
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, Subject, measure
+from stiction_envs.hidden.rehearsal.rehearsal_result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.replay import replay_of
-from stiction_envs.hidden.rehearsal.result import Rehearsal, row_of
 from stiction_envs.hidden.rehearsal.servo import subject_of
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, jobs_of
 from stiction_envs.hidden.servo_effects import EFFECTS
@@ -56,7 +56,7 @@ class Plan:
 
     robot: str
     subject: Subject
-    jobs: tuple[Job, ...]
+    jobs: tuple[CauseJob, ...]
     seed: int
     provenance: Provenance
 

@@ -153,7 +153,7 @@ def replay_of(own: Diagnosis) -> Replay:
     data = Data(
         recording=even,
         nominal=nominal_torque(even, own.baseline.friction, own.base.friction),
-        rigid=even.rigid,
+        rigid=even.rigid + even.arm.stated.stiffness * (even.q - even.arm.stated.springref),
         friction=own.base.friction,
         noise=own.data.noise,
     )

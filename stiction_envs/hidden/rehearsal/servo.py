@@ -34,7 +34,14 @@ from stiction_envs.gap.servo.questions import (
     sags,
     unknown_damping,
 )
-from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, NO_JOB, NOTHING, Job, Run
+from stiction_envs.hidden.rehearsal.jobs import (
+    LARGE_NOISE,
+    LARGE_SHARE,
+    NO_JOB,
+    NOTHING,
+    CauseJob,
+    RehearsalRun,
+)
 from stiction_envs.hidden.rehearsal.replay import LEAST_FRICTION, surrogate
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoEffect, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate
@@ -75,16 +82,18 @@ class HiddenServos:
     resolution: Array
     """(n,) step of the angles [rad]."""
 
-    def jobs_of(self, names: Collection[str]) -> list[Job]:
+    def jobs_of(self, names: Collection[str]) -> list[CauseJob]:
         """Return the jobs of causes, in the order of their table."""
         jobs = [NO_JOB]
         for effect in (EFFECTS[x] for x in EFFECTS if x in names):
             why_not = {j: self._why_not(effect.name, j) for j in range(len(self.base))}
             left = tuple(j for j, why in why_not.items() if not why)
             if left:
-                jobs.append(Job(what=effect, joints=left))
+                jobs.append(CauseJob(what=effect, joints=left))
             if not (effect.arm_wide and left):
-                unseen = [Job(what=effect, joints=(j,), why_not=x) for j, x in why_not.items() if x]
+                unseen = [
+                    CauseJob(what=effect, joints=(j,), why_not=x) for j, x in why_not.items() if x
+                ]
                 jobs += unseen[:1] if effect.arm_wide else unseen
         return jobs
 
@@ -109,7 +118,7 @@ class HiddenServos:
             return ""
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
-    def sizes(self, job: Job) -> tuple[Array, Array, Array]:
+    def sizes(self, job: CauseJob) -> tuple[Array, Array, Array]:
         whole = np.array([float(m.q.std()) for m in self.motions])
         targets = self.noise, np.maximum(LARGE_NOISE * self.noise, LARGE_SHARE * whole)
         if job.what.arm_wide:
@@ -146,7 +155,7 @@ class HiddenServos:
         mass = float(np.min(target / np.maximum(sag, 1e-12)))
         return np.full(len(target), min(mass, EFFECTS["payload"].largest))
 
-    def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
+    def run(self, job: CauseJob, size: Array, seed: int, number: int) -> RehearsalRun:
         rng = np.random.default_rng([seed, zlib.crc32(job.key.encode()), number])
         parameters, sizes, mass = self.base.copy(), {}, 0.0
         wall = np.zeros(len(parameters))

@@ -29,14 +29,14 @@ from stiction_envs.hidden.rehearsal.jobs import (
     LARGE_SHARE,
     NO_JOB,
     NOTHING,
+    CauseJob,
     Hideable,
-    Job,
-    Run,
+    RehearsalRun,
 )
 from stiction_envs.hidden.rehearsal.replay import Replay
 from stiction_envs.hidden.torque_effects import EFFECTS
 from stiction_envs.hidden.worlds import World, inverse_torque
-from stiction_envs.measured.motion import REVERSAL_SPEED
+from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 
 DAMPING = 0.1  # damping ratio of a soft gear [-]; assumed
 TURN = 0.1
@@ -61,7 +61,7 @@ def hideable(cause: Cause) -> Hideable:
     )
 
 
-def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[Job]:
+def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[CauseJob]:
     """Return the jobs."""
     jobs = [NO_JOB]
     candidates = {(t.cause, t.joint) for t in own.predictor.candidates}
@@ -78,12 +78,12 @@ def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[Job]:
             seen = "" if (cause.name, j) in candidates else alone
             shown = "its interval is as wide as before" if (cause.name, j) in hidden else ""
             why_not[max(j, 0)] = seen or shown or no_law
-        jobs += [Job(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
+        jobs += [CauseJob(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
         left = tuple(j for j, why in why_not.items() if not why)
         if cause.acts_on == ALL_OF_ONE:
-            jobs += [Job(what=what, joints=(j,)) for j in left]
+            jobs += [CauseJob(what=what, joints=(j,)) for j in left]
         elif left:
-            jobs.append(Job(what=what, joints=joints if (cause.acts_on == THE_ARM) else left))
+            jobs.append(CauseJob(what=what, joints=joints if (cause.acts_on == THE_ARM) else left))
     return jobs
 
 
@@ -165,7 +165,7 @@ class HiddenTorques:
         model = dataclasses.replace(world, soft=None).model()
         return inverse_torque(model, q, dq, ddq) - data.recording.rigid
 
-    def hidden(self, job: Job, size: Array) -> tuple[Array, dict[str, float]]:
+    def hidden(self, job: CauseJob, size: Array) -> tuple[Array, dict[str, float]]:
         """Return (T, n) torque of a cause of sizes (n,) [N·m], and the parameter of each row."""
         if job.cause not in EFFECTS:  # of another package: linear, by its own columns
             cause, data = cause_named(job.cause), self.replay.data
@@ -182,14 +182,14 @@ class HiddenTorques:
             parameters[str(0 if job.what.arm_wide else j + 1)] = float(first)
         return self.torque_of(world), parameters
 
-    def sizes(self, job: Job) -> tuple[Array, Array, Array]:
+    def sizes(self, job: CauseJob) -> tuple[Array, Array, Array]:
         replay = self.replay
         whole = np.sqrt(np.mean(np.square(replay.data.nominal), axis=0))
         small = self._size(job, replay.noise)
         large = self._size(job, np.maximum(LARGE_NOISE * replay.noise, LARGE_SHARE * whole))
         return small, np.sqrt(small * large), large
 
-    def _size(self, job: Job, target: Array) -> Array:
+    def _size(self, job: CauseJob, target: Array) -> Array:
         """Return (n,) sizes with torques of a root mean square (n,) [N·m]; 0 where there is none.
 
         For a cause that all joints show, one joint reaches its target, the others stay below it.
@@ -211,7 +211,7 @@ class HiddenTorques:
                 break
         return size
 
-    def run(self, job: Job, size: Array, seed: int, number: int) -> Run:
+    def run(self, job: CauseJob, size: Array, seed: int, number: int) -> RehearsalRun:
         replay = self.replay
         sizes: dict[str, float] = {}
         hidden = np.zeros_like(replay.data.q)

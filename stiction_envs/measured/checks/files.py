@@ -14,8 +14,8 @@ from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import Line, header_of, read_lines, write_lines
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import DRIVES, POSITION
-from stiction_envs.measured.logs.files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.joint_names import Reading, naming_of
+from stiction_envs.measured.logs.log_files import count_joints, is_log, no_log
 from stiction_envs.measured.logs.reader import IGNORED, drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 from stiction_envs.measured.tables import (
@@ -29,7 +29,7 @@ from stiction_envs.measured.tables import (
 from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.reporting.result import Result
 from stiction_envs.robots import load_arm
-from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.arm_toml import Limits
 
 REMARK = "remark"
 """Kind of what is true but not wrong."""

@@ -8,8 +8,8 @@ from scipy.signal import butter, csd, sosfiltfilt, welch
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.corrections import RawLog, longest_run
-from stiction_envs.measured.motion import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
-from stiction_envs.robots.tables import Limits
+from stiction_envs.measured.motion_thresholds import MOVER_RATIO, REVERSAL_SPEED, STIR_SPAN
+from stiction_envs.robots.arm_toml import Limits
 
 LARGEST = {
     **dict.fromkeys(("q", "q_cmd"), (1e3, "rad")),

@@ -10,8 +10,8 @@ import numpy as np
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.logs import check_angles, check_torques
 from stiction_envs.measured.logs.corrections import RawLog
-from stiction_envs.measured.motion import HOLD_SPAN, TRAVEL_SPAN
-from stiction_envs.robots.tables import Limits
+from stiction_envs.measured.motion_thresholds import HOLD_SPAN, TRAVEL_SPAN
+from stiction_envs.robots.arm_toml import Limits
 
 OTHER_UNIT = 20.0
 """Commands that move by this many times what the joint moves are in another unit [-]; assumed."""

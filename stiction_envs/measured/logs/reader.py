@@ -35,10 +35,10 @@ from stiction_envs.measured.logs.corrections import (
     spread_held,
     unwrap,
 )
-from stiction_envs.measured.logs.files import drives, read_raw
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.log_files import drives, read_raw
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog, ServoLog
-from stiction_envs.robots.tables import Limits
+from stiction_envs.robots.arm_toml import Limits
 
 __all__ = ["Correction", "JointLog", "drive_of", "read_logs", "read_poses", "read_servo_logs"]
 

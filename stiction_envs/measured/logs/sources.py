@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stiction_envs.errors import StictionError, unknown
-from stiction_envs.measured.logs.files import is_log
+from stiction_envs.measured.logs.log_files import is_log
 from stiction_envs.measured.logs.robot_log import JointLog, RobotLog
 from stiction_envs.reporting.provenance import Provenance
 

@@ -12,14 +12,14 @@ import pytest
 from stiction_envs.envs.render import push_window, window
 from stiction_envs.envs.render.push_window import SPACE, UP, PushView, PushWindow
 from stiction_envs.errors import StictionError
-from stiction_envs.experiments.sje.push import Push
+from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import AmplitudeRow
 
 
 @pytest.fixture
 def view():
-    return PushView(Push(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))
+    return PushView(PushedJoint(sticking_model("panda"), dither=[AmplitudeRow(7, 15.0, 0.8)]))
 
 
 def test_keys_push_a_joint_until_dither_lets_it_go(view):

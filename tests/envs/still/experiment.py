@@ -8,7 +8,7 @@ import numpy as np
 
 from stiction_envs.envs.gym_env import ArmEnv, ArmVectorEnv
 from stiction_envs.experiments.episodes import Episodes, Outcome
-from stiction_envs.experiments.observation import DITHER, TORQUE, Group
+from stiction_envs.experiments.observation import DITHER, TORQUE, Elements
 from stiction_envs.experiments.rig import Experiment, Rig
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.sticking import sticking_model
@@ -56,8 +56,8 @@ class StillEpisodes(Episodes):
     each = ("moved",)
     final = ()
     groups = (
-        Group("displacement", -1.0, 1.0, "rad", "from rest", per_joint=True),
-        Group("velocity", -9.0, 9.0, "rad/s", "of the links", per_joint=True),
+        Elements("displacement", -1.0, 1.0, "rad", "from rest", per_joint=True),
+        Elements("velocity", -9.0, 9.0, "rad/s", "of the links", per_joint=True),
         TORQUE,
         *DITHER,
     )

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.hidden_logs import make_case
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named, register, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
-from stiction_envs.hidden.hidden_logs import make_case
-from stiction_envs.hidden.rehearsal.jobs import NOTHING, Job, Judgement, judge
+from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, Verdict, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
 from stiction_envs.hidden.rehearsal.torques import hideable
 from stiction_envs.hidden.servo_effects import EFFECTS as SERVO_EFFECTS
@@ -102,10 +102,10 @@ VISCOUS, STRIBECK, DRY = "viscous_friction", "stribeck_friction", "coulomb_frict
 LINKS, TIP, GAP = "link_parameters", "payload", "torque_offset"
 OTHER_LINK, DRY_1 = f"{LINKS} of joint 2", f"{DRY} of joint 1"
 ONE, SLOW, TOOL = (
-    Job(what=hideable(cause_named(x)), joints=(0, 1)) for x in (VISCOUS, STRIBECK, TIP)
+    CauseJob(what=hideable(cause_named(x)), joints=(0, 1)) for x in (VISCOUS, STRIBECK, TIP)
 )
-LINK = Job(what=hideable(cause_named(LINKS)), joints=(0,))
-LATE = Job(what=SERVO_EFFECTS["delay"], joints=(0, 1))
+LINK = CauseJob(what=hideable(cause_named(LINKS)), joints=(0,))
+LATE = CauseJob(what=SERVO_EFFECTS["delay"], joints=(0, 1))
 PARTS = ["armature", "damping", "delay"]
 
 
@@ -133,7 +133,7 @@ PARTS = ["armature", "damping", "delay"]
 def test_a_run_is_judged(job, row, named, found, false, why):
     run = {"sizes": {}, "named": named, "minor": []}
     said = judge(job, row, run)
-    assert said == Judgement(verdict=found, false=(false,) if false else (), why=why)
+    assert said == Verdict(verdict=found, false=(false,) if false else (), why=why)
 
 
 def test_what_has_no_law_is_said_to_have_none(two):

@@ -11,7 +11,7 @@ from stiction_envs.gap.causes import CAUSES, cause_named, register, unregister
 from stiction_envs.gap.causes.base import Parameter
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
-from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, Job
+from stiction_envs.hidden.rehearsal.jobs import LARGE_NOISE, LARGE_SHARE, CauseJob
 from stiction_envs.hidden.rehearsal.torques import HiddenTorques, hideable, link_behind_gear
 from stiction_envs.hidden.torque_effects import COM, EFFECTS
 from stiction_envs.robots import load_arm
@@ -22,8 +22,8 @@ def torques(replay) -> HiddenTorques:
     return HiddenTorques(replay=replay)
 
 
-def job_of(cause: str, *joints: int) -> Job:
-    return Job(what=hideable(cause_named(cause)), joints=joints)
+def job_of(cause: str, *joints: int) -> CauseJob:
+    return CauseJob(what=hideable(cause_named(cause)), joints=joints)
 
 
 def torque(torques: HiddenTorques, name: str, *size: float) -> np.ndarray:

@@ -13,9 +13,9 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.files import drives
 from stiction_envs.measured.logs.formats import base
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.log_files import drives
 from stiction_envs.measured.logs.reader import JointLog, read_logs, read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm

@@ -9,7 +9,7 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.files import count_joints
+from stiction_envs.measured.logs.log_files import count_joints
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from tests.measured.logs.bad_logs import good_values, torque_log
 from tests.measured.logs.ros_bags import (

@@ -12,8 +12,8 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.checks.files import check
-from stiction_envs.measured.logs.files import count_joints
 from stiction_envs.measured.logs.joint_names import Naming
+from stiction_envs.measured.logs.log_files import count_joints
 from stiction_envs.measured.logs.reader import drive_of, read_logs, read_servo_logs
 from stiction_envs.measured.logs.units import read_calibration
 from stiction_envs.reporting.provenance import sha256

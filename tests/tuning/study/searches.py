@@ -18,7 +18,7 @@ from tuning.names import SAMPLERS
 from tuning.protocol.tune import tune
 from tuning.settings import SharedSettings
 from tuning.study import workers
-from tuning.study.record import Outcome, Record, Search, run
+from tuning.study.record import Record, TrialOutcome, TrialSearch, run
 from tuning.study.samplers import cells, sampler
 
 
@@ -45,7 +45,7 @@ def search(storage, name, *, evaluations=10, batch=3, seed=0, about=ABOUT, **opt
     first = ({"amplitude_nm": 1.0, "frequency_hz": 30.0},) if name in ("gp", "tpe") else ()
     if name == "grid":
         first = cells(SPACE, 4, seed)
-    return Search(
+    return TrialSearch(
         record=record, space=SPACE, sampler=make, evaluations=evaluations, batch=batch, first=first
     )
 
@@ -55,7 +55,7 @@ def outcome(params):
     a, f = params["amplitude_nm"], params["frequency_hz"]
     value = None if a < STUCK else ((a - 1.3) ** 2 + 0.1 * (f / 20 - 1) ** 2,)
     measures = {"swing_mm": a / f, "traces": [a / 3, f / 7], "word": "ok"}
-    return Outcome(values=value, constraints=(a / f - 0.05,), measures=measures)
+    return TrialOutcome(values=value, constraints=(a / f - 0.05,), measures=measures)
 
 
 def evaluate(wanted):

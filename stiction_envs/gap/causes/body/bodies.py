@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.gap.signals.recording import Recording
 from stiction_envs.robots import Arm, mjcf
+from stiction_envs.robots.arm_toml import payload_radius
 from stiction_envs.robots.consistent import tolerances
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import (
@@ -31,7 +32,6 @@ from stiction_envs.robots.regressor import (
     pseudo_inertia,
     torque_regressor,
 )
-from stiction_envs.robots.tables import payload_radius
 
 Array = NDArray[np.float64]
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))

@@ -13,7 +13,7 @@ from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape,
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
 from stiction_envs.gap.signals.dataset import Data
-from stiction_envs.measured.motion import REST_SPEED
+from stiction_envs.measured.motion_thresholds import REST_SPEED
 
 FASTEST = 0.3
 """Largest Stribeck velocity to try [rad/s]; assumed."""

@@ -26,7 +26,7 @@ from stiction_envs.plant import CONTROL_DT, SLOW_STEPS
 _ARM = np.array([0])
 
 
-class Push(Rig):
+class PushedJoint(Rig):
     """One arm, one joint of which a person pushes."""
 
     STEP = 0.1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stiction_envs.experiments.servos import Servos
+from stiction_envs.experiments.holding_servos import Servos
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.friction.model import build
 from stiction_envs.friction.parameters import load_friction

@@ -1,8 +1,8 @@
 """Simulated joint logs of a Panda with hidden causes, written as a robot writes them.
 
 This file shares no code with the diagnosis. ``mj_step`` simulates the arm, the reference law its
-friction, and every cause acts where it belongs. The nominal model (`Case.nominal`) has the known
-dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
+friction, and every cause acts where it belongs. The nominal model (`HiddenLogs.nominal`) has the
+known dry and viscous friction and rotors, or none (``"rigid"``); hidden causes come on top.
 """
 
 from __future__ import annotations
@@ -16,13 +16,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from benchmarks.hidden_motions import BLIND_MOTIONS, MOTIONS
 from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
-from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
-from stiction_envs.hidden.imperfect_arms import with_scattered_links
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
-from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World
+from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World, with_scattered_links
 from stiction_envs.measured.logs.reader import JointLog, read_logs
 from stiction_envs.robots import Arm, load_arm
 
@@ -47,7 +46,7 @@ class Hidden:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Case:
+class HiddenLogs:
     """Logs and arm that a blind test sees, and the truth."""
 
     logs: list[JointLog]
@@ -81,7 +80,7 @@ def make_case(
     size: float | None = None,
     second: float = 0.0,
     scatter: float = 0.0,
-) -> Case:
+) -> HiddenLogs:
     """Hide some causes of random size, joint and sign in a log.
 
     Args:
@@ -94,7 +93,7 @@ def make_case(
         joint: from 1; random by default.
         size: of the effect, 0 (just visible) to 1 (large); random by default.
         second: length of a log of another kind of motion [s]; 0 for none.
-        scatter: how far every link is off what the makers know [-] (`imperfect_arms.scattered`):
+        scatter: how far every link is off what the makers know [-] (`hidden.worlds.scattered`):
             0.03 is 3 % of the mass and 3 mm. It is no hidden cause.
 
     Raises:
@@ -160,7 +159,7 @@ def make_case(
         }
         entries = {k: {"value": v, "assumed": True} for k, v in levels.items()}
         nominal = from_table(entries, "known to the robot's makers", 7)
-    return Case(
+    return HiddenLogs(
         logs=[log],
         robot=load_arm("panda", payload=payload),
         nominal=nominal,

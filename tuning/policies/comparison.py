@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
-from stiction_envs.envs.evaluation import Policy as Agent
-from stiction_envs.envs.evaluation import evaluate, write_rows
+from stiction_envs.envs.evaluation import Agent, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes

@@ -8,12 +8,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from stiction_envs.arrays import Array
+from stiction_envs.hidden.worlds import CENTRE, REACH
 
-CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
-"""Middle of the motions of joints 1 to 7 [rad]; assumed."""
-REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
-"""How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
-the motion."""
 Motion = Callable[[np.random.Generator, Array], Array]
 
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, Job, Run, judge
+from stiction_envs.hidden.rehearsal.jobs import CONFUSED, FOUND, CauseJob, RehearsalRun, judge
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import joints as joints_text
@@ -51,7 +51,7 @@ class Row:
         return not math.isnan(self.smallest_named)
 
 
-def row_of(job: Job, row: int, runs: list[Run]) -> Row:
+def row_of(job: CauseJob, row: int, runs: list[RehearsalRun]) -> Row:
     """Return the result row of a job's runs for a joint (from 1), or for the arm."""
     mine = [run for run in runs if str(row) in run["sizes"]]
     judged = [(run["sizes"][str(row)], judge(job, row, run)) for run in mine]
@@ -89,7 +89,7 @@ class Rehearsal(Result):
     """One row per cause, in the order in which the causes are registered, and joint."""
     named_without: tuple[str, ...]
     """Causes that were named where nothing was hidden."""
-    runs: dict[str, list[Run]]
+    runs: dict[str, list[RehearsalRun]]
     """By key of their job."""
     provenance: Provenance
 

@@ -11,7 +11,7 @@ import pytest
 from stiction_envs.measured import read_amplitudes
 from tests.command_line import csv_rows
 from tests.tuning.policies.small import SPRINT, made_up
-from tuning.policies.evaluation import evaluate_all, read_agent
+from tuning.policies.comparison import evaluate_all, read_agent
 
 ROOT = Path(__file__).parents[3]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction_envs.experiments.gte.rows import thesis_final_dither
-from stiction_envs.experiments.sje.push import Push
+from stiction_envs.experiments.sje.pushed_joint import PushedJoint
 from stiction_envs.friction.sticking import sticking_model
 from stiction_envs.measured import AmplitudeRow
 
@@ -18,10 +18,10 @@ def panda():
 
 @pytest.fixture
 def push(panda):
-    return Push(panda, dither=thesis_final_dither())
+    return PushedJoint(panda, dither=thesis_final_dither())
 
 
-def share_of_stiction(push: Push, sign: float, share: float) -> float:
+def share_of_stiction(push: PushedJoint, sign: float, share: float) -> float:
     """Return the push [N·m] that loads the friction with a share of its stiction."""
     offset = float(push.plant.offset[0, push.joint - 1])
     return offset + share * (sign * push.holds_up_to(sign) - offset)
@@ -71,7 +71,7 @@ def test_it_is_pushed_from_where_it_came_to_rest_and_reset_brings_it_back(push):
 
 
 def test_a_slow_controller_holds_its_torque():
-    iiwa = Push(sticking_model("iiwa7"), dither=[AmplitudeRow(7, 20.0, 1.0)])
+    iiwa = PushedJoint(sticking_model("iiwa7"), dither=[AmplitudeRow(7, 20.0, 1.0)])
     assert iiwa.interface.hold_steps > 1
     assert iiwa.block % iiwa.interface.hold_steps == 0
     iiwa.choose(7)
