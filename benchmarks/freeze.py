@@ -77,8 +77,8 @@ def file_hash(*paths: Path) -> str:
 
 def hidden_logs(work: Path) -> dict[str, tuple[Path, list[str]]]:
     """Return log and options of every hidden case; made once, so that only `diagnose` is judged."""
-    from benchmarks.hidden_logs import make_case
     from stiction_envs.friction.parameters import QUANTITIES, dump_friction
+    from stiction_envs.hidden.hidden_logs import make_case
 
     out = {}
     for name, seed, causes, motion, joint in HIDDEN:
@@ -197,7 +197,6 @@ precision."""
 
 def quick() -> dict[str, Any]:
     """Return a few results of every room, in some seconds on one core."""
-    from benchmarks.hidden_logs import make_case
     from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
     from stiction_envs.experiments.gte.measures import measure
     from stiction_envs.experiments.gte.protocol import Case
@@ -205,6 +204,7 @@ def quick() -> dict[str, Any]:
     from stiction_envs.experiments.sje.experiment import SingleJointExperiment
     from stiction_envs.experiments.sje.protocol import Configuration, Job
     from stiction_envs.gap.diagnosis import diagnose_logs
+    from stiction_envs.hidden.hidden_logs import make_case
     from stiction_envs.measured import AmplitudeRow, thesis_base
 
     dither = {7: (15.0, 0.6), 4: (30.0, 1.2)}

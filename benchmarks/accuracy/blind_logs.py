@@ -41,11 +41,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row, met
-from benchmarks.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.hidden.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import table_text
@@ -68,7 +68,7 @@ HOLDS = 1.3
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
 MADE_BY = (
-    *(*LOGS, "stiction_envs/hidden", "benchmarks/hidden_*.py", "benchmarks/accuracy/blind_logs.py"),
+    *(*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py"),
 )
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)

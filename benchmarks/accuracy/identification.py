@@ -12,9 +12,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from benchmarks import imperfect_arms as excited
 from benchmarks.harness import Benchmark, Row
 from benchmarks.thesis.rosdyn import rosdyn
+from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.identify import identify
 from stiction_envs.identification.settings import excitation_settings

@@ -23,12 +23,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.hidden_logs import TAU_NOISE, HiddenLogs, make_case
 from stiction_envs import diagnose
 from stiction_envs.gap.model_file import resolve
 from stiction_envs.gap.report.results import LogDiagnosis
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.hidden.hidden_logs import TAU_NOISE, HiddenLogs, make_case
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm
 

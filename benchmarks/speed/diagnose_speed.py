@@ -21,8 +21,8 @@ import numpy as np
 
 from benchmarks.accuracy.real_logs import MEASURED, PANDA, POSES, SWEEPS
 from benchmarks.harness import Benchmark, Row, machine
-from benchmarks.hidden_logs import make_case
 from benchmarks.reference_loop import seconds as reference_loop
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.reporting.markdown import listed, table_text
 
 STUDY = Benchmark(__file__, __doc__)

@@ -1,10 +1,10 @@
 """Effects that are hidden in joint logs: one entry per effect, by the name of the diagnosis.
 
 An entry changes the `World` before it is simulated and returns the truth. Simulated logs
-(`benchmarks.hidden_logs`) draw its value; a rehearsal hides three values along the motion of a
-user's log. It shares only the name and the keys of the parameters with the cause of the diagnosis.
-A payload that only the model has is an effect with its own name, ``phantom_payload``; as a cause it
-is a payload of negative mass.
+(`hidden_logs`) draw its value; a rehearsal hides three values along the motion of a user's log. It
+shares only the name and the keys of the parameters with the cause of the diagnosis. A payload that
+only the model has is an effect with its own name, ``phantom_payload``; as a cause it is a payload
+of negative mass.
 """
 
 from __future__ import annotations

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.imperfect_arms import presliding
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.signals.angles import angle_error
 from stiction_envs.gap.validation.check import check_model
+from stiction_envs.hidden.imperfect_arms import presliding
 from stiction_envs.hidden.worlds import inverse_torque, with_scattered_links
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm

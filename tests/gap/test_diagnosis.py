@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from benchmarks.hidden_logs import HiddenLogs, make_case
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import with_causes
+from stiction_envs.hidden.hidden_logs import HiddenLogs, make_case
 from tests.gap.small_logs import hidden, panda, sliding
 
 

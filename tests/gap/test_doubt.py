@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_logs import make_case
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.doubt import earlier_factor
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.model_file import Nominal, dump, read
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import dry, hidden, panda, sliding
 

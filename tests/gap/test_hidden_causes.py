@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.hidden_logs import Hidden, make_case
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
 from stiction_envs.gap.judge.judgement import NamedCause
+from stiction_envs.hidden.hidden_logs import Hidden, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS
 
 LAG = 1e-3

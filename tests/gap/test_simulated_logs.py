@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from benchmarks.hidden_motions import MOTIONS
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.hidden.hidden_motions import MOTIONS
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import load_arm

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.hidden_logs import make_case
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.hidden.examples import ANGLE, SHIPPED, TORQUE, log_csv
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.servo_logs import ENCODER, commands
 from stiction_envs.hidden.servo_simulation import simulate
 from stiction_envs.hidden.worlds import with_scattered_links

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from benchmarks import imperfect_arms as excited
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden import imperfect_arms as excited
 from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.identification.excitation import excite
 from stiction_envs.identification.fits import columns_of

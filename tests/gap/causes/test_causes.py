@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_logs import make_case
 from stiction_envs.gap.causes import CAUSES, Part, parameter_units
 from stiction_envs.gap.causes.base import limits, torque_of
 from stiction_envs.gap.causes.body import payload
@@ -23,6 +22,7 @@ from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters, pseudo_inertia
 

@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.hidden_logs import make_case
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes import cause_named, register, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
+from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.rehearsal.jobs import NOTHING, CauseJob, Verdict, judge
 from stiction_envs.hidden.rehearsal.rehearse import plan, rehearse
 from stiction_envs.hidden.rehearsal.torques import hideable

@@ -16,10 +16,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks.hidden_motions import BLIND_MOTIONS, MOTIONS
 from stiction_envs.arrays import Array
 from stiction_envs.friction.parameters import FrictionParameters, from_table
 from stiction_envs.hidden.friction_law import LuGre
+from stiction_envs.hidden.hidden_motions import BLIND_MOTIONS, MOTIONS
 from stiction_envs.hidden.torque_effects import EFFECTS, FRICTION, ROTOR, Draw, cause_of
 from stiction_envs.hidden.worlds import PRESLIDING_DISTANCE, STEP, World, with_scattered_links
 from stiction_envs.measured.logs.reader import JointLog, read_logs
