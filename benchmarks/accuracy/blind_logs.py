@@ -67,9 +67,7 @@ HOLDS = 1.3
 """Error on the second motion over that on held-out blocks of the first, at most [-]; assumed."""
 STRONGEST, INTERVAL, FALSE, TWO, THREE, HOLD = 0.95, 0.85, 0.02, 0.9, 0.8, 0.95
 """Shares of cases that are aimed at [-]; assumed."""
-MADE_BY = (
-    *(*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py"),
-)
+MADE_BY = (*(*LOGS, "stiction_envs/hidden", "benchmarks/accuracy/blind_logs.py"),)
 """Code that decides a case."""
 STUDY = Benchmark(__file__, __doc__, made_by=MADE_BY)
 
