@@ -30,6 +30,8 @@ from stiction_envs.reporting.markdown import aligned
 from stiction_envs.reporting.markdown import joints as joint_list
 from stiction_envs.robots import Arm
 
+FACTOR_OFF = 0.15
+"""Part by which torques differ from what an arm with usual errors needs, at most [-]; assumed."""
 MOST_SAMPLES = 1500
 """Samples that are used [-]; assumed, to answer within a second."""
 TOGETHER = 0.98
@@ -63,7 +65,7 @@ class Overview:
     lag_s: float
     """Time by which the torques come later than the angles."""
     findings: list[tuple[str, str]]
-    """Defects, ``corrected`` or ``warning`` before each."""
+    """Defects, ``corrected``, ``warning`` or ``remark`` before each."""
     left: dict[str, list[float]]
     """Posterior over prior standard deviation of each cause on each joint, or on the arm [-]."""
 
@@ -106,6 +108,7 @@ def overview(log: JointLog, arm: Arm, *, torque: str = "motor") -> Overview:
     )
     findings = [("corrected", c.text) for c in read.corrections[len(log.corrections) :]]
     findings += [("warning", x) for x in (*read.warnings[len(log.warnings) :], *signals.findings)]
+    findings += [("remark", x) for x in _unlike(found) if not signals.findings]
     ends = np.stack([found.factor - found.width, found.factor + found.width], axis=1)
     return Overview(
         file=Path(log.source).name,
@@ -144,6 +147,19 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
         }
         out.append(", ".join(text for text, is_so in remarks.items() if is_so))
     return out
+
+
+def _unlike(found: Loads) -> list[str]:
+    """Return a remark on joints whose torques are not what the model needs."""
+    off = found.measured & (np.abs(found.factor - 1) > FACTOR_OFF + found.width)
+    if not off.any():
+        return []
+    low, high = (f"{f(found.factor[off]):.3g}" for f in (np.min, np.max))
+    times = low if low == high else f"{low} to {high}"
+    return [
+        f"{joint_list((np.flatnonzero(off) + 1).tolist())}: the torques are {times} times what the "
+        "model needs beside friction: a body or a link that it has wrong, or a gain?"
+    ]
 
 
 def _thinned(signals: Signals) -> Signals:

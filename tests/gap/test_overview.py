@@ -64,3 +64,10 @@ def test_a_ceiling_is_a_warning() -> None:
     found = overview(log, panda())
     assert found.gravity == pytest.approx([0, 0, 1], abs=0.02)
     assert [kind for kind, _ in found.findings] == ["warning"]
+
+
+def test_a_body_that_the_model_lacks_is_a_remark() -> None:
+    log = hidden(panda(), dry, true=load_arm("panda", payload=(3.0, 0.0, 0.0, 0.05)))
+    ((kind, text),) = overview(log, panda()).findings
+    assert kind == "remark"
+    assert "times what the model needs" in text
