@@ -151,7 +151,8 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
 
 def _unlike(found: Loads) -> list[str]:
     """Return a remark on joints whose torques are not what the model needs."""
-    off = found.measured & (np.abs(found.factor * found.sign - 1) > FACTOR_OFF + found.width)
+    off = (np.abs(found.factor - 1) > FACTOR_OFF + found.width) & (found.sign >= 0)
+    off &= found.measured
     if not off.any():
         return []
     low, high = (f"{f(found.factor[off]):.3g}" for f in (np.min, np.max))
