@@ -31,7 +31,7 @@ Row = dict[str, Any]
 """Numbers and words of an episode, by column."""
 
 
-class Agent(Protocol):
+class PolicyLike(Protocol):
     """An agent that can be evaluated."""
 
     def predict(
@@ -46,7 +46,7 @@ class Agent(Protocol):
 
 def evaluate(
     env: AnyEnv,
-    agent: Agent,
+    agent: PolicyLike,
     seeds: Sequence[int],
     options: Options | Sequence[Options | None] | None = None,
 ) -> list[Row]:

@@ -27,7 +27,7 @@ from stiction_envs.gap.report.results import LogDiagnosis, ServoResult, TableRes
 from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo_logs import read_servo_files, servo_of
 from stiction_envs.gap.tables.data import WholeArm, read_tables
-from stiction_envs.gap.tables.diagnosis import diagnose_tables
+from stiction_envs.gap.tables.table_diagnosis import diagnose_tables
 from stiction_envs.gap.validation.check import check_model, refuse_diagnosed, refuse_unfit
 from stiction_envs.measured.kinds import TABLE, file_kind
 from stiction_envs.measured.logs.columns import POSITION, TORQUE

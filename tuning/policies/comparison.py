@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stiction_envs.dither.tables import HERE
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
-from stiction_envs.envs.evaluation import Agent, evaluate, write_rows
+from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
@@ -90,7 +90,7 @@ class Evaluated:
 
 def evaluate_all(
     task: Task,
-    policies: Sequence[str | tuple[str, Agent]],
+    policies: Sequence[str | tuple[str, PolicyLike]],
     *,
     episodes: int = EPISODES,
     seed: int = 0,
@@ -136,7 +136,7 @@ def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | N
     env.close()
 
 
-def read_agent(name: str, task: Task, env: ArmVectorEnv) -> Agent:
+def read_agent(name: str, task: Task, env: ArmVectorEnv) -> PolicyLike:
     """Return the agent of one of `POLICIES`, a ``policy.zip``, or a table with its gates.
 
     Raises:

@@ -28,7 +28,7 @@ from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.model import servo_extension
 from stiction_envs.gap.servo.parameters import FAR, PARAMETERS
 from stiction_envs.gap.tables.causes import cause_named
-from stiction_envs.gap.tables.diagnosis import TableDiagnosis
+from stiction_envs.gap.tables.table_diagnosis import TableDiagnosis
 from stiction_envs.gap.validation.check import Check
 from stiction_envs.gap.validation.forward import ForwardValidation, validate_forward
 from stiction_envs.measured.logs.robot_log import JointLog

@@ -35,7 +35,7 @@ STEP = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quantity:
+class SimulatedQuantity:
     """A parameter of a joint that can be simulated with other values."""
 
     fields: tuple[str, ...]
@@ -48,9 +48,9 @@ class Quantity:
     """Largest value."""
 
 
-FRICTION_LEVEL = Quantity(fields=("stiction", "load_coefficient"), low=0.5, high=2.0)
+FRICTION_LEVEL = SimulatedQuantity(fields=("stiction", "load_coefficient"), low=0.5, high=2.0)
 """Factor of a joint's friction; the range is assumed."""
-State = frozenset[tuple[Quantity, int]]
+State = frozenset[tuple[SimulatedQuantity, int]]
 """The quantities of a joint that are not nominal, and by how many steps of the logarithm."""
 NOMINAL: State = frozenset()
 
@@ -88,13 +88,13 @@ class WholeArm:
         each = [link_inertia(self.arm, self.poses.q[:, k]) for k in range(2)]
         return np.stack([np.einsum("jj->j", x) for x in each], axis=1)
 
-    def value(self, state: State, q: Quantity) -> float:
+    def value(self, state: State, q: SimulatedQuantity) -> float:
         """Return a factor, or a value of the torque interface; inf for a filter that is off."""
         if steps := dict(state).get(q):
             return self.neutral(q) * float(np.exp(STEP * steps))
         return (getattr(self.interface, q.fields[0]) or np.inf) if q.of_interface else 1.0
 
-    def neutral(self, q: Quantity) -> float:
+    def neutral(self, q: SimulatedQuantity) -> float:
         """Return the nominal value of a quantity; a filter that is off has its largest."""
         return float(np.clip(self.value(NOMINAL, q), q.low, q.high))
 
@@ -218,7 +218,7 @@ class Effect:
     """Values of x over its prior size to which the effect is a straight line [-]; assumed."""
     odds: float = 0.0
     """Log odds against it, beside those of one among the effects of its kind [nats]."""
-    quantity: Quantity | None = None
+    quantity: SimulatedQuantity | None = None
     """Parameter that the simulation varies."""
     torque: Array | None = None
     """(rows,) torque that is added to the readings per unit of x."""

@@ -21,7 +21,7 @@ from stiction_envs.gap.tables.data import (
     NOMINAL,
     STEP,
     Effect,
-    Quantity,
+    SimulatedQuantity,
     State,
     TableData,
     WholeArm,
@@ -114,7 +114,7 @@ class LoneJointTorques:
         tau = self.breakaway(columns, population)[:, [columns.index(key) for key in keys]]
         return np.where(np.isfinite(tau), tau, 4.0 * max(key[0] for key in columns))
 
-    def of(self, values: Mapping[Quantity, float]) -> dict[str, float]:
+    def of(self, values: Mapping[SimulatedQuantity, float]) -> dict[str, float]:
         """Return parameters by name for the values of some quantities."""
         out: dict[str, float] = {}
         for q, x in values.items():
@@ -135,7 +135,11 @@ class LoneJoint:
     """Changes of a joint's readings with each quantity, by simulations of one joint."""
 
     def __init__(
-        self, jobs: Sequence[Job], whole: WholeArm, state: State, quantities: Sequence[Quantity]
+        self,
+        jobs: Sequence[Job],
+        whole: WholeArm,
+        state: State,
+        quantities: Sequence[SimulatedQuantity],
     ) -> None:
         """Simulate the jobs of one joint with other quantities, and another friction level."""
         joint = jobs[0].configuration.joint
@@ -146,7 +150,7 @@ class LoneJoint:
         ]
         here = {q: whole.value(state, q) for q in quantities}
         link = 0.0 if whole.friction.elastic[joint - 1] else min(key[1] for key in keys)
-        self._tables: dict[Quantity, tuple[Array, Array]] = {}
+        self._tables: dict[SimulatedQuantity, tuple[Array, Array]] = {}
         for q in quantities:
             every = np.linspace(np.log(q.low), np.log(q.high), KNOTS).tolist()
             some = {x: torques.of({**here, q: float(np.exp(x))}) for x in every}
@@ -159,11 +163,11 @@ class LoneJoint:
         self._tables[FRICTION_LEVEL] = levels, flat.reshape(len(levels), -1)
         self._here = {q: self._at(q, np.log(whole.value(state, q))) for q in self._tables}
 
-    def ends(self, q: Quantity) -> tuple[float, float]:
+    def ends(self, q: SimulatedQuantity) -> tuple[float, float]:
         """Return the logarithms between which a quantity is simulated."""
         return float(self._tables[q][0][0]), float(self._tables[q][0][-1])
 
-    def _at(self, q: Quantity, log: Array | float) -> Array:
+    def _at(self, q: SimulatedQuantity, log: Array | float) -> Array:
         """Return (rows,) readings, interpolated at the logarithm of a value, one or (rows,)."""
         knots, table = self._tables[q]
         at = np.interp(log, knots, np.arange(len(knots)))
@@ -171,7 +175,7 @@ class LoneJoint:
         t, row = at - i, np.arange(table.shape[1])
         return np.asarray((1 - t) * table[i, row] + t * table[i + 1, row])
 
-    def shift(self, q: Quantity, log: Array | float) -> Array:
+    def shift(self, q: SimulatedQuantity, log: Array | float) -> Array:
         """Return (rows,) change of the readings [N·m] from the state, as of `_at`."""
         return self._at(q, log) - self._here[q]
 
@@ -179,7 +183,7 @@ class LoneJoint:
 class Predictor:
     """The arm, its lone joints, and the readings that they predict."""
 
-    def __init__(self, data: TableData, quantities: Sequence[Quantity]) -> None:
+    def __init__(self, data: TableData, quantities: Sequence[SimulatedQuantity]) -> None:
         """Take the tables, and what simulations vary."""
         self.data, self.whole, self.quantities = data, data.whole, tuple(quantities)
         self._lone: dict[tuple[int, State], LoneJoint] = {}

@@ -8,8 +8,8 @@ import pytest
 
 from stiction_envs.gap.report.results import TableResult
 from stiction_envs.gap.tables.causes import SimulatedCause, register, registered, unregister
-from stiction_envs.gap.tables.data import Quantity, WholeArm
-from stiction_envs.gap.tables.diagnosis import diagnose_tables
+from stiction_envs.gap.tables.data import SimulatedQuantity, WholeArm
+from stiction_envs.gap.tables.table_diagnosis import diagnose_tables
 from stiction_envs.measured.logs.sources import LogSources
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, nominal, protocol, tables
@@ -19,7 +19,7 @@ class HeavierGear(SimulatedCause):
     """The same as a rotor's inertia, under a name of its own."""
 
     name, absolute = "heavier_gear", "gear_kgm2"
-    quantity = Quantity(fields=("rotor_inertia",), low=0.5, high=4.0)
+    quantity = SimulatedQuantity(fields=("rotor_inertia",), low=0.5, high=4.0)
     tell_apart = {"rotor_inertia": "the gear on a balance"}  # noqa: RUF012
 
 

@@ -11,11 +11,11 @@ from stiction_envs.arrays import Array
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.base import Cause
-from stiction_envs.gap.tables.data import Effect, Quantity, TableData
+from stiction_envs.gap.tables.data import Effect, SimulatedQuantity, TableData
 
 TRIALS = (-1.8, -0.8, -0.3, 0.3, 0.8, 1.8)
 """Logarithms of the factor to try, over its prior size [-]; assumed."""
-LOW_PASS = Quantity(fields=("lowpass_hz",), of_interface=True, low=8.0, high=1000.0)
+LOW_PASS = SimulatedQuantity(fields=("lowpass_hz",), of_interface=True, low=8.0, high=1000.0)
 """Cut-off of a low-pass [Hz]; the range is assumed."""
 LOW_PASS_SIZE = 0.7
 """Prior size of the logarithm of the cut-off [-]; assumed."""
@@ -28,7 +28,7 @@ SAME_DAY = "base and dithered torques measured in turn on one day"
 class SimulatedCause(Cause):
     """A factor on friction parameters of a joint."""
 
-    quantity: ClassVar[Quantity]
+    quantity: ClassVar[SimulatedQuantity]
     absolute: ClassVar[str] = ""
     """Name of the parameter's value in its own unit; empty for none."""
     log_size: ClassVar[float] = 0.5
@@ -64,7 +64,7 @@ class RotorInertia(SimulatedCause):
     """Dithered torques are off, most near resonance."""
 
     name, absolute = "rotor_inertia", "armature_kgm2"
-    quantity = Quantity(fields=("rotor_inertia",), low=0.2, high=5.0)
+    quantity = SimulatedQuantity(fields=("rotor_inertia",), low=0.2, high=5.0)
     """The range is assumed."""
     tell_apart: ClassVar[Mapping[str, str]] = {
         "presliding": "dither well below the presliding resonance (half of √(σ0/J)/2π): there "
@@ -79,7 +79,7 @@ class Presliding(SimulatedCause):
     """Dithered torques are off where dither is near √(σ0/J)/2π."""
 
     name, absolute = "presliding", "bristle_stiffness"
-    quantity = Quantity(fields=("bristle_stiffness",), low=0.1, high=10.0)
+    quantity = SimulatedQuantity(fields=("bristle_stiffness",), low=0.1, high=10.0)
     """The range is assumed."""
     log_size = 0.7
     tell_apart: ClassVar[Mapping[str, str]] = {"base_drift": SAME_DAY, "friction_level": SAME_DAY}

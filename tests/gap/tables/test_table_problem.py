@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from stiction_envs.gap.judge.problem import ARM, Term
-from stiction_envs.gap.tables.problem import PRIOR, SCATTER, SIZES, Cells, TableProblem
+from stiction_envs.gap.tables.table_problem import PRIOR, SCATTER, SIZES, Cells, TableProblem
 
 FOLDS = 5
 SMALL = Term("small errors", 0, small=True)

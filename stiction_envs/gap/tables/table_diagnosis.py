@@ -29,7 +29,7 @@ from stiction_envs.gap.judge.judgement import (
 from stiction_envs.gap.predictors.named import ALIKE, HIDDEN, MOST_ALIKE
 from stiction_envs.gap.tables.causes import cause_named, registered, what_tells_apart
 from stiction_envs.gap.tables.data import Effect, TableData, WholeArm
-from stiction_envs.gap.tables.judged import Fit, Judge, Weighed
+from stiction_envs.gap.tables.table_search import Judge, TableFit, WeighedEffect
 from stiction_envs.measured import BaseTable, DitheredRow
 from stiction_envs.reporting.markdown import joints as named
 
@@ -141,7 +141,9 @@ def diagnose_tables(
     )
 
 
-def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> NamedCause:
+def _named(
+    judge: Judge, best: TableFit, c: WeighedEffect, before: Array, after: Array
+) -> NamedCause:
     """Return a cause with its values, evidence and rivals."""
     name, joints = c.effects[0].cause, c.effects[0].joints
     rivals = [(n, best.score - f.score) for n, f in c.rivals.items()]
@@ -160,7 +162,7 @@ def _named(judge: Judge, best: Fit, c: Weighed, before: Array, after: Array) -> 
     )
 
 
-def _errors(judge: Judge, fit: Fit) -> Array:
+def _errors(judge: Judge, fit: TableFit) -> Array:
     """Return the mean held-out |error| of each joint over its friction [%].
 
     Readings that the model calls bad have no error of the model.
@@ -171,7 +173,7 @@ def _errors(judge: Judge, fit: Fit) -> Array:
     return np.array([100 * error[rows].mean() for rows in each])
 
 
-def _parameters(judge: Judge, fit: Fit, some: Sequence[Effect]) -> dict[str, Estimate]:
+def _parameters(judge: Judge, fit: TableFit, some: Sequence[Effect]) -> dict[str, Estimate]:
     """Return the parameters of one cause with their 95 % intervals."""
     out, sd = {}, fit.sd()
     for e in some:
@@ -183,7 +185,7 @@ def _parameters(judge: Judge, fit: Fit, some: Sequence[Effect]) -> dict[str, Est
     return out
 
 
-def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Effect]) -> str:
+def _evidence(judge: Judge, fit: TableFit, without: TableFit, some: Sequence[Effect]) -> str:
     """Return one sentence that can be checked in the tables."""
     data, joints = judge.data, some[0].joints
     rows = np.flatnonzero(np.isin(data.joint, joints))
@@ -201,7 +203,7 @@ def _evidence(judge: Judge, fit: Fit, without: Fit, some: Sequence[Effect]) -> s
     )
 
 
-def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
+def _not_shown(judge: Judge, fit: TableFit) -> tuple[NotShown, ...]:
     """Return the causes of whole joints whose posterior is about as wide as their prior."""
     lines = judge.problem(fit.states, fit.values, tangents=False, sizes=fit.sizes)
     out: dict[tuple[str, int], NotShown] = {}
@@ -220,7 +222,7 @@ def _not_shown(judge: Judge, fit: Fit) -> tuple[NotShown, ...]:
     return tuple(sorted(out.values(), key=lambda x: x.joints))
 
 
-def _verdict(judge: Judge, fit: Fit) -> tuple[str, str]:
+def _verdict(judge: Judge, fit: TableFit) -> tuple[str, str]:
     """Return the verdict, and what remains unexplained."""
     poor = [
         f"joint {j}: readings of one frequency and scale are off together, by "

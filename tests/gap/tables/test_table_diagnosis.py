@@ -13,7 +13,7 @@ import pytest
 from stiction_envs.experiments.poses import find_poses
 from stiction_envs.experiments.sje.protocol import Configuration
 from stiction_envs.gap.tables.data import WholeArm
-from stiction_envs.gap.tables.diagnosis import diagnose_tables
+from stiction_envs.gap.tables.table_diagnosis import diagnose_tables
 from stiction_envs.robots import load_arm
 from tests.gap.tables.hidden_tables import Truth, amplitude, nominal, protocol, tables
 

@@ -21,7 +21,7 @@ from stiction_envs.gap.judge.problem import ARM, Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.gap.tables.predictor import Predictor, States, Values
-from stiction_envs.gap.tables.problem import SCATTER, SIZES, Cells, TableProblem
+from stiction_envs.gap.tables.table_problem import SCATTER, SIZES, Cells, TableProblem
 
 LEVEL_SD, OFFSET_SD = 0.03, 0.007
 """Prior sizes of the errors of a pose's friction level, and of its offset over friction [-];
@@ -41,7 +41,7 @@ CLOSE = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Fit:
+class TableFit:
     """The most likely values of some effects, and how likely these effects are."""
 
     values: dict[Effect, float]
@@ -76,13 +76,13 @@ class Fit:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Weighed:
+class WeighedEffect:
     """A cause in the best model, and the models that lack it."""
 
     effects: list[Effect]
     """Effects of one cause on the same joints; each bad reading counts alone."""
-    without: Fit
-    rivals: dict[str, Fit]
+    without: TableFit
+    rivals: dict[str, TableFit]
     """Models with another cause in its place, by that one's name."""
 
 
@@ -173,7 +173,9 @@ class Judge:
         effects = [self.effects[t] for t in terms]
         return {e: x * e.size for e, x in zip(effects, each, strict=True)}
 
-    def fit(self, values: Values, states: States | None = None, *, simulate: bool = True) -> Fit:
+    def fit(
+        self, values: Values, states: States | None = None, *, simulate: bool = True
+    ) -> TableFit:
         """Return the most likely values of effects, starting from some values.
 
         Args:
@@ -197,9 +199,9 @@ class Judge:
             states = new
         problem = self.problem(states, x, tangents=True)
         x, score = self.found(problem, terms), problem.score(terms)
-        return Fit(values=x, states=states, problem=problem, terms=terms, score=score)
+        return TableFit(values=x, states=states, problem=problem, terms=terms, score=score)
 
-    def left_out(self, fit: Fit) -> Array:
+    def left_out(self, fit: TableFit) -> Array:
         """Return (N,) measured less predicted by a fit to the other blocks, over friction [-]."""
         data, out = self.data, np.empty(len(self.data.jobs))
         fixed = fit.problem.on(fit.problem.channels, fit.sizes)
@@ -211,7 +213,7 @@ class Judge:
 
     # ---- search ----------------------------------------------------------------------------------
 
-    def search(self, say: Callable[[str], None]) -> tuple[Fit, list[Weighed]]:
+    def search(self, say: Callable[[str], None]) -> tuple[TableFit, list[WeighedEffect]]:
         """Return the best model and its causes.
 
         Straight lines may promise too little: a rival that turns out better takes a cause's place.
@@ -226,7 +228,7 @@ class Judge:
                 return best, causes
             best = self._climb(better, say)
 
-    def _weigh(self, fit: Fit) -> list[Weighed]:
+    def _weigh(self, fit: TableFit) -> list[WeighedEffect]:
         groups: dict[tuple[object, ...], list[Effect]] = {}
         for e in fit.values:
             groups.setdefault((e.cause, e.joints, tuple(e.rows) if e.bad else ()), []).append(e)
@@ -235,10 +237,10 @@ class Judge:
             rest = {e: x for e, x in fit.values.items() if e not in some}
             without = self.fit(rest, fit.states)
             rivals = self._rivals(fit, without, some)
-            out.append(Weighed(effects=some, without=without, rivals=rivals))
+            out.append(WeighedEffect(effects=some, without=without, rivals=rivals))
         return out
 
-    def _climb(self, start: Fit, say: Callable[[str], None]) -> Fit:
+    def _climb(self, start: TableFit, say: Callable[[str], None]) -> TableFit:
         """Return the best model that steps from a model reach, each verified by a fit."""
         best = now = start
         self._refused.clear()
@@ -269,7 +271,9 @@ class Judge:
         search.climb(start.terms)
         return best
 
-    def _rivals(self, fit: Fit, without: Fit, instead: Sequence[Effect]) -> dict[str, Fit]:
+    def _rivals(
+        self, fit: TableFit, without: TableFit, instead: Sequence[Effect]
+    ) -> dict[str, TableFit]:
         """Return models with another cause in place of some effects of one cause, by its name.
 
         ``fit`` is the model with the effects, ``without`` the model without them.
