@@ -42,14 +42,13 @@ import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row, met
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
-from stiction_envs.gap.signals.dataset import Data, assemble
+from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
+from stiction_envs.gap.validation.check import check_model
 from stiction_envs.hidden.hidden_logs import Hidden, HiddenLogs, make_case
 from stiction_envs.hidden.torque_effects import EFFECTS, cause_of
-from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.reporting.markdown import table_text
-from stiction_envs.robots import Arm
 
 FIRST = 80000
 """Seeds of the study begin here; those below 1000 are for development."""
@@ -201,19 +200,11 @@ def inside(found: Diagnosis, hidden: Hidden) -> dict[str, bool]:
 def second(case: HiddenLogs, found: Diagnosis) -> Row:
     """Return (7,) errors on the second motion [N·m]: of the extended model, and of the truth."""
     friction = None if isinstance(case.nominal, str) else case.nominal
-
-    def against(logs: list[JointLog], robot: Arm) -> Data:
-        signals = prepare(logs, cutoff_hz=found.data.cutoff)
-        return assemble(robot, signals, friction=friction)
-
-    def rms(data: Data, model: Data) -> list[float]:
-        off = np.square(data.tau - model.nominal)[data.block >= 0].mean(axis=0)
-        return np.sqrt(off).tolist()
-
-    data = against(case.second, case.robot)
-    truth = against(case.unhidden, case.bare.rigid)
-    extended = model_of(found).extend(data)
-    return {"extended_nm": rms(data, extended), "truth_nm": rms(truth, truth)}
+    signals = prepare(case.unhidden, cutoff_hz=found.data.cutoff)
+    truth = assemble(case.bare.rigid, signals, friction=friction)
+    left = np.sqrt(np.square(truth.tau - truth.nominal).mean(axis=0))
+    extended = check_model(found, case.second).extended_rms
+    return {"extended_nm": extended.tolist(), "truth_nm": left.tolist()}
 
 
 # ---- what is said of a row -----------------------------------------------------------------------
