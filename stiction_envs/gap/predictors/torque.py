@@ -43,6 +43,8 @@ CELL = 0.1
 """Angle within which an arm is in the same place again [rad]; assumed."""
 LEAST_ALIKE, MOST_LASTING = 0.05, 40
 """Autocorrelation of an error that has ended, and most observations of one error [-]; assumed."""
+TINY = 1e-300
+"""Keeps a joint without any torque from a division by zero."""
 MOSTLY = 0.8
 """Part of rows at rest from which on there are no others to go by [-]; assumed."""
 SHARES = (0.001, 0.003, 0.01, 0.03)
@@ -351,7 +353,7 @@ def lasting(error: Array, signal: Array, block: Index, rows: int) -> float:
         rows: number of rows of one observation.
     """
     total, x = 1.0, signal - signal.mean()
-    size = float(np.mean(np.square(error)) * np.mean(np.square(x)))
+    size = max(float(np.mean(np.square(error)) * np.mean(np.square(x))), TINY)
     for lag in range(rows, MOST_LASTING * rows + 1, rows):
         same = block[lag:] == block[:-lag]
         if not same.any():

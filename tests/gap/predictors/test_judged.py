@@ -76,6 +76,11 @@ def test_a_coefficient_is_as_sure_as_its_independent_errors(lags: tuple[float, f
     assert found == pytest.approx(1000 * variance, rel=0.15)
 
 
+def test_a_joint_without_torque_has_independent_errors() -> None:
+    still, block = np.zeros(100), np.zeros(100, dtype=np.int64)
+    assert lasting(np.ones(100), still, block, rows=1) == 1.0
+
+
 def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None:
     """Rows weigh less where a model leaves more; that alone must not make it likelier."""
     arm = load_arm("panda")
