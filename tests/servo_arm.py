@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction
-from stiction_envs.gap.servo.arm import friction_of
-from stiction_envs.gap.servo.model import servo_toml
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_mjcf import servo_toml
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.whole_arm import friction_of
 from stiction_envs.robots import Arm
 from tests.gap.servo.small_arm import parameters, two_links
 

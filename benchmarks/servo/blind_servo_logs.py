@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.harness import LOGS, Benchmark, Row
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.servo_diagnosis import diagnose_servo
 from stiction_envs.hidden.servo_logs import CAUSES, hide
 from stiction_envs.reporting.markdown import table_text
 from stiction_envs.robots import load_arm

@@ -22,9 +22,9 @@ from benchmarks.harness import MEASURED, Benchmark
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.experiments.sje.plots import plain_axes
 from stiction_envs.gap.diagnose import diagnose
-from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.whole_arm import simulate_arm
 from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.reporting.markdown import table_text

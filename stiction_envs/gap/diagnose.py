@@ -24,7 +24,7 @@ from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.model_file import Nominal, changed_arm, nominal_of
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.results import LogDiagnosis, ServoResult, TableResult
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.servo_diagnosis import diagnose_servo
 from stiction_envs.gap.servo_logs import read_servo_files, servo_of
 from stiction_envs.gap.tables.data import WholeArm, read_tables
 from stiction_envs.gap.tables.table_diagnosis import diagnose_tables

@@ -9,9 +9,9 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.servo.model import read_servo
-from stiction_envs.gap.servo.parameters import PARAMETERS
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_mjcf import read_servo
+from stiction_envs.gap.servo.servo_parameters import PARAMETERS
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog

@@ -1,6 +1,6 @@
 """Causes that are hidden in servo logs: one entry per cause, by the name of the diagnosis.
 
-An entry turns a size into values of a joint's parameters (`gap.servo.parameters`). Simulated logs
+An entry turns a size into values of a joint's parameters (`gap.servo.servo_parameters`). Simulated logs
 (`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean the
 same on small and large joints: angles, times and shares.
 """
@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.parameters import FAR, INDEX
 from stiction_envs.gap.servo.questions import SERVO_LAG
+from stiction_envs.gap.servo.servo_parameters import FAR, INDEX
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
 STRIBECK_VELOCITY = 0.05  # Stribeck velocity of hidden friction [rad/s]; assumed
@@ -26,7 +26,7 @@ class ServoJoint:
     """A joint of the log before something is hidden in it."""
 
     parameters: Array
-    """(P,), in the order of `parameters.NAMES`."""
+    """(P,), in the order of `servo_parameters.NAMES`."""
     friction: float
     """Dry friction that is there where a cause refines it [N·m]."""
     gravity: float

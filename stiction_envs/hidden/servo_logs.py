@@ -15,8 +15,8 @@ from scipy.signal import lfilter
 from stiction_envs.arrays import Array
 from stiction_envs.errors import unknown
 from stiction_envs.friction.inertia import link_inertia
-from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_parameters import INDEX, absent
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
 from stiction_envs.hidden.servo_simulation import simulate, weightless, weights
 from stiction_envs.hidden.worlds import with_scattered_links

@@ -5,7 +5,7 @@
                                   (1 − s) F in motion
 
 The fit of servo logs uses no line of this file; both have the names of the parameters in common
-(`gap.servo.parameters`).
+(`gap.servo.servo_parameters`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import ExperimentError
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.hidden.worlds import add_to_flange
 from stiction_envs.robots import Arm
 
@@ -71,7 +71,7 @@ def simulate(
 
     Args:
         arm: the rigid arm.
-        parameters: (n, P) of its joints, in the order of `gap.servo.parameters`.
+        parameters: (n, P) of its joints, in the order of `gap.servo.servo_parameters`.
         t: (T,) times of the commands [s], each held until the next.
         command: (T, n) [rad].
         start: (n,) first angles as the encoders show them [rad].

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.servo.blind_servo_logs import STUDY, drawn, page, robot_file, score, search
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
+from stiction_envs.gap.servo.servo_diagnosis import diagnose_servo
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.servo import servo_friction as study
-from stiction_envs.gap.servo.model import servo_mjcf
+from stiction_envs.gap.servo.servo_mjcf import servo_mjcf
 from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.servo_arm import LOAD, STICTION, joint_parameters, servo_arm
 

@@ -7,7 +7,7 @@ from stiction_envs.control.position_servo import ServoDrive, put_under_servos
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.servos import PositionServos, read_servos
 from stiction_envs.friction.sticking import sticking_model
-from stiction_envs.gap.servo.arm import simulate_arm
+from stiction_envs.gap.servo.whole_arm import simulate_arm
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import Plant
 from tests.servo_arm import LOAD, joint_parameters, servo_arm

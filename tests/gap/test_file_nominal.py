@@ -14,8 +14,8 @@ from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.model_file import dump, nominal_of, read
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.parameters import INDEX
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
+from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import passive_torque

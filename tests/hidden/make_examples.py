@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.servo.blind_servo_logs import robot_file
-from stiction_envs.gap.servo.parameters import INDEX, absent
+from stiction_envs.gap.servo.servo_parameters import INDEX, absent
 from stiction_envs.hidden.examples import ANGLE, SHIPPED, TORQUE, log_csv
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.hidden.servo_logs import ENCODER, commands
@@ -31,7 +31,7 @@ SERVOS = {
     "stiction": (0.1, 0.05, 0.4, 0.15, 0.13, 0.1),
     "load": (0.0, 0.4, 0.0, 0.0, 0.0, 0.0),
 }
-"""Parameters of the servos by joint (`gap.servo.parameters`), assumed: about those found of a real
+"""Parameters of the servos by joint (`gap.servo.servo_parameters`), assumed: about those found of a real
 arm (``benchmarks/servo/servo_friction.md``)."""
 START = (0.0, -0.6, 0.7, 0.4, 0.0, 0.8)
 """Middle of the motion [rad]; assumed."""

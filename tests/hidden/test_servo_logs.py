@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.servo.blind_servo_logs import robot_file
-from stiction_envs.gap.servo.arm import simulate_arm
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_diagnosis import diagnose_servo
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.whole_arm import simulate_arm
 from stiction_envs.hidden.servo_effects import EFFECTS, ServoJoint
 from stiction_envs.hidden.servo_logs import ENCODER, commands, hide
 from stiction_envs.hidden.servo_simulation import simulate

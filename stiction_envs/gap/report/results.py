@@ -24,9 +24,9 @@ from stiction_envs.gap.report.figures import draw_cause
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, log_series, servo_series
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.servo.model import servo_extension
-from stiction_envs.gap.servo.parameters import FAR, PARAMETERS
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
+from stiction_envs.gap.servo.servo_mjcf import servo_extension
+from stiction_envs.gap.servo.servo_parameters import FAR, PARAMETERS
 from stiction_envs.gap.tables.causes import cause_named
 from stiction_envs.gap.tables.table_diagnosis import TableDiagnosis
 from stiction_envs.gap.validation.check import Check

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.diagnosis import Diagnosis
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.measured.logs.robot_log import RobotLog
 
 ROWS = 20_000

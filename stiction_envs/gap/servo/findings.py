@@ -13,10 +13,10 @@ from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo import motion
 from stiction_envs.gap.servo.fit import Fit
-from stiction_envs.gap.servo.judged import JointFindings
-from stiction_envs.gap.servo.parameters import INDEX, PARAMETERS
-from stiction_envs.gap.servo.payload import Tip
+from stiction_envs.gap.servo.joint_search import JointFindings
 from stiction_envs.gap.servo.questions import SERVO_LAG
+from stiction_envs.gap.servo.servo_parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.servo_payload import Tip
 
 Array = NDArray[np.float64]
 CLEAN = 5.0

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_parameters import INDEX
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -187,7 +187,7 @@ class Fit:
     z: Array
     """(F,)."""
     parameters: Array
-    """(P,), in the order of `parameters.NAMES`."""
+    """(P,), in the order of `servo_parameters.NAMES`."""
     angle: Array
     """(T,) simulated angle [rad]."""
     error: Array

@@ -119,7 +119,7 @@ def _simulate(parameters, bounds, rows, nodes, usual, lightest, substeps, out): 
 
 @compiled
 def _segment(p, rows, nodes, usual, lightest, substeps, out):  # type: ignore[no-untyped-def]
-    """Simulate one segment with one set of parameters, in the order of `parameters.NAMES`.
+    """Simulate one segment with one set of parameters, in the order of `servo_parameters.NAMES`.
 
     The bristle's stiffness is that of the friction at the ``usual`` load, as in the plant, and is
     one number: a stiffness that followed the length of a row or the pose would make a joint that

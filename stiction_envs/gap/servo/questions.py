@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import INDEX, LOW, absent
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm

@@ -19,12 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.findings import ALIKE
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.payload import gravity_of_tip
 from stiction_envs.gap.servo.questions import (
     SERVO_LAG,
     Servo,
@@ -34,6 +31,9 @@ from stiction_envs.gap.servo.questions import (
     sags,
     unknown_damping,
 )
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis, diagnose_servo
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.servo_payload import gravity_of_tip
 from stiction_envs.hidden.rehearsal.jobs import (
     LARGE_NOISE,
     LARGE_SHARE,

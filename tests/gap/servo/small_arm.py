@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiction_envs.gap.servo.joint import JointMotion, command_nodes
-from stiction_envs.gap.servo.parameters import INDEX, absent
+from stiction_envs.gap.servo.servo_parameters import INDEX, absent
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm, load_arm
 

@@ -9,7 +9,7 @@ import pytest
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.diagnose import diagnose
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 

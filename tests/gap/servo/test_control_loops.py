@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
 

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stiction_envs.gap.servo.diagnosis import _Joints
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_diagnosis import _Joints
 from stiction_envs.measured.logs.robot_log import ServoLog
 from tests.gap.servo.small_arm import two_links
 

@@ -7,9 +7,9 @@ import pytest
 
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.judged import JointFindings, JointProblem, Question, judge
-from stiction_envs.gap.servo.parameters import NAMES, PARAMETERS
+from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
 from stiction_envs.gap.servo.questions import swing_at_rest
+from stiction_envs.gap.servo.servo_parameters import NAMES, PARAMETERS
 from tests.gap.servo.small_arm import motion, parameters
 
 CAUSES = tuple(

@@ -15,9 +15,9 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm
-from stiction_envs.gap.servo.arm import friction_of, reaching
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis
-from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
+from stiction_envs.gap.servo.servo_parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
+from stiction_envs.gap.servo.whole_arm import friction_of, reaching
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from stiction_envs import diagnose
-from stiction_envs.gap.servo.diagnosis import ServoDiagnosis, diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.parameters import INDEX, absent
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis, diagnose_servo
+from stiction_envs.gap.servo.servo_parameters import INDEX, absent
 from stiction_envs.hidden.examples import log_csv
 from stiction_envs.hidden.servo_logs import HiddenServoLog, hide
 from stiction_envs.hidden.servo_simulation import simulate

@@ -8,10 +8,10 @@ from stiction_envs import diagnose
 from stiction_envs.gap.causes.body.bodies import sphere, with_payload
 from stiction_envs.gap.causes.body.payload import LEAST_INERTIA
 from stiction_envs.gap.report.results import ServoResult
-from stiction_envs.gap.servo.diagnosis import diagnose_servo
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.payload import gravity_of_tip, proposed
 from stiction_envs.gap.servo.questions import Servo, nominal_parameters
+from stiction_envs.gap.servo.servo_diagnosis import diagnose_servo
+from stiction_envs.gap.servo.servo_payload import gravity_of_tip, proposed
 from stiction_envs.hidden.servo_logs import hide
 from stiction_envs.robots import load_arm
 from tests.gap.servo.small_arm import two_links

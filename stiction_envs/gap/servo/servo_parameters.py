@@ -5,7 +5,7 @@
     τ_f: LuGre with level (F_s + μ |g|)(1 − s + s exp(−(q̇/v_s)²))            friction
 
 The log shows q + offset. A dead zone is taken off the error K multiplies. Their names, bounds and
-steps are in ``parameters.toml``.
+steps are in ``servo_parameters.toml``.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FAR = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Parameter:
+class ServoParameter:
     """One parameter of a joint."""
 
     cause: str
@@ -42,8 +42,8 @@ class Parameter:
     """Whether that is in its own unit, times the servo's stiffness, or of its logarithm."""
 
 
-_FILE = Path(__file__).with_name("parameters.toml")
-PARAMETERS = msgspec.toml.decode(_FILE.read_bytes(), type=dict[str, Parameter])
+_FILE = Path(__file__).with_name("servo_parameters.toml")
+PARAMETERS = msgspec.toml.decode(_FILE.read_bytes(), type=dict[str, ServoParameter])
 NAMES = tuple(PARAMETERS)
 INDEX = {name: i for i, name in enumerate(NAMES)}
 LOW = np.array([p.low for p in PARAMETERS.values()])

@@ -21,7 +21,7 @@ from stiction_envs.gap.causes.draft import Part
 from stiction_envs.gap.judge.judgement import Estimate
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import CUTOFF_HZ
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_parameters import INDEX
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor

@@ -8,10 +8,10 @@ import pytest
 from benchmarks.servo.blind_servo_logs import robot_file
 from stiction_envs.errors import StictionError
 from stiction_envs.friction.inertia import link_inertia, mass_matrix
-from stiction_envs.gap.servo.arm import friction_of, simulate_arm
-from stiction_envs.gap.servo.model import read_servo, servo_mjcf, servo_toml
 from stiction_envs.gap.servo.motion import joint_motions
-from stiction_envs.gap.servo.parameters import INDEX
+from stiction_envs.gap.servo.servo_mjcf import read_servo, servo_mjcf, servo_toml
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.whole_arm import friction_of, simulate_arm
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import load_arm
 from tests.gap.servo.small_arm import parameters, two_links

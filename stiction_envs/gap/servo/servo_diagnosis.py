@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
-from stiction_envs.gap.servo import arm as whole_arm
-from stiction_envs.gap.servo import motion, questions
+from stiction_envs.gap.servo import motion, questions, whole_arm
 from stiction_envs.gap.servo.findings import (
     named_causes,
     reported_columns,
@@ -22,7 +21,7 @@ from stiction_envs.gap.servo.findings import (
     with_payload,
 )
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.judged import (
+from stiction_envs.gap.servo.joint_search import (
     PERFECT,
     JointFindings,
     JointProblem,
@@ -30,9 +29,9 @@ from stiction_envs.gap.servo.judged import (
     judge,
     refit,
 )
-from stiction_envs.gap.servo.parameters import INDEX
-from stiction_envs.gap.servo.payload import Tip, proposed
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.servo_payload import Tip, proposed
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 

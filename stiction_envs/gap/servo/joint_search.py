@@ -17,8 +17,16 @@ from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS, of_cause
 from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
+from stiction_envs.gap.servo.servo_parameters import (
+    FAR,
+    HIGH,
+    INDEX,
+    LOW,
+    NAMES,
+    PARAMETERS,
+    of_cause,
+)
 
 Array = NDArray[np.float64]
 LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")

@@ -18,8 +18,8 @@ from stiction_envs.friction.steady import steady
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import segments, stretches
-from stiction_envs.gap.servo.parameters import FAR, INDEX, NAMES
 from stiction_envs.gap.servo.questions import Servo
+from stiction_envs.gap.servo.servo_parameters import FAR, INDEX, NAMES
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
