@@ -1,8 +1,8 @@
 """Causes that are hidden in servo logs: one entry per cause, by the name of the diagnosis.
 
-An entry turns a size into values of a joint's parameters (`gap.servo.servo_parameters`). Simulated logs
-(`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean the
-same on small and large joints: angles, times and shares.
+An entry turns a size into values of a joint's parameters (`gap.servo.servo_parameters`). Simulated
+logs (`servo_logs`) hide its usual size; a rehearsal hides three. Sizes are chosen so that they mean
+the same on small and large joints: angles, times and shares.
 """
 
 from __future__ import annotations

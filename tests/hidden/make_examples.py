@@ -31,8 +31,8 @@ SERVOS = {
     "stiction": (0.1, 0.05, 0.4, 0.15, 0.13, 0.1),
     "load": (0.0, 0.4, 0.0, 0.0, 0.0, 0.0),
 }
-"""Parameters of the servos by joint (`gap.servo.servo_parameters`), assumed: about those found of a real
-arm (``benchmarks/servo/servo_friction.md``)."""
+"""Parameters of the servos by joint (`gap.servo.servo_parameters`), assumed: about those found of a
+real arm (``benchmarks/servo/servo_friction.md``)."""
 START = (0.0, -0.6, 0.7, 0.4, 0.0, 0.8)
 """Middle of the motion [rad]; assumed."""
 INTERFACE = """# Beside so101.urdf: what it does not say.
