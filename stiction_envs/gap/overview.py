@@ -141,7 +141,7 @@ def _about(log: JointLog, signals: Signals, found: Loads) -> list[str]:
         others = [k + 1 for k in range(log.n) if k != j and alike[j, k] and moves[j] and moves[k]]
         remarks = {
             "rests": not moves[j],
-            "torque not measured": not found.measured[j],
+            "torque not measured": not (found.measured[j] or found.held[j]),
             "opposite sign": found.sign[j] < 0,
             f"moves with {joint_list(others)}": bool(others),
         }

@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_ROWS = 2000
 """Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
+HOLDS = 0.05
+"""Friction of a joint over what the joint can bear [-], as in `coulomb_friction`; assumed."""
 APART = 0.25
 """Time between independent rows [s]; assumed."""
 OFFSET = 0.05
@@ -91,6 +93,8 @@ class Loads:
     """Whether gravity does not show, where friction or inertia does."""
     measured: Flags
     """(n,) False where the torque is noise, although motion and load need some."""
+    held: Flags
+    """(n,) whether a joint rests, and its friction can hold what is due."""
     gravity: Array
     """(3,) direction of gravity in the world that the torques fit best."""
     angle: AngleError | None = None
@@ -130,8 +134,8 @@ class Loads:
                 "the torques lack gravity, but not friction: does the controller compensate "
                 "gravity, and log the torque without it?"
             )
-        if not self.measured.all():
-            dead = np.flatnonzero(~self.measured)
+        dead = np.flatnonzero(~self.measured & ~self.held)
+        if dead.size:
             which = joint_list([int(j) + 1 for j in dead])
             out.append(
                 f"the torque of {which} is not measured: {self.logged[dead].max():.2g} N·m, "
@@ -237,9 +241,10 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
     )
     factor, width = _factors(usual)
     large = load.std(axis=0) > LEAST_LOAD
+    moves = np.ptp(q, axis=0) > TRAVEL_SPAN
     measured = ~(silent & large & (np.abs(factor) + width < SURE))
     if not measured.all():
-        measured &= ~(silent & (np.ptp(q, axis=0) > TRAVEL_SPAN))
+        measured &= ~(silent & moves)
     measured |= ~measured.any()  # noise alone is no log of which a part is missing
     shown = measured & large
     pulled = np.array([f.clear(np.r_[down, np.zeros(5)]) for f in free])
@@ -286,6 +291,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         by_load=by_load,
         lacks_gravity=lacks_gravity,
         measured=measured,
+        held=~moves & (load.std(axis=0) < HOLDS * arm.limits.torque),
         gravity=found if elsewhere else down,
         elsewhere=elsewhere,
     )

@@ -18,7 +18,7 @@ from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.robots import Arm, load_arm
-from tests.gap.small_logs import RATE, hidden, panda, sliding
+from tests.gap.small_logs import RATE, hidden, motion, panda, sliding
 from tests.robots.arms import chain
 
 ARM = panda()
@@ -183,6 +183,21 @@ def test_a_payload_is_no_unit() -> None:
     found = shown(hidden(ARM, rub, true=panda(payload=(4.0, 0.0, 0.0, 0.1))))
     assert found.factor[1] > 1.1
     assert (found.unit, found.findings) == (1.0, [])
+
+
+def test_a_coarse_sensor_at_rest_is_no_defect() -> None:
+    """Friction holds the torque by which the other joints pull at a joint that rests."""
+    t, *path = motion(ARM.n, 20.0, 1, 1.0)
+    for x in path:
+        x[:, 0] = 0.0
+    q, dq, ddq = path
+    q += ARM.rest
+    tau = inverse_dynamics(ARM.pinocchio(), q, dq, ddq)
+    assert tau[:, 0].std() > 0.1
+    tau[:, 0] = 0.013 * (-1.0) ** np.arange(len(tau))
+    found = shown(JointLog(t=t, q=q, dq=dq, tau=tau, source="made.csv"))
+    assert found.held.tolist() == [True, *[False] * 6]
+    assert found.findings == []
 
 
 @pytest.mark.parametrize("level", [0.0, 3.0])
