@@ -99,12 +99,12 @@ def _same(one: FrictionParameters, two: FrictionParameters) -> bool:
 
 
 def simulated_note(arm: Arm, friction: FrictionParameters) -> str:
-    """Return the top of a report of simulations: how the robot's file was read, `friction_note`."""
+    """Return the top of a report of simulations: `friction_note`, how the robot's file was read."""
     own, used = own_friction(arm), [SPRINGS]
     for kind, name in ((ROTORS, "rotor_inertia"), (DRY, "stiction"), (DAMPING, "viscous")):
         used += [kind] * np.array_equal(getattr(friction, name), getattr(own, name))
     read = (f"{x}." for x in arm.notes(used))
-    return " ".join(x for x in (*read, friction_note(arm, friction)) if x)
+    return " ".join(x for x in (friction_note(arm, friction), *read) if x)
 
 
 def friction_note(arm: Arm, friction: FrictionParameters | None) -> str:
