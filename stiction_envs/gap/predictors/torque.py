@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 from stiction_envs.gap.causes import Cause, Shape
 from stiction_envs.gap.causes.base import ALL_LINKS, ALL_OF_ONE, DRY, PLAIN, limits
 from stiction_envs.gap.judge.problem import ARM, LINKS, Channel, Problem, Term
-from stiction_envs.gap.judge.search import NAMED, Model
+from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import rate
 from stiction_envs.measured.motion_thresholds import REST_SPEED
@@ -151,7 +151,6 @@ class TorquePredictor:
         As if errors of the model did not last: only the variance's shape over the rows matters.
         """
         terms, kept = self.problem.model(model.terms), self.fold >= 0
-        enough = 2 * NAMED * self.rows / max(int(kept.sum()), 1)
         c, out = self.problem.fit(terms), np.empty((self.data.n, 2))
         for j in range(self.data.n):
             square = np.square(self.data.residual[:, j] - self.torque(terms, c, j))[kept]
@@ -168,7 +167,7 @@ class TorquePredictor:
                 most = float((square / steady).mean())
                 size = brentq(left, 1.0, 2 * most, rtol=SIZED) if left(1.0) > 0 else 1.0
                 likely = -float(np.log(size * steady + late).mean()) - left(size)
-                if likely > best + enough:
+                if likely > best:
                     best, out[j] = likely, (share, delay / np.sqrt(size))
         return out
 

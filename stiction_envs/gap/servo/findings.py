@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.servo import motion
-from stiction_envs.gap.servo.fit import Fit
-from stiction_envs.gap.servo.joint_search import JointFindings
+from stiction_envs.gap.servo.fit import Fit, Noise, fit
+from stiction_envs.gap.servo.joint import JointMotion
+from stiction_envs.gap.servo.joint_search import STEPS, JointFindings
 from stiction_envs.gap.servo.questions import SERVO_LAG
-from stiction_envs.gap.servo.servo_parameters import INDEX, PARAMETERS
+from stiction_envs.gap.servo.servo_parameters import HIGH, INDEX, LOW, PARAMETERS
 from stiction_envs.gap.servo.servo_payload import Tip
 
 Array = NDArray[np.float64]
@@ -199,3 +200,18 @@ def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, no
     if not causes:
         return "no discrepancy" if (nominal < CLEAN * noise).all() else "cannot tell"
     return "explained" if (extended < CLOSE * noise).all() else "partly explained"
+
+
+def refit(joint: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
+    """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
+
+    Links that lean are no offset, which would move the links beyond, and those that are lighter no
+    negative armature: such small errors are left as they are.
+    """
+    noise = Noise.of(joint, counts, found.noise.floor, found.noise.last)
+    of = found.predicting.coordinates
+    if "encoder_offset" not in found.causes:
+        of = of.fixed(INDEX["offset"])
+    low = np.maximum(of.parameters(of.low[None])[0], LOW)
+    of = of.within(low[of.at], HIGH[of.at])
+    return fit(joint, noise, of, found.predicting.parameters[None], STEPS).parameters

@@ -439,18 +439,3 @@ def judge(question: Question) -> JointFindings:
         lag=lag,
         noise=problem.noise,
     )
-
-
-def refit(motion: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
-    """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
-
-    Links that lean are no offset, which would move the links beyond, and those that are lighter no
-    negative armature: such small errors are left as they are.
-    """
-    noise = Noise.of(motion, counts, found.noise.floor, found.noise.last)
-    of = found.predicting.coordinates
-    if "encoder_offset" not in found.causes:
-        of = of.fixed(INDEX["offset"])
-    low = np.maximum(of.parameters(of.low[None])[0], LOW)
-    of = of.within(low[of.at], HIGH[of.at])
-    return fit(motion, noise, of, found.predicting.parameters[None], STEPS).parameters

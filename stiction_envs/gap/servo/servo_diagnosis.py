@@ -16,6 +16,7 @@ from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
 from stiction_envs.gap.servo.findings import (
     named_causes,
+    refit,
     reported_columns,
     verdict_of,
     with_payload,
@@ -27,7 +28,6 @@ from stiction_envs.gap.servo.joint_search import (
     JointProblem,
     Question,
     judge,
-    refit,
 )
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_parameters import INDEX

@@ -36,8 +36,6 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 MOST_ROWS = 2000
 """Rows of a log that are used, evenly spaced [-]; assumed, to limit the time."""
-HOLDS = 0.05
-"""Friction of a joint over what the joint can bear [-], as in `coulomb_friction`; assumed."""
 APART = 0.25
 """Time between independent rows [s]; assumed."""
 OFFSET = 0.05
@@ -291,7 +289,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         by_load=by_load,
         lacks_gravity=lacks_gravity,
         measured=measured,
-        held=~moves & (load.std(axis=0) < HOLDS * arm.limits.torque),
+        held=~moves & (load.std(axis=0) < OFFSET * arm.limits.torque),
         gravity=found if elsewhere else down,
         elsewhere=elsewhere,
     )
