@@ -108,7 +108,7 @@ def judge(
             break
         after, start = _given(predictor, best, data, causes)
         before = after.refresh(after.problem, start)
-        found = sharpened(after, best_of(after, [start, plain_friction(after)]))
+        found = sharpened(after, climbed(after, search_of(after), start))
         if found.evidence < best.evidence - NAMED:  # far off, columns of a model may mislead
             break
         # the mass of a body depends on a tilt, and the tilt that is found on the body
