@@ -31,7 +31,7 @@ class LinkInertia(Cause):
     what: ClassVar[str] = "a link's or rotor's inertia wrong"
     what_to_record: ClassVar[str] = "fast reversals, a hertz or more, of each joint by itself"
     adds_to: ClassVar[str] = ROTOR
-    parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²", -5.0, 20.0),)
+    parameters: ClassVar = (Parameter("armature_kgm2", "kg·m²"),)
     view: ClassVar = View(
         "joint acceleration [rad/s²]",
         variable("ddq"),
@@ -43,11 +43,11 @@ class LinkInertia(Cause):
 
         The rotor remains positive; a rigid model has none.
         """
-        low, high = -float(data.friction.rotor[joint]), self.parameters[0].high
+        low = -float(data.friction.rotor[joint])
         return Prior(
             np.array([data.own_inertia[joint] + data.strength[joint] / QUICK]),
             np.array([low]),
-            np.array([high]),
+            np.array([np.inf]),
         )
 
     def columns(self, data: Data, joint: int, shape: Shape) -> Array:
