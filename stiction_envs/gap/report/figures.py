@@ -164,7 +164,7 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     scale, unit = (1e3, "mrad") if s.quantity == "angle" else (1.0, s.unit)
     measured, nominal, model = (x[:, joint] for x in (s.measured, s.nominal, s.simulated))
     figure = Figure(figsize=(11.5, 6.2))
-    figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.09, hspace=0.3, wspace=0.22)
+    figure.subplots_adjust(left=0.07, right=0.99, top=0.92, bottom=0.09, hspace=0.3, wspace=0.06)
     grid = figure.add_gridspec(2, 3)
     top = figure.add_subplot(grid[0, :])
     near = _fastest(t, (s.q if s.q_cmd is None else s.q_cmd)[:, joint])
@@ -192,16 +192,17 @@ def draw_joint(s: Series, joint: int, plots: Path) -> str:
     over_time.set_ylabel(f"measured less simulated [{unit}]", fontsize=9)
     panels = {clock: over_time}
     for k, label in enumerate(against, start=3 - len(against)):
-        panels[label] = figure.add_subplot(grid[1, k])
+        panels[label] = figure.add_subplot(grid[1, k], sharey=over_time)
+        panels[label].tick_params(labelleft=False)
     for y, colour in left:
         _trace(over_time, t, y, segment, style, color=colour)
         for label, x in against.items():
             _dots(panels[label], x[rows, joint], y[rows], colour)
     for label, axes in panels.items():
         axes.set_xlabel(label, fontsize=9)
-        axes.set_ylim(-limit, limit)
         axes.xaxis.set_major_locator(MaxNLocator(6))
         tidy(axes)
+    over_time.set_ylim(-limit, limit)
     contact = ", without contact" if s.contact is not None and s.contact.any() else ""
     caption = (
         f"Joint {joint + 1}: {STRETCH:g} s of its fastest motion; below what is left over all of "
