@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
@@ -18,10 +19,6 @@ from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
-LAG = ("damping", "armature", "delay")
-"""Causes, each with a parameter of its name, whose sum, the lag, a log shows better than each."""
-SERVO_LAG = "servo_lag"
-"""The cause that is named instead of them where they cannot be told apart."""
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
@@ -129,13 +126,13 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def always_fitted(
-    servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
+    servo: Servo, motion: JointMotion, links: Array, nominal: Array, scaled: bool
 ) -> dict[str, float]:
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
     These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
-    unknown damping, whose size is NaN. ``damping`` is the stated one [N·m·s/rad]; ``scaled`` says
-    whether gravity scales the servo's torque.
+    unknown damping. ``nominal`` are the joint's (P,) parameters; ``scaled`` says whether gravity
+    scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
@@ -143,8 +140,9 @@ def always_fitted(
         out |= zip(("compensation", "offset"), links.tolist(), strict=True)
         out["stiffness"] = SERVO_OFF
     if unknown_damping(servo):
-        out["damping"] = np.nan
-    elif damping > 0 and not servo.perfect:
+        stiffness = float(nominal[INDEX["stiffness"]])
+        out["damping"] = servo_cause("damping").servo.sizes["damping"] * stiffness
+    elif (damping := float(nominal[INDEX["damping"]])) > 0 and not servo.perfect:
         out["damping"] = SERVO_OFF * damping
     return out
 
@@ -160,16 +158,13 @@ def possible_causes(
     least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
         return ()
-    out = ["servo_stiffness"] if scaled else []
-    out += [*LAG, "coulomb_friction", "stribeck_friction", "presliding_hysteresis"]
-    if scaled:
-        out.append("load_dependent_friction")
-        if not servo.perfect:
-            out += ["encoder_offset", "gravity_compensation_missing"]
-    out += ["torque_limit", "speed_limit", "dead_zone"]
-    if unknown_damping(servo):
-        out.remove("damping")
-    return tuple(out)
+    return tuple(
+        name
+        for name, servo_part in causes_of_joints().items()
+        if (scaled or not servo_part.of_gravity)
+        and not (servo.perfect and servo_part.of_known_servo)
+        and not ("damping" in servo_part.sizes and unknown_damping(servo))
+    )
 
 
 def heavy(motion: JointMotion) -> bool:

@@ -15,11 +15,12 @@ from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
 from stiction_envs.gap.servo.findings import (
-    named_causes,
+    carried,
+    contact,
+    joint_causes,
     refit,
     reported_columns,
     verdict_of,
-    with_payload,
 )
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import (
@@ -168,11 +169,10 @@ class _Joints:
             questions.possible_causes(self.servo, x, float(r), of_gravity)
             for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        damping = float(nominal[INDEX["damping"]])
         return Question(
             motion=m,
             nominal=nominal,
-            always=questions.always_fitted(self.servo, m, self.links[j], damping, scaled),
+            always=questions.always_fitted(self.servo, m, self.links[j], nominal, scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
@@ -394,15 +394,13 @@ def diagnose_servo(
     nominal_rms, extended_rms = (whole_arm.errors_of(logs, x, free) for x in (plain, held))
     unstable = joints.unstable(nominal_rms)
     helped = [j for j in joints.helped(nominal_rms, extended_rms) if j not in unstable]
-    causes = named_causes(
-        {j: joints.found[j] for j in helped},
-        joints.pushed(contacts),
-        joints.motions[0].t,
-        nominal_rms,
-    )
+    causes = joint_causes({j: joints.found[j] for j in helped}, nominal_rms)
+    if pushed := joints.pushed(contacts):
+        causes.append(contact(pushed, joints.motions[0].t))
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(causes, tip, before.lost(joints), nominal_rms, nats)
+        causes.append(carried(tip, before.lost(joints), nominal_rms, nats))
+    causes.sort(key=lambda c: -c.gain_percent)
     checked = None
     if check:
         say("check", 0.0)
@@ -417,7 +415,7 @@ def diagnose_servo(
         servo=servo,
         payload=tip,
         verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
-        causes=causes,
+        causes=tuple(causes),
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=joints.noise,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.servo_parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
 from stiction_envs.gap.servo.whole_arm import friction_of, reaching
@@ -50,11 +50,19 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtens
     arm = reaching(changed_arm(arm, parts), d.logs)
     xml, missing = servo_mjcf(arm, d.parameters, d.load)
     friction = friction_of(arm, d.parameters, d.load)
-    found = said_of([c.name for c in d.causes])
+    changed = [
+        name
+        for c in d.causes
+        for name in (LAG if c.name == ServoLag.name else servo_cause(c.name).servo.sizes)
+    ]
+    sources = dict.fromkeys(QUANTITIES, "assumed: no servo log shows it")
+    sources |= {
+        q: "stiction diagnose: servo logs" for name in changed for q in PARAMETERS[name].friction
+    }
     return ServoExtension(
         xml=xml,
         friction=friction,
-        sources=dict.fromkeys(QUANTITIES, "assumed: no servo log shows it") | found,
+        sources=sources,
         nominal=Nominal(
             friction=friction, parts=parts, robot=arm.name, payload=arm.payload, tilt=arm.tilt
         ),
@@ -93,20 +101,11 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
 
 
 def _missing(parameters: Array) -> list[str]:
-    said = {
-        "delay": "joint {j}: its command acts {x:.4g} s later (negative: earlier); do it yourself",
-        "speed_limit": "joint {j}: its command moves at most {x:.4g} rad/s; limit it yourself",
-        "dead_zone": "joint {j}: a dead zone of ±{x:.4g} rad around its command",
-        "load": "joint {j}: friction grows by {x:.3g} of gravity's torque; held at the usual one",
-        "offset": "joint {j}: the logged angle is {x:.4g} rad larger than the model's",
-        "compensation": "joint {j}: its controller adds {x:.3g} of gravity",
-    }
     out = []
-    for name, text in said.items():
-        none = PARAMETERS[name].absent
-        for j, x in enumerate(parameters[:, INDEX[name]]):
-            if x != none and x < FAR:
-                out.append(text.format(j=j + 1, x=float(x)))
+    for p, values in zip(PARAMETERS.values(), parameters.T.tolist(), strict=True):
+        for j, x in enumerate(values, start=1):
+            if p.not_in_mjcf and x != p.absent and x < FAR:
+                out.append(f"joint {j}: " + p.not_in_mjcf.format(x=x))
     return out
 
 
@@ -147,19 +146,3 @@ def read_servo(path: Path, n: int) -> Array:
             f"{LOW[k]:g} to {HIGH[k]:g}"
         )
     return out
-
-
-def said_of(causes: Sequence[str]) -> dict[str, str]:
-    """Return the source of each friction quantity, for ``model.toml``."""
-    found = "stiction diagnose: servo logs"
-    of = {
-        "coulomb_friction": ("stiction", "coulomb_ratio"),
-        "stribeck_friction": ("coulomb_ratio", "stribeck_velocity"),
-        "damping": ("viscous",),
-        "armature": ("rotor_inertia",),
-        "servo_lag": ("viscous", "rotor_inertia"),
-        "load_dependent_friction": ("load_coefficient",),
-        "presliding_hysteresis": ("bristle_stiffness",),
-        "gravity_compensation_missing": ("gravity_error",),
-    }
-    return {q: found for cause in causes for q in of.get(cause, ())}

@@ -19,11 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.findings import ALIKE
+from stiction_envs.gap.servo.causes import ServoLag, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.questions import (
-    SERVO_LAG,
     Servo,
     nominal_parameters,
     possible_causes,
@@ -56,8 +55,6 @@ TRIED, SMALLEST = 40, 1e-4
 assumed: they are 26 % apart, and interpolated."""
 NO_CHANGE = 1e-3  # change of the angle over the noise that is none [-]; assumed
 SPARSE = 10  # rows of which one shows a body's gravity [-]; assumed
-FIXED = ("payload", "external_contact")
-"""Causes of which `confused_with` says the same of every log."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -114,7 +111,7 @@ class HiddenServos:
         possible = possible_causes(self.servo, motion, step, scaled)
         if not possible:
             return f"joint {j + 1} hardly moves"
-        if name in possible or name in FIXED:
+        if name in (*possible, "payload", "external_contact"):
             return ""
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
@@ -174,7 +171,7 @@ class HiddenServos:
         named = []
         for c in said.causes:
             joints = [j for j in c.joints if c.name == job.cause or (c.name, j) not in self.right]
-            always = c.confused_with if c.name in FIXED else ALIKE.get(c.name, ())
+            always = servo_cause(c.name).servo.alike
             if joints:
                 named.append([c.name, joints, [x for x in c.confused_with if x not in always]])
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
@@ -253,10 +250,10 @@ def _base(own: ServoDiagnosis, motions: Sequence[JointMotion]) -> Array:
 def _right(own: ServoDiagnosis, base: Array) -> set[tuple[str, int]]:
     """Return the causes and joints (from 1) of an arm in which nothing is hidden."""
     joints = range(1, len(base) + 1)
-    names = ("servo_stiffness", "damping", SERVO_LAG) if own.servo.perfect else ()
+    names = ("servo_stiffness", "damping", ServoLag.name) if own.servo.perfect else ()
     late = {j for j in joints if base[j - 1, INDEX["delay"]] < 0.0}
     return {(x, j) for x in names for j in joints} | {
-        (x, j) for x in ("delay", SERVO_LAG) for j in late
+        (x, j) for x in ("delay", ServoLag.name) for j in late
     }
 
 

@@ -50,7 +50,7 @@ def test_an_incomplete_cause_is_not_registered(field: str, value: object, says: 
 
 def test_a_cause_that_no_data_show_is_not_registered() -> None:
     unseen = type("Unseen", (Cause,), {"name": "unseen"})
-    with pytest.raises(StictionError, match="cause Unseen: expected columns or in_tables"):
+    with pytest.raises(StictionError, match="cause Unseen: expected columns, in_tables or servo"):
         register(unseen())
 
 
