@@ -81,9 +81,7 @@ def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[Ser
         if isinstance(x, JointLog):
             raise StictionError(f"{x.source}: a log of torques: expected servo logs")
     mine = [x for x in given if isinstance(x, str | Path | ServoLog)]
-    if not mine:
-        return []
-    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming)
+    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming) if mine else []
     for log in logs:
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
@@ -97,11 +95,9 @@ def _refuse_differences(log: ServoLog) -> None:
     It needs a joint that moves: by `MOVED` at least.
     """
     moved = np.ptp(log.q, axis=0) > MOVED
-    if not moved.any():
-        return
     summed = log.q[0] + np.cumsum(log.q_cmd, axis=0)
     off, off_sums = (np.mean((x - log.q) ** 2, axis=0)[moved] for x in (log.q_cmd, summed))
-    if (off_sums < LEAVES * off).all():
+    if moved.any() and (off_sums < LEAVES * off).all():
         raise StictionError(
             f"{log.source}: q_cmd are differences of angles from row to row: expected angles; "
             "their sums from the first angle on follow the joints"

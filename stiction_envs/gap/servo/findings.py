@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.judge.judgement import WIDTH, Estimate, NamedCause
@@ -18,10 +19,9 @@ from stiction_envs.gap.servo.causes import ServoLag, causes_of_joints, servo_cau
 from stiction_envs.gap.servo.fit import Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import STEPS, JointFindings
-from stiction_envs.gap.servo.servo_parameters import HIGH, INDEX, LOW, PARAMETERS
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, PARAMETERS
 from stiction_envs.gap.servo.servo_payload import Tip
 
-Array = NDArray[np.float64]
 CLEAN = 5.0
 """Largest error over the noise floor that links a little off leave [-]; assumed: simulated arms of
 5 % scatter leave up to 7 (`hidden.servo_logs`)."""
@@ -111,7 +111,7 @@ def joint_causes(results: Mapping[int, JointFindings], nominal_rms: Array) -> li
     return out
 
 
-def contact(contacts: Mapping[int, NDArray[np.bool_]], t: Array) -> NamedCause:
+def contact(contacts: Mapping[int, Bools], t: Array) -> NamedCause:
     """Return the cause of the rows (T,) in which joints touch something."""
     found = {}
     for j, rows in contacts.items():
@@ -138,16 +138,15 @@ def verdict_of(causes: Sequence[NamedCause], nominal: Array, extended: Array, no
     return "explained" if (extended < CLOSE * noise).all() else "partly explained"
 
 
-def refit(joint: JointMotion, found: JointFindings, counts: NDArray[np.bool_]) -> Array:
+def refit(joint: JointMotion, found: JointFindings, counts: Bools) -> Array:
     """Return (P,) parameters of the same causes fitted to other rows of the joint's motion.
 
     Links that lean are no offset, which would move the links beyond, and those that are lighter no
     negative armature: such small errors are left as they are.
     """
-    noise = Noise.of(joint, counts, found.noise.floor, found.noise.last)
+    noise = Noise(joint, counts, found.noise.floor, found.noise.last)
     of = found.predicting.coordinates
     if "encoder_offset" not in found.causes:
         of = of.fixed(INDEX["offset"])
-    low = np.maximum(of.parameters(of.low[None])[0], LOW)
-    of = of.within(low[of.at], HIGH[of.at])
+    of = replace(of, lowest=np.maximum(of.lowest, LOW))
     return fit(joint, noise, of, found.predicting.parameters[None], STEPS).parameters

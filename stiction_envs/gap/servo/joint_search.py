@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
 from stiction_envs.gap.servo.causes import LAG, ServoLag, causes_of_joints, servo_cause
@@ -30,7 +30,6 @@ from stiction_envs.gap.servo.servo_parameters import (
     PARAMETERS,
 )
 
-Array = NDArray[np.float64]
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
 """Parameters whose effect on the angle is that of their ratio to the servo's stiffness."""
 PERFECT = 100.0
@@ -61,7 +60,7 @@ class Question:
     """Causes that this motion could show."""
     hypotheses: int
     """Number of causes on all joints."""
-    counts: NDArray[np.bool_]
+    counts: Bools
     """(T,) rows that count."""
     floor: float
     """Error of the angle that every model leaves [rad]."""
@@ -110,7 +109,7 @@ class JointProblem:
         self.q = q = question
         self.inflation = np.ones(1)
         m = q.motion
-        self.noise = Noise.of(m, q.counts, q.floor, last)
+        self.noise = Noise(m, q.counts, q.floor, last)
         self.stiffness = float(q.nominal[INDEX["stiffness"]])
         """Stiffness of the nominal simulation [N·m/rad]."""
         self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
@@ -169,14 +168,13 @@ class JointProblem:
                 centre[k] = self.reached[name]
             if name == "stiffness":
                 centre[k] = self.own
-        ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
         low = LOW.copy()
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
         if "armature" not in changed:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
-            base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
-        ).within(low[at], HIGH[at])
+            base=self.q.nominal, at=at, centre=centre, size=size, lowest=low, highest=HIGH
+        )
 
     def trials(self, cause: str, now: Array) -> list[dict[str, float]]:
         """Return values from which the parameters of a cause are fitted, given the others (P,)."""

@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, absent
@@ -17,8 +17,6 @@ from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
@@ -37,7 +35,7 @@ every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
-"""Rows for which a command rests where noise is measured, and their least number; assumed."""
+"""Bools for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3
@@ -190,7 +188,7 @@ def sag_of(motion: JointMotion) -> float:
     )
 
 
-def unmodelled(motion: JointMotion, counts: NDArray[np.bool_]) -> float:
+def unmodelled(motion: JointMotion, counts: Bools) -> float:
     """Return the error of a joint's angle that no model explains [rad]: `LEFT` of its distance from
     the command over rows (T,) that count, less what gravity explains.
     """

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
@@ -36,8 +36,6 @@ from stiction_envs.gap.servo.servo_payload import Tip, proposed
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 """Called with a stage and its part done."""
 
@@ -65,8 +63,8 @@ class ServoDiagnosis(Judgement):
     """Per log, (T, n) [rad]."""
     angles: tuple[Array, ...]
     """Per log, (T, n) held-out angles of the extended model [rad]."""
-    touching: tuple[list[list[float]], ...]
-    """Per log, the stretches that were left out [s]."""
+    touched: tuple[Bools, ...]
+    """Per log, (T,) rows that were left out: the arm touches something."""
     notes: tuple[str, ...]
     check: whole_arm.ServoCheck | None = None
 
@@ -157,7 +155,7 @@ class _Joints:
         """Return the joints (from 0) on which a cause was found."""
         return [j for j, joint in self.found.items() if cause in joint.causes]
 
-    def question(self, j: int, counts: Rows) -> Question:
+    def question(self, j: int, counts: Bools) -> Question:
         """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
@@ -181,7 +179,7 @@ class _Joints:
             perfect=perfect,
         )
 
-    def contacts(self) -> dict[int, Rows]:
+    def contacts(self) -> dict[int, Bools]:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
@@ -197,7 +195,7 @@ class _Joints:
         many = bool(out) and np.any([*out.values()], axis=0).mean() > motion.MOST_IN_CONTACT
         return {} if many else out
 
-    def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
+    def pushed(self, contacts: dict[int, Bools]) -> dict[int, Bools]:
         """Return the contacts in which the motor pushes; of others the notes say that it rests."""
         currents = whole_arm.rows(
             self.logs,
@@ -297,7 +295,7 @@ class _Joints:
                 )
         return out
 
-    def refits(self, counts: Rows) -> Iterator[Array]:
+    def refits(self, counts: Bools) -> Iterator[Array]:
         """Return (P,) parameters of each joint fitted to the rows (T,) that count."""
         found = [self.found[j] for j in range(self.n)]
         return self.workers.map(partial(refit, counts=counts), self.motions, found)
@@ -390,7 +388,8 @@ def diagnose_servo(
             workers.submit(whole_arm.simulate_arm, joints.arm, logs, p, joints.load, threads=1)
             for p in parts
         ]
-        held = whole_arm.held_out(logs, first, [job.result() for job in jobs])
+        halves = [whole_arm.rows(logs, job.result()) for job in jobs]
+        held = np.where(first[:, None], halves[1], halves[0])
     nominal_rms, extended_rms = (whole_arm.errors_of(logs, x, free) for x in (plain, held))
     unstable = joints.unstable(nominal_rms)
     helped = [j for j in joints.helped(nominal_rms, extended_rms) if j not in unstable]
@@ -407,7 +406,7 @@ def diagnose_servo(
         checked = whole_arm.check_model(
             check,
             whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load),
-            whole_arm.simulate_arm(joints.arm, check, final, joints.load),
+            whole_arm.rows(check, whole_arm.simulate_arm(joints.arm, check, final, joints.load)),
             extended_rms,
         )
     return ServoDiagnosis(
@@ -422,9 +421,9 @@ def diagnose_servo(
         parameters=final,
         load=joints.load,
         logs=tuple(logs),
-        nominal_angles=tuple(plain),
-        angles=tuple(held),
-        touching=tuple(whole_arm.touching(logs, ~free)),
+        nominal_angles=tuple(whole_arm.per_log(logs, plain, np.nan)),
+        angles=tuple(whole_arm.per_log(logs, held, np.nan)),
+        touched=tuple(whole_arm.per_log(logs, ~free, False)),
         notes=tuple(joints.notes),
         check=checked,
     )

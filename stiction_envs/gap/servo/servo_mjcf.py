@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.arrays import Array
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm
@@ -20,8 +19,8 @@ from stiction_envs.gap.servo.servo_parameters import FAR, HIGH, INDEX, LOW, NAME
 from stiction_envs.gap.servo.whole_arm import friction_of, reaching
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
+from stiction_envs.robots.arm_toml import read_toml
 
-Array = NDArray[np.float64]
 _COMMENT = """ {name} under position servos as its logs show it, by stiction diagnose. SI units.
      Controls JOINT_servo are commanded angles [rad]; JOINT_torque are further torques [N m], zero
      on the robot. Friction is a LuGre bristle in each dcmotor, so that joints stop short and stay;
@@ -122,22 +121,17 @@ def read_servo(path: Path, n: int) -> Array:
     Raises:
         StictionError: unreadable, without that table, or with numbers that cannot be.
     """
+    table = read_toml(path).get("servo", {})
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))["servo"]
-        out = np.array([table[name] for name in NAMES], dtype=np.float64).T
-    except OSError as error:
-        raise StictionError(f"nominal {path}: {error.strerror}") from None
-    except KeyError as error:
+        each = [
+            checked_array(table[name], f"nominal {path}: [servo] {name}", (n,)) for name in NAMES
+        ]
+    except (KeyError, TypeError):
         raise StictionError(
-            f"nominal {path}: no {error.args[0]!r}: expected a model.toml of a diagnosis of servo "
-            "logs"
+            f"nominal {path}: expected [servo] as a diagnosis of servo logs writes it into "
+            f"model.toml, with {', '.join(NAMES)}"
         ) from None
-    except (TypeError, ValueError, OverflowError) as error:
-        raise StictionError(
-            f"nominal {path}: [servo] is not as stiction diagnose writes it ({error})"
-        ) from None
-    if out.shape != (n, len(NAMES)):
-        raise StictionError(f"nominal {path}: [servo] is of {len(out)} joints: expected {n}")
+    out = np.stack(each, axis=1)
     wrong = ~((out >= LOW) & (out <= HIGH))
     if wrong.any():
         j, k = np.argwhere(wrong)[0]

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from stiction_envs.arrays import Array
+
 FAR = 1e6
 """Value of a limit that is never reached [SI]."""
 BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"

@@ -208,10 +208,9 @@ def subject_of(own: ServoDiagnosis, arm: Arm) -> HiddenServos:
     motions = joint_motions(arm, own.logs)
     base = _base(own, motions)
     left = []
-    for log, angle, touched in zip(own.logs, own.angles, own.touching, strict=True):
+    for log, angle, touched in zip(own.logs, own.angles, own.touched, strict=True):
         error = np.nan_to_num(log.q - angle)
-        for begin, end in touched:
-            error[(log.t >= begin) & (log.t <= end)] = 0.0
+        error[touched] = 0.0
         left.append(error)
     noise = np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
     noise = np.maximum(noise, own.noise)
