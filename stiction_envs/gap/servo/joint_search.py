@@ -15,7 +15,7 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
-from stiction_envs.gap.servo.causes import LAG, ServoLag, causes_of_joints, servo_cause
+from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.questions import passed_speed
@@ -28,6 +28,7 @@ from stiction_envs.gap.servo.servo_parameters import (
     LOW,
     NAMES,
     PARAMETERS,
+    InServo,
 )
 
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
@@ -56,8 +57,8 @@ class Question:
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
     always: Mapping[str, float]
     """Usual size [SI] of changes that are fitted and no cause."""
-    candidates: tuple[str, ...]
-    """Causes that this motion could show."""
+    candidates: Mapping[str, InServo]
+    """Causes that this motion could show, in the order of parameters."""
     hypotheses: int
     """Number of causes on all joints."""
     counts: Bools
@@ -121,9 +122,7 @@ class JointProblem:
             "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
         }
         self.passed = passed_speed(m)
-        self.causes = {
-            name: part for name, part in causes_of_joints().items() if name in q.candidates
-        }
+        self.causes = q.candidates
         self.fits: dict[Causes, Fit] = {}
         self._tried = set[tuple[Term, ...]]()
 

@@ -12,7 +12,7 @@ import numpy as np
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, absent
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, InServo, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
@@ -147,7 +147,7 @@ def always_fitted(
 
 def possible_causes(
     servo: Servo, motion: JointMotion, resolution: float, scaled: bool
-) -> tuple[str, ...]:
+) -> dict[str, InServo]:
     """Return the causes that a motion could show.
 
     ``resolution`` is the step of the angle [rad]; ``scaled`` says whether gravity scales the
@@ -155,14 +155,14 @@ def possible_causes(
     """
     least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
-        return ()
-    return tuple(
-        name
-        for name, servo_part in causes_of_joints().items()
-        if (scaled or not servo_part.of_gravity)
-        and not (servo.perfect and servo_part.of_known_servo)
-        and not ("damping" in servo_part.sizes and unknown_damping(servo))
-    )
+        return {}
+    return {
+        name: part
+        for name, part in causes_of_joints().items()
+        if (scaled or not part.of_gravity)
+        and not (servo.perfect and part.of_known_servo)
+        and not ("damping" in part.sizes and unknown_damping(servo))
+    }
 
 
 def heavy(motion: JointMotion) -> bool:

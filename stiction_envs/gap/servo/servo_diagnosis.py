@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -114,23 +114,18 @@ class _Joints:
         self.motions = motion.joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([questions.resolution_of(m.q) for m in self.motions])
-        self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [questions.rest_noise(m) for m in self.motions]
-        )
+        rest = [questions.rest_noise(m) for m in self.motions]
+        self.noise = np.maximum(self.resolution / np.sqrt(12.0), rest)
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         self.nominal = questions.nominal_parameters(servo, self.motions)
-        self.scaled = [
-            questions.sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
-            for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
-        ]
+        known = [None if servo.perfect else x for x in self.nominal[:, INDEX["stiffness"]]]
+        self.scaled = [*map(questions.sags, self.motions, self.resolution, known)]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)
         # rows on which each joint's causes are chosen
-        heads = [
-            m.heads(questions.shown(m, float(r)))
-            for m, r in zip(self.motions, self.resolution, strict=True)
-        ]
+        each = zip(self.motions, self.resolution, strict=True)
+        heads = [m.heads(questions.shown(m, r)) for m, r in each]
         self.chosen, self.shown = [m for m, _ in heads], [some for _, some in heads]
         self.notes = questions.notes_of(arm, logs)
         self.lasts: dict[int, float] = {}
@@ -164,8 +159,8 @@ class _Joints:
         if self.servo.perfect and not scaled and questions.heavy(m):
             nominal[INDEX["compensation"]] = 1.0  # gravity that does not sag a joint is compensated
         causes = [
-            questions.possible_causes(self.servo, x, float(r), of_gravity)
-            for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
+            questions.possible_causes(self.servo, *x)
+            for x in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
         return Question(
             motion=m,
@@ -197,11 +192,9 @@ class _Joints:
 
     def pushed(self, contacts: dict[int, Bools]) -> dict[int, Bools]:
         """Return the contacts in which the motor pushes; of others the notes say that it rests."""
-        currents = whole_arm.rows(
-            self.logs,
-            [np.full_like(x.q, np.nan) if x.current is None else x.current for x in self.logs],
-        )
-        out = {}
+        none = [np.full_like(x.q, np.nan) for x in self.logs]
+        each = [y if x.current is None else x.current for x, y in zip(self.logs, none, strict=True)]
+        currents, out = whole_arm.rows(self.logs, each), {}
         for j, touches in contacts.items():
             out[j] = motion.pushing(currents[:, j], touches)
             for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
@@ -281,10 +274,8 @@ class _Joints:
         """
         out = []
         for j, found in self.found.items():
-            swing, left = (
-                questions.swing_at_rest(self.chosen[j], x)
-                for x in (self.chosen[j].q, found.fit.error)
-            )
+            m = self.chosen[j]
+            swing, left = (questions.swing_at_rest(m, x) for x in (m.q, found.fit.error))
             least = max(questions.SWINGS * nominal[j], questions.MOVES * self.resolution[j])
             if swing > least and left > questions.SWINGS * swing:
                 out.append(j)
@@ -295,22 +286,15 @@ class _Joints:
                 )
         return out
 
-    def refits(self, counts: Bools) -> Iterator[Array]:
-        """Return (P,) parameters of each joint fitted to the rows (T,) that count."""
-        found = [self.found[j] for j in range(self.n)]
-        return self.workers.map(partial(refit, counts=counts), self.motions, found)
-
     def lost(self, other: _Joints) -> Array:
         """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
-
-        def one(j: int) -> float:
-            chosen, fit = self.chosen[j], other.found[j].fit
-            counts = self.free[self.shown[j]]
-            angle = chosen.simulate(fit.parameters[None])[0]
-            with_it = np.mean(fit.error[counts] ** 2)
-            return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
-
-        return np.array([one(j) for j in range(self.n)])
+        out = np.empty(self.n)
+        for j, m in enumerate(self.chosen):
+            fit, counts = other.found[j].fit, self.free[self.shown[j]]
+            angle = m.simulate(fit.parameters[None])[0]
+            without, with_it = (np.mean(x[counts] ** 2) for x in (m.q - angle, fit.error))
+            out[j] = np.sqrt(without) - np.sqrt(with_it)
+        return out
 
 
 def _with_tip(joints: _Joints) -> tuple[_Joints, Tip | None, float]:
@@ -381,7 +365,11 @@ def diagnose_servo(
         joints = _with_zero(joints)
         say("refitting", 0.0)
         first, second = whole_arm.folds(joints.motions[0])
-        fits = [joints.refits(x) for x in (free, free & first, free & second)]
+        found = [joints.found[j] for j in range(joints.n)]
+        fits = [
+            workers.map(partial(refit, counts=counts), joints.motions, found)
+            for counts in (free, free & first, free & second)
+        ]
         final, *parts = (np.stack(list(x)) for x in fits)
         say("forward validation", 0.0)
         jobs = [

@@ -1,5 +1,6 @@
 """A fit of one joint, and the causes that the evidence names on it."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,14 +11,14 @@ from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
 from stiction_envs.gap.servo.questions import swing_at_rest
-from stiction_envs.gap.servo.servo_parameters import NAMES
+from stiction_envs.gap.servo.servo_parameters import NAMES, InServo
 from tests.gap.servo.small_arm import motion, parameters
 
-CAUSES = tuple(name for name, cause in causes_of_joints().items() if not cause.of_gravity)
+CAUSES = {name: cause for name, cause in causes_of_joints().items() if not cause.of_gravity}
 ENCODER = 2 * np.pi / 4096
 
 
-def asked(log: JointMotion, candidates: tuple[str, ...] = CAUSES) -> Question:
+def asked(log: JointMotion, candidates: Mapping[str, InServo] = CAUSES) -> Question:
     return Question(
         motion=log,
         nominal=parameters(damping=1.0),

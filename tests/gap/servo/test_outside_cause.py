@@ -37,7 +37,7 @@ def outside() -> Iterator[Cause]:
 
 def test_a_registered_cause_is_named_on_its_joint_in_place_of_two(outside: Cause) -> None:
     truth = {"stiction": 0.3, "damping": 1.6}
-    found = judge(asked(made(**truth), (*CAUSES, outside.name)))
+    found = judge(asked(made(**truth), CAUSES | {outside.name: outside.servo}))
     assert set(found.causes) == {outside.name}
     (cause,) = joint_causes({1: found}, np.array([0.1, 0.1]))
     assert (cause.name, cause.joints) == (outside.name, (2,))
