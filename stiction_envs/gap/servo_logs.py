@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_mjcf import read_servo
 from stiction_envs.gap.servo.servo_parameters import PARAMETERS
@@ -60,15 +60,11 @@ def servo_of(
 def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
-    p = PARAMETERS[name]
-    out = np.array(values, dtype=np.float64)
-    if out.shape not in ((1,), (n,)):
-        raise StictionError(f"servo {name}: {out.size} numbers: expected 1, or {n}, one per joint")
+    p, what = PARAMETERS[name], f"servo {name}"
+    out = checked_array(values, what, (n,), expected=f"1 number, or {n}", fill=True)
     if not ((out >= p.low) & (out <= p.high)).all():
-        raise StictionError(
-            f"servo {name} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}"
-        )
-    return np.broadcast_to(out, (n,)).copy()
+        raise StictionError(f"{what} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}")
+    return out
 
 
 def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[ServoLog]:

@@ -122,7 +122,6 @@ class JointProblem:
             "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
         }
         self.passed = passed_speed(m)
-        self.causes = q.candidates
         self.fits: dict[Causes, Fit] = {}
         self._tried = set[tuple[Term, ...]]()
 
@@ -132,23 +131,23 @@ class JointProblem:
         """Return the parameters that some causes change, with the sizes of their priors."""
         out: dict[str, float] = {}
         for cause in causes:
-            for name, size in self.causes[cause].sizes.items():
+            for name, size in self.q.candidates[cause].sizes.items():
                 out[name] = max(size, out.get(name, 0.0))
         return out
 
     def needs(self, cause: str) -> list[str]:
         """Return the causes that a cause refines, less those that the nominal simulation has."""
         refined = servo_cause(cause).needs
-        return [x for x in refined if x in self.causes and not self._is_nominal(x)]
+        return [x for x in refined if x in self.q.candidates and not self._is_nominal(x)]
 
     def _is_nominal(self, cause: str) -> bool:
         return all(
-            self.q.nominal[INDEX[n]] != PARAMETERS[n].absent for n in self.causes[cause].sizes
+            self.q.nominal[INDEX[n]] != PARAMETERS[n].absent for n in self.q.candidates[cause].sizes
         )
 
     def odds(self, causes: Iterable[str]) -> float:
         """Return log prior odds against causes."""
-        usual, own = math.log(self.q.hypotheses), (self.causes[c].odds for c in causes)
+        usual, own = math.log(self.q.hypotheses), (self.q.candidates[c].odds for c in causes)
         return sum(usual if x is None else x for x in own)
 
     def coordinates(self, causes: Causes) -> Coordinates:
@@ -183,13 +182,13 @@ class JointProblem:
             "torque": self.reached["torque_limit"],
             "speed": self.reached["speed_limit"],
         }
-        return self.causes[cause].starts(motion | dict(zip(NAMES, now.tolist(), strict=True)))
+        return self.q.candidates[cause].starts(motion | dict(zip(NAMES, now.tolist(), strict=True)))
 
     def terms(self) -> list[Term]:
         """Return all candidates; each trial of a cause is one."""
         return [
             Term(cause, 0, (float(k),))
-            for cause in self.causes
+            for cause in self.q.candidates
             for k in range(len(self.trials(cause, self.q.nominal)))
         ]
 
@@ -277,7 +276,7 @@ class JointProblem:
         """
         parts = [c for c in LAG if c in found]
         doubtful = [c for c in parts if any(x in LAG and n < NAMED for x, n in found[c].rivals)]
-        more = [c for c in LAG if c in self.causes]
+        more = [c for c in LAG if c in self.q.candidates]
         if not parts or doubtful != parts or "damping" not in more:
             return None
         return self.fit({*found, *more}, [of.parameters])
@@ -335,7 +334,7 @@ class JointProblem:
     def rough(self) -> tuple[Fit, list[str]]:
         """Return the fit of lag and plain dry friction, the best of two starts, and its causes."""
         q = self.q
-        some = [name for name, part in self.causes.items() if part.stage == 0]
+        some = [name for name, part in self.q.candidates.items() if part.stage == 0]
         free = q.always.keys() | self.changed(some).keys()
         k = self.own
         values = {"stiffness": k, "delay": 0.01, "stiction": 0.5 * k * self.error}
@@ -354,8 +353,8 @@ class JointProblem:
         and a torque limit).
         """
         best, chosen = self.rough()
-        for stage in sorted({part.stage for part in self.causes.values()} - {0}):
-            more = [name for name, part in self.causes.items() if part.stage == stage]
+        for stage in sorted({part.stage for part in self.q.candidates.values()} - {0}):
+            more = [name for name, part in self.q.candidates.items() if part.stage == stage]
             before, chosen = best.parameters, [*chosen, *more]
             groups = [[c] for c in more] if stage == ALONE else [more]
             for group in groups:
@@ -387,7 +386,7 @@ def judge(question: Question) -> JointFindings:
     search = Search(
         problem, terms, problem.needs, lambda _, some: problem.score(some), lambda *_: True
     )
-    start: list[Term] = [plain[c] for c in problem.causes if c in causes]
+    start: list[Term] = [plain[c] for c in question.candidates if c in causes]
     # no model gains more than all causes together take off
     least = none.log_likelihood - 0.5 * float(none.z @ none.z)
     starts = [start, []] if full.log_likelihood - least > NAMED else [[]]
@@ -412,7 +411,7 @@ def judge(question: Question) -> JointFindings:
         )
     lag, predicting = problem.lag(weighed, found), found
     if weighed:
-        more = [name for name, part in problem.causes.items() if part.of_every_joint]
+        more = [name for name, part in question.candidates.items() if part.of_every_joint]
         predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
     if lag is not None:
         others = [t for t in best.terms if t.cause not in LAG]

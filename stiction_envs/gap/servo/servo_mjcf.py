@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -29,19 +28,7 @@ _COMMENT = """ {name} under position servos as its logs show it, by stiction dia
 {missing} """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoExtension(Extension):
-    """A model with its servos."""
-
-    servo: str
-    """The table ``[servo]``."""
-
-    def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """See `Extension.toml`."""
-        return super().toml(meta=meta, provenance=provenance) + self.servo
-
-
-def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtension:
+def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> Extension:
     """Return the arm with what a diagnosis found, and what earlier ones found at its flange."""
     parts = before.parts
     if d.payload is not None:
@@ -58,7 +45,7 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtens
     sources |= {
         q: "stiction diagnose: servo logs" for name in changed for q in PARAMETERS[name].friction
     }
-    return ServoExtension(
+    return Extension(
         xml=xml,
         friction=friction,
         sources=sources,
@@ -80,7 +67,12 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
     Raises:
         StictionError: MuJoCo cannot represent the model.
     """
-    missing = tuple(_missing(parameters))
+    missing = tuple(
+        f"joint {j}: " + p.not_in_mjcf.format(x=x)
+        for p, values in zip(PARAMETERS.values(), parameters.T.tolist(), strict=True)
+        for j, x in enumerate(values, start=1)
+        if p.not_in_mjcf and x != p.absent and x < FAR
+    )
     friction = friction_of(arm, parameters, load)
     level = friction.stiction + (friction.load_coefficient * load)[:, None]
     friction = friction.replace(stiction=level, load_coefficient=np.zeros(arm.n))
@@ -97,15 +89,6 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
         if limit < FAR:
             servo.set("forcerange", f"{-limit!r} {limit!r}")
     return mjcf_text(arm, root, _COMMENT, missing), missing
-
-
-def _missing(parameters: Array) -> list[str]:
-    out = []
-    for p, values in zip(PARAMETERS.values(), parameters.T.tolist(), strict=True):
-        for j, x in enumerate(values, start=1):
-            if p.not_in_mjcf and x != p.absent and x < FAR:
-                out.append(f"joint {j}: " + p.not_in_mjcf.format(x=x))
-    return out
 
 
 def servo_toml(parameters: Array) -> str:
