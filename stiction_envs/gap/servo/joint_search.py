@@ -90,7 +90,7 @@ class JointFindings:
     fit: Fit
     """The best model."""
     predicting: Fit
-    """The best model with all `USUAL` causes: what moves the joint."""
+    """The best model with all causes `of_every_joint`: what moves the joint."""
     score: float
     """Log evidence and log prior odds of it [nats]."""
     causes: dict[str, Weighed]
