@@ -19,7 +19,7 @@ from stiction_envs.gap.servo.causes import ServoLag, causes_of_joints, servo_cau
 from stiction_envs.gap.servo.fit import Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import STEPS, JointFindings
-from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, PARAMETERS
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW
 from stiction_envs.gap.servo.servo_payload import Tip
 
 CLEAN = 5.0
@@ -48,7 +48,7 @@ def _estimates(cause: str, fit: Fit) -> dict[str, Estimate]:
         value = float(of(*fit.parameters[at]))
         slope = (of(*near[:, at].T) - value) / 1e-4
         half = WIDTH * float(np.sqrt(slope @ sd @ slope))
-        least = PARAMETERS[names[0]].low
+        least = LOW[at[0]]
         out[key] = Estimate(
             value=value,
             ci95=(max(value - half, min(least, value)), value + half),

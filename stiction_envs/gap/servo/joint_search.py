@@ -22,13 +22,12 @@ from stiction_envs.gap.servo.questions import passed_speed
 from stiction_envs.gap.servo.servo_parameters import (
     ALONE,
     FAR,
-    HIGH,
     INDEX,
     LIMITS,
-    LOW,
     NAMES,
     PARAMETERS,
     InServo,
+    bounds,
 )
 
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
@@ -166,12 +165,12 @@ class JointProblem:
                 centre[k] = self.reached[name]
             if name == "stiffness":
                 centre[k] = self.own
-        low = LOW.copy()
+        low, high = bounds(self.own)
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
         if "armature" not in changed:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
-            base=self.q.nominal, at=at, centre=centre, size=size, lowest=low, highest=HIGH
+            base=self.q.nominal, at=at, centre=centre, size=size, lowest=low, highest=high
         )
 
     def trials(self, cause: str, now: Array) -> list[dict[str, float]]:

@@ -22,7 +22,7 @@ MOST_SECONDS = 240.0
 GRAVITY_SEEN = 3.0
 """Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
-"""Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
+"""Largest gravity of a joint that counts as one without, over the arm's largest [-]; assumed."""
 LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
 """Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
 STAMPS = 3e-3
@@ -41,9 +41,9 @@ MOVES = 5.0
 PASSED = 3
 """Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
-"""Least stiffness [N·m/rad] and natural frequency [rad/s] of a servo of which nothing is known; the
-notes say so. A softer servo would not follow; a stiffer one leaves some armature. Assumed."""
-
+"""Least stiffness over the arm's largest gravity [1/rad] and natural frequency [rad/s] of a servo
+of which nothing is known; the notes say so. A softer servo would not follow; a stiffer one leaves
+some armature. Assumed."""
 SETTLED = 1.0
 """Time for which a command rests before its joint counts as settled [s]; assumed."""
 SWINGS = 0.5
@@ -86,7 +86,8 @@ def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
     inertia = np.array([float(m.inertia.mean()) for m in motions])
-    unknown = np.maximum(UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH**2 * inertia)
+    softest = UNKNOWN_STIFFNESS * float(_gravity(motions).max())
+    unknown = np.maximum(softest, UNKNOWN_BANDWIDTH**2 * inertia)
     out[:, INDEX["stiffness"]] = unknown if servo.stiffness is None else servo.stiffness
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
@@ -165,18 +166,22 @@ def possible_causes(
     }
 
 
-def heavy(motion: JointMotion) -> bool:
-    """Return whether gravity acts on a joint."""
-    return bool(np.abs(motion.gravity).max() > LEAST_GRAVITY)
+def heavy(motions: Sequence[JointMotion]) -> Bools:
+    """Return (n,) whether gravity acts on each joint."""
+    gravity = _gravity(motions)
+    return np.asarray(gravity > LEAST_GRAVITY * gravity.max())
+
+
+def _gravity(motions: Sequence[JointMotion]) -> Array:
+    """Return (n,) the largest gravity torque of each joint [N·m]."""
+    return np.array([np.abs(m.gravity).max() for m in motions])
 
 
 def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
-    """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
+    """Return whether a heavy joint sags so much that gravity scales its servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
-    if not heavy(motion):
-        return False
     sag = sag_of(motion) if stiffness is None else 1 / stiffness
     return bool(sag * np.sqrt(np.mean(motion.gravity**2)) > GRAVITY_SEEN * resolution)
 

@@ -119,7 +119,11 @@ class _Joints:
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         self.nominal = questions.nominal_parameters(servo, self.motions)
         known = [None if servo.perfect else x for x in self.nominal[:, INDEX["stiffness"]]]
-        self.scaled = [*map(questions.sags, self.motions, self.resolution, known)]
+        self.heavy = questions.heavy(self.motions)
+        self.scaled = [
+            bool(heavy) and questions.sags(*x)
+            for heavy, *x in zip(self.heavy, self.motions, self.resolution, known, strict=True)
+        ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)
@@ -156,7 +160,7 @@ class _Joints:
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
         m = self.chosen[j]
-        if self.servo.perfect and not scaled and questions.heavy(m):
+        if self.servo.perfect and not scaled and self.heavy[j]:
             nominal[INDEX["compensation"]] = 1.0  # gravity that does not sag a joint is compensated
         causes = [
             questions.possible_causes(self.servo, *x)
@@ -231,7 +235,7 @@ class _Joints:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = bool(seen) and questions.heavy(m)
+            self.scaled[j] = bool(seen and self.heavy[j])
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"

@@ -17,7 +17,7 @@ import numpy as np
 
 from stiction_envs.arrays import Array
 
-FAR = 1e6
+FAR = 1e9
 """Value of a limit that is never reached [SI]."""
 BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 """A measurement that tells causes apart."""
@@ -32,6 +32,7 @@ class ServoParameter:
     unit: str
     low: float
     high: float
+    """Bounds in its unit; per N·m/rad of the servo's stiffness for those `OF_TORQUE`."""
     absent: float
     """The value at which it has no effect."""
     scale: Literal["unit", "stiffness", "ratio"] = "unit"
@@ -44,14 +45,14 @@ class ServoParameter:
 
 
 PARAMETERS = {
-    "stiffness": ServoParameter("N·m/rad", 0.05, 2e4, np.nan, "ratio"),
-    "damping": ServoParameter("N·m·s/rad", 0.0, 2e3, 0.0, "stiffness", ("viscous",)),
-    "armature": ServoParameter("kg·m²", 0.0, 5.0, 0.0, "stiffness", ("rotor_inertia",)),
+    "stiffness": ServoParameter("N·m/rad", 0.005, 2e3, np.nan, "ratio"),
+    "damping": ServoParameter("N·m·s/rad", 0.0, 2e2, 0.0, "stiffness", ("viscous",)),
+    "armature": ServoParameter("kg·m²", 0.0, 0.5, 0.0, "stiffness", ("rotor_inertia",)),
     "delay": ServoParameter(
         *("s", -0.1, 0.2, 0.0),
         not_in_mjcf="its command acts {x:.4g} s later (negative: earlier); do it yourself",
     ),
-    "stiction": ServoParameter("N·m", 0.0, 100.0, 0.0, "stiffness", ("stiction", "coulomb_ratio")),
+    "stiction": ServoParameter("N·m", 0.0, 10.0, 0.0, "stiffness", ("stiction", "coulomb_ratio")),
     "drop": ServoParameter("1", 0.0, 0.95, 0.0, friction=("coulomb_ratio",)),
     "stribeck_velocity": ServoParameter("rad/s", 0.01, 1.0, 0.1, "ratio", ("stribeck_velocity",)),
     "load": ServoParameter(
@@ -60,7 +61,7 @@ PARAMETERS = {
         not_in_mjcf="friction grows by {x:.3g} of gravity's torque; held at the usual one",
     ),
     "bristle": ServoParameter("rad", 2e-4, 0.06, 1e-3, "ratio", ("bristle_stiffness",)),
-    "torque_limit": ServoParameter("N·m", 0.02, FAR, FAR, "ratio"),
+    "torque_limit": ServoParameter("N·m", 0.002, FAR, FAR, "ratio"),
     "speed_limit": ServoParameter(
         *("rad/s", 0.05, FAR, FAR, "ratio"),
         not_in_mjcf="its command moves at most {x:.4g} rad/s; limit it yourself",
@@ -81,10 +82,22 @@ PARAMETERS = {
 """In the order of the compiled simulation. Bounds are those that joints have, all assumed."""
 NAMES = tuple(PARAMETERS)
 INDEX = {name: i for i, name in enumerate(NAMES)}
-LOW = np.array([p.low for p in PARAMETERS.values()])
-HIGH = np.array([p.high for p in PARAMETERS.values()])
+OF_TORQUE = np.array([p.unit.startswith(("N·m", "kg·m²")) for p in PARAMETERS.values()])
+"""(P,) whether a parameter grows with the size of the arm."""
+_LOW, _HIGH = (np.array([getattr(p, end) for p in PARAMETERS.values()]) for end in ("low", "high"))
+LOW, HIGH = np.where(OF_TORQUE, 0.0, _LOW), np.where(OF_TORQUE, np.inf, _HIGH)
+"""(P,) bounds of an arm of any size."""
 LIMITS = tuple(name for name, p in PARAMETERS.items() if p.absent == FAR)
 """Parameters that a joint shows where it reaches them."""
+
+
+def bounds(stiffness: float) -> tuple[Array, Array]:
+    """Return (P,) lowest and highest parameters of a joint whose servo is about so stiff [N·m/rad].
+
+    A servo of an industrial arm is a thousand times as stiff as that of a toy, and so is all else.
+    """
+    unit = np.where(OF_TORQUE, stiffness, 1.0)
+    return unit * _LOW, np.minimum(unit * _HIGH, FAR)
 
 
 def absent() -> Array:

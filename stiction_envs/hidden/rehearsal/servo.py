@@ -24,6 +24,7 @@ from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.questions import (
     Servo,
+    heavy,
     nominal_parameters,
     possible_causes,
     resolution_of,
@@ -99,7 +100,7 @@ class HiddenServos:
         motion = self.motions[j]
         step = float(self.resolution[j])
         known = None if self.servo.perfect else float(self.base[j, INDEX["stiffness"]])
-        scaled = sags(motion, step, known)
+        scaled = heavy(self.motions)[j] and sags(motion, step, known)
         if self.servo.perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if self.servo.perfect and name in (
