@@ -70,14 +70,16 @@ class Extension:
     """What the friction tables cannot represent, one clause each."""
     left_out: Array
     """(T, n) torque of the causes that the MJCF leaves out, along the logs' motion [N·m]."""
+    servo: str = ""
+    """The table ``[servo]`` of an arm under position servos."""
 
     def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """Return ``model.toml``: friction tables, then the exact causes."""
+        """Return ``model.toml``: friction tables, the exact causes, and position servos."""
         text = dump_friction(self.friction, sources=self.sources, meta=meta, provenance=provenance)
         head = "# A diagnosed arm. SI units; direction order is +, −. Written by stiction diagnose."
         lines = [head, *text.splitlines()[1:]]
         lines += ["", *(f"# not in these tables: {m}" for m in self.friction_missing)]
-        return "\n".join(lines).rstrip("\n") + "\n" + dump(self.nominal)
+        return "\n".join(lines).rstrip("\n") + "\n" + dump(self.nominal) + self.servo
 
 
 def extend(data: Data, nominal: Nominal) -> Extension:

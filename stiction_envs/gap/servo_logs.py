@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_mjcf import read_servo
 from stiction_envs.gap.servo.servo_parameters import PARAMETERS
@@ -60,15 +60,11 @@ def servo_of(
 def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
-    p = PARAMETERS[name]
-    out = np.array(values, dtype=np.float64)
-    if out.shape not in ((1,), (n,)):
-        raise StictionError(f"servo {name}: {out.size} numbers: expected 1, or {n}, one per joint")
+    p, what = PARAMETERS[name], f"servo {name}"
+    out = checked_array(values, what, (n,), expected=f"1 number, or {n}", fill=True)
     if not ((out >= p.low) & (out <= p.high)).all():
-        raise StictionError(
-            f"servo {name} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}"
-        )
-    return np.broadcast_to(out, (n,)).copy()
+        raise StictionError(f"{what} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}")
+    return out
 
 
 def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[ServoLog]:
@@ -81,9 +77,7 @@ def read_servo_files(given: Sequence[Log], arm: Arm, naming: Naming) -> list[Ser
         if isinstance(x, JointLog):
             raise StictionError(f"{x.source}: a log of torques: expected servo logs")
     mine = [x for x in given if isinstance(x, str | Path | ServoLog)]
-    if not mine:
-        return []
-    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming)
+    logs = read_servo_logs(mine, arm.n, limits=arm.limits, naming=naming) if mine else []
     for log in logs:
         if log.n != arm.n:
             raise StictionError(f"{log.source}: {log.n} joints, but {arm.name} has {arm.n}")
@@ -97,11 +91,9 @@ def _refuse_differences(log: ServoLog) -> None:
     It needs a joint that moves: by `MOVED` at least.
     """
     moved = np.ptp(log.q, axis=0) > MOVED
-    if not moved.any():
-        return
     summed = log.q[0] + np.cumsum(log.q_cmd, axis=0)
     off, off_sums = (np.mean((x - log.q) ** 2, axis=0)[moved] for x in (log.q_cmd, summed))
-    if (off_sums < LEAVES * off).all():
+    if moved.any() and (off_sums < LEAVES * off).all():
         raise StictionError(
             f"{log.source}: q_cmd are differences of angles from row to row: expected angles; "
             "their sums from the first angle on follow the joints"

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.questions import SERVO_LAG
+from stiction_envs.gap.servo.causes import ServoLag
 from stiction_envs.gap.servo.servo_parameters import FAR, INDEX
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
@@ -126,7 +126,7 @@ _ALL_JOINTS = "slow motion of all joints through poses of large gravity"
 _BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
 _REVERSALS = "many slow reversals of a few mrad to some tens of mrad"
 _CURRENT = "motion whose ends differ, with the current logged"
-_LAG, _DRY = (SERVO_LAG,), ("coulomb_friction",)
+_LAG, _DRY = (ServoLag.name,), ("coulomb_friction",)
 _EFFECTS = (
     ServoEffect(
         *("servo_stiffness", "stiffness_nm_per_rad", "N·m/rad", _RESTS),

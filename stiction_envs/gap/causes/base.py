@@ -2,8 +2,9 @@
 
 A cause is something that simulations leave out or get wrong. Along a motion it adds columns (T, k)
 times coefficients (k,) to the residual torque of a joint, measured less nominal; in torque tables
-it changes breakaway torques. A cause may do one or both. To add one, derive from
-`Cause`, and call `stiction_envs.gap.causes.register` with an instance. Nothing else names it:
+it changes breakaway torques, in servo logs the parameters of a joint. A cause may do one or more of
+these. To add one, derive from `Cause`, and call `stiction_envs.gap.causes.register` with an
+instance. Nothing else names it:
 
 1. what it is: `name`, `what`, `what_to_record`, `parameters` with units and bounds;
 2. its torque: `columns`, their `prior`, and `shapes` where it has nonlinear parameters;
@@ -12,7 +13,8 @@ it changes breakaway torques. A cause may do one or both. To add one, derive fro
 5. its model: `contribute` to a `ModelDraft`; by default the model says that MuJoCo lacks it;
 6. in torque tables: its effects `in_tables`, `in_words` and `in_friction`, and what would
    `tell_apart` it from others;
-7. its traits: flags that tell the search how to treat it.
+7. in servo logs: the parameters of a joint that it changes, and its words, in `servo`;
+8. its traits: flags that tell the search how to treat it.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.poses import Poses
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.tables.data import Effect, TableData
 from stiction_envs.robots import Arm
@@ -146,6 +149,8 @@ class Cause:
     """What is wrong with torque tables, a noun with its value; parameters are in braces."""
     not_in_friction: ClassVar[str] = "no parameter of friction holds it"
     """Why a model of the arm does not hold what tables show of it, a clause, likewise."""
+    servo: ClassVar[InServo] = InServo()
+    """What it changes in a joint under a position servo; without it servo logs do not show it."""
 
     # ---- torque ------------------------------------------------------------------------------
 

@@ -7,8 +7,8 @@ import re
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.causes.base import ALL_LINKS, Cause
 
-IN_LOGS, IN_TABLES = "columns", "in_tables"
-"""The method by which a cause says what joint logs, and what torque tables show of it."""
+IN_LOGS, IN_TABLES, IN_SERVO = "columns", "in_tables", "servo"
+"""The member by which a cause says what joint logs, torque tables, and servo logs show of it."""
 _NEEDED = {IN_LOGS: ("what", "what_to_record", "parameters")}
 _CAUSES: dict[str, Cause] = {}
 
@@ -23,9 +23,10 @@ def register(cause: Cause) -> Cause:
     Raises:
         StictionError: a taken or improper name, a missing field, or nothing that shows it.
     """
-    if not any(_shown(cause, method) for method in (IN_LOGS, IN_TABLES)):
+    if not any(_shown(cause, method) for method in (IN_LOGS, IN_TABLES, IN_SERVO)):
         raise StictionError(
-            f"cause {type(cause).__name__}: expected {IN_LOGS} or {IN_TABLES}, which show it"
+            f"cause {type(cause).__name__}: expected {IN_LOGS}, {IN_TABLES} or {IN_SERVO}, which "
+            "show it"
         )
     more = (x for method, fields in _NEEDED.items() if _shown(cause, method) for x in fields)
     for field in ("name", *more):
@@ -55,13 +56,13 @@ def unregister(name: str) -> None:
 def registered(method: str = IN_LOGS) -> tuple[Cause, ...]:
     """Return all causes that can be named, those of the package first, in their order.
 
-    ``method`` is `IN_LOGS` or `IN_TABLES`.
+    ``method`` is `IN_LOGS`, `IN_TABLES` or `IN_SERVO`.
     """
     return tuple(c for c in _CAUSES.values() if _shown(c, method) and c.adds_to != ALL_LINKS)
 
 
 def cause_named(name: str, method: str = IN_LOGS) -> Cause:
-    """Return the cause of a name that logs, or tables, show.
+    """Return the cause of a name that logs, tables or servo logs show.
 
     Raises:
         StictionError: there is none.

@@ -24,6 +24,7 @@ from stiction_envs.gap.report.figures import draw_cause
 from stiction_envs.gap.report.page import Errors
 from stiction_envs.gap.report.result import DiagnosisResult
 from stiction_envs.gap.report.series import Series, log_series, servo_series
+from stiction_envs.gap.servo.causes import servo_cause
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.servo_mjcf import servo_extension
 from stiction_envs.gap.servo.servo_parameters import FAR, PARAMETERS
@@ -38,22 +39,6 @@ from stiction_envs.robots import Arm
 
 NO_TOLERANCE = 3.0
 """Prior standard deviations beyond which an error of a link is no tolerance [-]; assumed."""
-_BOTH_SIDES = "poses on both sides of where gravity's torque on the joint is zero"
-_FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
-WOULD = {
-    "payload": "a log with another, known mass at the tip",
-    "link_parameters": "a log with a known mass at the tip",
-    "encoder_offset": _BOTH_SIDES,
-    "servo_stiffness": "its stiffness, from the data sheet, as --servo-stiffness",
-    "torque_offset": _BOTH_SIDES,
-    "coulomb_friction": "slow motion through several poses, both ways",
-    "damping": _FREQUENCIES,
-    "delay": _FREQUENCIES,
-    "armature": _FREQUENCIES,
-    "torque_limit": "the same fast motion with and without a known mass",
-    "external_contact": "the same motion with nothing within reach",
-}
-"""Measurements that would tell a cause of servo logs from another."""
 ALWAYS = (
     "the robot's masses set the scale of all torques: were they 10 % larger, so would be "
     "stiffness, friction and damping",
@@ -238,7 +223,7 @@ class ServoResult(DiagnosisResult):
 
     def tells_apart(self, cause: NamedCause, other: str) -> str:
         """See `DiagnosisResult.tells_apart`."""
-        return WOULD.get(other, "a motion in which the two act differently")
+        return servo_cause(other).servo.tells_apart
 
     def details(self) -> dict[str, object]:
         """Return the servos, and what was assumed."""

@@ -99,10 +99,6 @@ def servo_series(d: ServoDiagnosis) -> Series:
     nominal, simulated = np.concatenate(d.nominal_angles), np.concatenate(d.angles)
     q, q_cmd = (np.concatenate([getattr(x, k) for x in d.logs]) for k in ("q", "q_cmd"))
     speeds = [x.dq for x in d.logs if x.dq is not None]
-    contact = np.zeros(len(t), dtype=bool)
-    for k, stretches in enumerate(d.touching):
-        for begin, end in stretches:
-            contact |= (log == k) & (t >= begin) & (t <= end)
     known = np.flatnonzero(np.isfinite(simulated).all(axis=1) & np.isfinite(nominal).all(axis=1))
     at = known[:: _step(len(known))]
     return Series(
@@ -115,7 +111,7 @@ def servo_series(d: ServoDiagnosis) -> Series:
         dq=np.concatenate(speeds)[at] if len(speeds) == len(d.logs) else None,
         q_cmd=q_cmd[at],
         causes={},
-        contact=contact[at],
+        contact=np.concatenate(d.touched)[at],
     )
 
 

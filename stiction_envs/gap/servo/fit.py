@@ -12,17 +12,15 @@ the logarithm of its size only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.servo_parameters import INDEX
+from stiction_envs.gap.servo.servo_parameters import INDEX, PARAMETERS
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
-Index = NDArray[np.int64]
 DIFFERENCE = 0.02
 """Difference of a derivative, over the size of the prior [-]; assumed."""
 DAMPINGS = np.array([0.1, 1.0, 10.0, 100.0])
@@ -40,47 +38,34 @@ usual one in four of five."""
 LEAST_LAST = 0.125
 """Least time for which errors last [s]; assumed: time constants of a servo are not resolved."""
 BISECTIONS = 40
+RATIO = np.array([p.scale == "ratio" for p in PARAMETERS.values()])
+"""(P,) whether a parameter's size is of its logarithm."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Noise:
     """Blocks of the rows of a motion that count, and what no model has."""
 
-    block: Index
-    """(T,) number of each row's block."""
-    counts: Rows
-    """(T,) rows that count."""
-    rows: Array
-    """(B,) number of those in each block, at least one."""
-    observations: Array
-    """(B,) independent observations."""
-    floor: float
-    """Error that every model leaves [rad]."""
-    step: float
-    """Time between rows [s]."""
-    last: float
-    """Time for which errors last [s]."""
+    def __init__(
+        self, motion: JointMotion, counts: Bools, floor: float, last: float = LEAST_LAST
+    ) -> None:
+        """Cut the time of a motion into blocks.
 
-    @classmethod
-    def of(cls, motion: JointMotion, counts: Rows, floor: float, last: float = LEAST_LAST) -> Noise:
-        """Cut the time of a motion into blocks."""
-        t, bounds = motion.t, motion.bounds
-        segment = np.repeat(np.arange(len(bounds) - 1), np.diff(bounds))
-        since = t - t[bounds[segment]]
-        keys = np.stack([segment, since // BLOCK])[:, counts]
-        block = np.zeros(len(t), dtype=np.int64)
+        Args:
+            motion: of the joint.
+            counts: (T,) rows that count.
+            floor: error that every model leaves [rad].
+            last: time for which errors last [s].
+        """
+        self.counts, self.floor, self.last, self.step = counts, floor, last, motion.step
+        keys = np.stack([motion.segment, motion.since // BLOCK])[:, counts]
+        self.block = np.zeros(len(motion.t), dtype=np.int64)
+        """(T,) number of each row's block."""
         _, number = np.unique(keys, axis=1, return_inverse=True)
-        block[counts] = number.ravel()
-        rows = np.maximum(np.bincount(block[counts]), 1).astype(np.float64)
-        return cls(
-            block=block,
-            counts=counts,
-            rows=rows,
-            observations=rows * motion.step / (2.0 * last),
-            floor=floor,
-            step=motion.step,
-            last=last,
-        )
+        self.block[counts] = number.ravel()
+        self.rows = np.maximum(np.bincount(self.block[counts]), 1).astype(np.float64)
+        """(B,) number of those in each block, at least one."""
+        self.observations = self.rows * motion.step / (2.0 * last)
+        """(B,) independent observations."""
 
     def squares(self, errors: Array) -> Array:
         """Return (C, B) mean squares of the blocks of errors (C, T), with what no model has."""
@@ -142,24 +127,30 @@ class Coordinates:
     centre: Array
     """(F,) means of their priors."""
     size: Array
-    """(F,) standard deviations, of the logarithm where it is one."""
-    ratio: NDArray[np.bool_]
-    """(F,) whether it is."""
-    low: Array = field(default_factory=lambda: np.empty(0))
-    """(F,) lowest z."""
-    high: Array = field(default_factory=lambda: np.empty(0))
-    """(F,) highest z."""
+    """(F,) standard deviations, of the logarithm for those of `RATIO`."""
+    lowest: Array
+    """(P,) bounds of all parameters."""
+    highest: Array
 
-    def within(self, low: Array, high: Array) -> Coordinates:
-        """Return the coordinates with bounds of the parameters (F,)."""
-        ends = [self._z(x) for x in (low, high)]
-        return replace(self, low=ends[0], high=ends[1])
+    @property
+    def ratio(self) -> Bools:
+        """(F,) whether a size is of the logarithm."""
+        return RATIO[self.at]
+
+    @cached_property
+    def low(self) -> Array:
+        """(F,) lowest z."""
+        return self._z(self.lowest)
+
+    @cached_property
+    def high(self) -> Array:
+        """(F,) highest z."""
+        return self._z(self.highest)
 
     def fixed(self, number: int) -> Coordinates:
         """Return the coordinates without one parameter, if it is free."""
         kept = self.at != number
-        each = ("at", "centre", "size", "ratio", "low", "high")
-        return replace(self, **{name: getattr(self, name)[kept] for name in each})
+        return replace(self, at=self.at[kept], centre=self.centre[kept], size=self.size[kept])
 
     def parameters(self, z: Array) -> Array:
         """Return (C, P) parameters of (C, F) coordinates."""
@@ -172,9 +163,10 @@ class Coordinates:
 
     def z(self, parameters: Array) -> Array:
         """Return (F,) coordinates of (P,) parameters, within bounds."""
-        return np.clip(self._z(parameters[self.at]), self.low, self.high)
+        return np.clip(self._z(parameters), self.low, self.high)
 
-    def _z(self, x: Array) -> Array:
+    def _z(self, parameters: Array) -> Array:
+        x = parameters[self.at]
         ratio = np.log(np.where(self.ratio, x, 1.0) / np.where(self.ratio, self.centre, 1.0))
         return np.where(self.ratio, ratio, x - self.centre) / self.size
 

@@ -10,13 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.friction.lone_joint import bristle_after
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 STEP = 2e-3
 """Longest step [s]; twice the plant's, for speed: rows are 5 to 33 ms apart."""
 BRISTLE_DAMPING_RATIO = 0.4
@@ -56,6 +54,16 @@ class JointMotion:
         """Usual time between rows [s]."""
         return float(np.median(np.diff(self.t)))
 
+    @property
+    def segment(self) -> Index:
+        """(T,) number of the segment of each row."""
+        return np.repeat(np.arange(len(self.bounds) - 1), np.diff(self.bounds))
+
+    @property
+    def since(self) -> Array:
+        """(T,) time since the segment began [s]."""
+        return self.t - self.t[self.bounds[self.segment]]
+
     def rows_in(self, seconds: float) -> int:
         """Return how many rows a time lasts, at least one."""
         return max(1, round(seconds / self.step))
@@ -78,14 +86,14 @@ class JointMotion:
         )
         return out
 
-    def heads(self, lengths: Index) -> tuple[JointMotion, NDArray[np.bool_]]:
+    def heads(self, lengths: Index) -> tuple[JointMotion, Bools]:
         """Return the first rows of each segment, and whether each row (T,) is one of them.
 
         ``lengths`` (S,) of 0 leave a segment out.
         """
         counts, kept = np.diff(self.bounds), np.flatnonzero(lengths)
         since = np.arange(len(self.t)) - np.repeat(self.bounds[:-1], counts)
-        rows: NDArray[np.bool_] = since < np.repeat(lengths, counts)
+        rows: Bools = since < np.repeat(lengths, counts)
         at = [self.bounds[s] + 2 * s + np.arange(lengths[s] + 2) for s in kept]
         names = ("t", "q", "command", "gravity", "slope", "inertia", "coupling")
         motion = JointMotion(

@@ -11,36 +11,31 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.judge.problem import Term
 from stiction_envs.gap.judge.search import NAMED, Search
+from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.fit import LEAST_LAST, TURN, Coordinates, Fit, Noise, fit
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.questions import LAG, SERVO_LAG, passed_speed
+from stiction_envs.gap.servo.questions import passed_speed
 from stiction_envs.gap.servo.servo_parameters import (
+    ALONE,
     FAR,
-    HIGH,
     INDEX,
-    LOW,
+    LIMITS,
     NAMES,
     PARAMETERS,
-    of_cause,
+    InServo,
+    bounds,
 )
 
-Array = NDArray[np.float64]
-LAW = ("stribeck_friction", "load_dependent_friction", "presliding_hysteresis")
-"""Causes that refine dry friction."""
-LIMITS = ("torque_limit", "speed_limit")
-"""Causes, each with a parameter of its name, that a joint shows where it reaches them."""
 TORQUES = ("damping", "armature", "stiction", "torque_limit")
 """Parameters whose effect on the angle is that of their ratio to the servo's stiffness."""
 PERFECT = 100.0
 """Stiffness of a servo that counts as perfect over that of the joint's own [-]; assumed."""
 REACHED = 99.5
 """Percentile of torque and speed that counts as reached [%]; assumed."""
-SHARES = (0.12, 0.2, 0.3, 0.45, 0.65, 0.9)
-"""Limits from which fits start, over what is reached [-]; assumed."""
 STEPS = 6
 """Most steps of a fit; assumed."""
 LIKELY = 2
@@ -49,10 +44,6 @@ CLOSE = 8.0
 """Nats against a rival from which on it is not fitted; assumed."""
 ROUGH = 8
 """Most steps of the first fit, and of the last; assumed."""
-STAGES = (LAW, ("encoder_offset", "gravity_compensation_missing"), LIMITS, ("dead_zone",))
-"""Causes that are added together to the model of everything."""
-USUAL = (*LAG, "coulomb_friction", "stribeck_friction", "load_dependent_friction")
-"""Causes that every joint has, named or not: what moves the joint is fitted with all of them."""
 Causes = frozenset[str]
 
 
@@ -64,12 +55,12 @@ class Question:
     nominal: Array
     """(P,) parameters of the simulation that is judged; stiffness also where it is not judged."""
     always: Mapping[str, float]
-    """Usual size [SI] of changes that are fitted and no cause; NaN (the cause's) if unknown."""
-    candidates: tuple[str, ...]
-    """Causes that this motion could show."""
+    """Usual size [SI] of changes that are fitted and no cause."""
+    candidates: Mapping[str, InServo]
+    """Causes that this motion could show, in the order of parameters."""
     hypotheses: int
     """Number of causes on all joints."""
-    counts: NDArray[np.bool_]
+    counts: Bools
     """(T,) rows that count."""
     floor: float
     """Error of the angle that every model leaves [rad]."""
@@ -98,7 +89,7 @@ class JointFindings:
     fit: Fit
     """The best model."""
     predicting: Fit
-    """The best model with all `USUAL` causes: what moves the joint."""
+    """The best model with all causes `of_every_joint`: what moves the joint."""
     score: float
     """Log evidence and log prior odds of it [nats]."""
     causes: dict[str, Weighed]
@@ -118,7 +109,7 @@ class JointProblem:
         self.q = q = question
         self.inflation = np.ones(1)
         m = q.motion
-        self.noise = Noise.of(m, q.counts, q.floor, last)
+        self.noise = Noise(m, q.counts, q.floor, last)
         self.stiffness = float(q.nominal[INDEX["stiffness"]])
         """Stiffness of the nominal simulation [N·m/rad]."""
         self.own = self.stiffness / (PERFECT if q.perfect else 1.0)
@@ -130,67 +121,67 @@ class JointProblem:
             "speed_limit": float(np.percentile(np.abs(np.diff(m.q) / np.diff(m.t)), REACHED)),
         }
         self.passed = passed_speed(m)
-        self.dry = bool(q.nominal[INDEX["stiction"]] > 0)
-        """Whether the nominal simulation has dry friction."""
         self.fits: dict[Causes, Fit] = {}
         self._tried = set[tuple[Term, ...]]()
 
     # ---- priors ----------------------------------------------------------------------------------
 
-    def needs(self, cause: str) -> tuple[str, ...]:
-        """Return the cause that a cause refines, if the nominal simulation does not have it."""
-        return ("coulomb_friction",) if cause in LAW and not self.dry else ()
+    def changed(self, causes: Iterable[str]) -> dict[str, float]:
+        """Return the parameters that some causes change, with the sizes of their priors."""
+        out: dict[str, float] = {}
+        for cause in causes:
+            for name, size in self.q.candidates[cause].sizes.items():
+                out[name] = max(size, out.get(name, 0.0))
+        return out
+
+    def needs(self, cause: str) -> list[str]:
+        """Return the causes that a cause refines, less those that the nominal simulation has."""
+        refined = servo_cause(cause).needs
+        return [x for x in refined if x in self.q.candidates and not self._is_nominal(x)]
+
+    def _is_nominal(self, cause: str) -> bool:
+        return all(
+            self.q.nominal[INDEX[n]] != PARAMETERS[n].absent for n in self.q.candidates[cause].sizes
+        )
 
     def odds(self, causes: Iterable[str]) -> float:
-        """Return log prior odds against causes: every joint has some friction."""
-        return sum(1.0 if c == "coulomb_friction" else math.log(self.q.hypotheses) for c in causes)
+        """Return log prior odds against causes."""
+        usual, own = math.log(self.q.hypotheses), (self.q.candidates[c].odds for c in causes)
+        return sum(usual if x is None else x for x in own)
 
     def coordinates(self, causes: Causes) -> Coordinates:
         """Return the free parameters of a choice of causes, with their priors."""
-        dry = "coulomb_friction" in causes or self.dry
+        changed = self.changed(causes)
+        dry = "stiction" in changed or self.q.nominal[INDEX["stiction"]] > 0
         always = {n for n in self.q.always if n != "bristle" or dry}
-        free = [n for n in NAMES if PARAMETERS[n].cause in causes or n in always]
+        free = [n for n in NAMES if n in changed or n in always]
         at = np.array([INDEX[n] for n in free], dtype=np.int64)
         centre, size = self.q.nominal[at].copy(), np.empty(len(at))
         for k, name in enumerate(free):
-            p = PARAMETERS[name]
-            size[k] = p.size * (self.own if p.scale == "stiffness" else 1.0)
-            if p.cause not in causes and not np.isnan(self.q.always[name]):
-                size[k] = self.q.always[name]
+            size[k] = changed.get(name, self.q.always.get(name, 0.0))
+            if name in changed and PARAMETERS[name].scale == "stiffness":
+                size[k] *= self.own
             if name in LIMITS and centre[k] >= FAR:
                 centre[k] = self.reached[name]
             if name == "stiffness":
                 centre[k] = self.own
-        ratio = np.array([PARAMETERS[n].scale == "ratio" for n in free], dtype=bool)
-        low = LOW.copy()
+        low, high = bounds(self.own)
         low[INDEX["speed_limit"]] = max(low[INDEX["speed_limit"]], self.passed)
-        if "armature" not in causes:  # of links that are lighter than in the file
+        if "armature" not in changed:  # of links that are lighter than in the file
             low[INDEX["armature"]] = -0.5 * self.q.motion.inertia.min()
         return Coordinates(
-            base=self.q.nominal, at=at, centre=centre, size=size, ratio=ratio
-        ).within(low[at], HIGH[at])
+            base=self.q.nominal, at=at, centre=centre, size=size, lowest=low, highest=high
+        )
 
     def trials(self, cause: str, now: Array) -> list[dict[str, float]]:
         """Return values from which the parameters of a cause are fitted, given the others (P,)."""
-        k, damping, armature, level = (
-            float(now[INDEX[n]]) for n in ("stiffness", "damping", "armature", "stiction")
-        )
-        gravity = max(float(np.abs(self.q.motion.gravity).mean()), 1e-9)
-        if cause in LIMITS:
-            return [{cause: share * self.reached[cause]} for share in SHARES]
-        return {
-            "servo_stiffness": [{"stiffness": 0.6 * k}, {"stiffness": 1.7 * k}],
-            "damping": [{"damping": damping + 0.03 * k}, {"damping": 0.5 * damping}],
-            "armature": [{"armature": armature + x * k} for x in (0.0005, 0.003)],
-            "delay": [{"delay": 0.02}],
-            "coulomb_friction": [{"stiction": x * k} for x in (0.3 * self.error, 0.01)],
-            "stribeck_friction": [{"drop": 0.3, "stiction": 1.2 * level}],
-            "load_dependent_friction": [{"load": 0.5 * level / gravity, "stiction": 0.5 * level}],
-            "presliding_hysteresis": [{"bristle": 0.005}, {"bristle": 0.02}],
-            "dead_zone": [{"dead_zone": 0.003}, {"dead_zone": 0.015}],
-            "encoder_offset": [{"offset": 0.1}, {"offset": -0.1}],
-            "gravity_compensation_missing": [{"compensation": 0.5}, {"compensation": 1.0}],
-        }[cause]
+        motion = {
+            "error": self.error,
+            "gravity": max(float(np.abs(self.q.motion.gravity).mean()), 1e-9),
+            "torque": self.reached["torque_limit"],
+            "speed": self.reached["speed_limit"],
+        }
+        return self.q.candidates[cause].starts(motion | dict(zip(NAMES, now.tolist(), strict=True)))
 
     def terms(self) -> list[Term]:
         """Return all candidates; each trial of a cause is one."""
@@ -242,7 +233,7 @@ class JointProblem:
         """
         old = self.fits[near]
         plain, c = old.parameters.copy(), old.coordinates
-        gone = [n for cause in causes for n in of_cause(cause) if n not in self.q.always]
+        gone = self.changed(near).keys() - self.changed(near - causes).keys() - self.q.always.keys()
         if "stiffness" in gone and self.q.perfect:
             some = [INDEX[n] for n in TORQUES if plain[INDEX[n]] < FAR]
             plain[some] *= self.stiffness / plain[INDEX["stiffness"]]
@@ -268,8 +259,8 @@ class JointProblem:
         of a cause that has the same parameter: then the best fit is taken, less the cause.
         """
         of = found.coordinates
-        names = {name for cause in causes for name in of_cause(cause)}
-        if names & set(self.q.always):
+        names = self.changed(causes).keys()
+        if names & self.q.always.keys():
             for name in names:
                 of = of.fixed(INDEX[name])
             rest = fit(self.q.motion, self.noise, of, found.parameters[None], 0)
@@ -342,14 +333,14 @@ class JointProblem:
     def rough(self) -> tuple[Fit, list[str]]:
         """Return the fit of lag and plain dry friction, the best of two starts, and its causes."""
         q = self.q
-        some = [c for c in q.candidates if c in ("servo_stiffness", *LAG, "coulomb_friction")]
-        free = {*q.always, *(n for c in some for n in of_cause(c))}
+        some = [name for name, part in self.q.candidates.items() if part.stage == 0]
+        free = q.always.keys() | self.changed(some).keys()
         k = self.own
         values = {"stiffness": k, "delay": 0.01, "stiction": 0.5 * k * self.error}
         for lag, mass in ((0.02, 0.0003), (0.08, 0.002)):
             start = q.nominal.copy()
             values |= {"damping": lag * k, "armature": mass * k}
-            for name in free & set(values):
+            for name in free & values.keys():
                 start[INDEX[name]] = values[name]
             best = self.fit(some, [start], ROUGH)
         return best, some
@@ -361,17 +352,15 @@ class JointProblem:
         and a torque limit).
         """
         best, chosen = self.rough()
-        for stage in STAGES:
-            more = [c for c in stage if c in self.q.candidates]
-            if not more:
-                continue
+        for stage in sorted({part.stage for part in self.q.candidates.values()} - {0}):
+            more = [name for name, part in self.q.candidates.items() if part.stage == stage]
             before, chosen = best.parameters, [*chosen, *more]
-            groups = [[c] for c in more] if stage == LIMITS else [more]
+            groups = [[c] for c in more] if stage == ALONE else [more]
             for group in groups:
                 starts = []
                 for k in range(len(self.trials(group[0], before))):
                     start = before.copy()
-                    for name in {*LIMITS} & {*more}:
+                    for name in self.changed(more).keys() & LIMITS:
                         start[INDEX[name]] = 1.5 * self.reached[name]
                     for cause in group:
                         trials = self.trials(cause, start)
@@ -421,12 +410,12 @@ def judge(question: Question) -> JointFindings:
         )
     lag, predicting = problem.lag(weighed, found), found
     if weighed:
-        more = [c for c in USUAL if c in question.candidates]
+        more = [name for name, part in question.candidates.items() if part.of_every_joint]
         predicting = problem.fit({*weighed, *more}, [found.parameters], ROUGH)
     if lag is not None:
         others = [t for t in best.terms if t.cause not in LAG]
         weighed = {c: x for c, x in weighed.items() if c not in LAG}
-        weighed[SERVO_LAG] = Weighed(
+        weighed[ServoLag.name] = Weighed(
             nats=best.evidence - problem.score(others),
             rivals=tuple((part, 0.0) for part in sorted(LAG)),
             lost=problem.lost(LAG, problem.best(others), found),

@@ -9,15 +9,13 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.servo.joint import JointMotion, command_nodes
 from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 CUTOFF_HZ = 5.0
 """Bandwidth of the accelerations that couple the joints [Hz]: angles come in steps of about a
 milliradian; assumed."""
@@ -118,7 +116,7 @@ def _gravity(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
     return out
 
 
-def suspected(motion: JointMotion) -> Rows:
+def suspected(motion: JointMotion) -> Bools:
     """Return (T,) rows in which a joint stands much further from its command than usually.
 
     They would bend a fit to all rows, and are judged by one to the others.
@@ -127,7 +125,7 @@ def suspected(motion: JointMotion) -> Rows:
     return np.asarray(stretched > SUSPECT * np.percentile(stretched, USUAL))
 
 
-def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
+def in_contact(motion: JointMotion, error: Array, resolution: float) -> Bools:
     """Return (T,) rows in which a joint seems to touch something or to stand at a stop.
 
     ``error`` (T,) is the measured angle less that of a model fitted without suspected rows [rad],
@@ -146,22 +144,22 @@ def in_contact(motion: JointMotion, error: Array, resolution: float) -> Rows:
     reach = motion.rows_in(AROUND)
     # stretches shorter than that are no contact but a moment of stick and slip
     long = np.convolve(found, np.ones(reach), "same") >= 0.5 * reach
-    wide: Rows = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0
+    wide: Bools = np.convolve(found & long, np.ones(2 * reach + 1), "same") > 0
     return wide
 
 
-def stretches(t: Array, rows: Rows) -> list[list[float]]:
+def stretches(t: Array, rows: Bools) -> list[list[float]]:
     """Return first and last time of each run of rows [s]."""
     return [[float(t[a]), float(t[b - 1])] for a, b in _runs(rows)]
 
 
-def _runs(rows: Rows) -> list[tuple[int, int]]:
+def _runs(rows: Bools) -> list[tuple[int, int]]:
     """Return first row of each run of rows, and the row after its last."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rows, [False]]).astype(int))).tolist()
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-def pushing(current: Array, rows: Rows) -> Rows:
+def pushing(current: Array, rows: Bools) -> Bools:
     """Return which rows (T,) in contact the motor pushes in: its current is the witness.
 
     ``current`` (T,) is the size of the motor's current [any unit]; NaN where it was not logged.

@@ -8,26 +8,21 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools, Index
+from stiction_envs.gap.servo.causes import causes_of_joints, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, absent
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, InServo, absent
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-LAG = ("damping", "armature", "delay")
-"""Causes, each with a parameter of its name, whose sum, the lag, a log shows better than each."""
-SERVO_LAG = "servo_lag"
-"""The cause that is named instead of them where they cannot be told apart."""
 MOST_SECONDS = 240.0
 """Time of the logs on which causes are chosen [s]; segments beyond it only refine; assumed."""
 GRAVITY_SEEN = 3.0
 """Least sag by gravity over the angle's resolution that scales a servo's stiffness [-]; assumed."""
 LEAST_GRAVITY = 0.02
-"""Largest gravity of a joint that counts as one without [N·m], as of `friction.model`; assumed."""
+"""Largest gravity of a joint that counts as one without, over the arm's largest [-]; assumed."""
 LINK_MASSES, LINK_CENTRES, LINK_INERTIAS = 0.07, 0.007, 0.1
 """Usual error of the links' masses [-], centres [m], and of a joint's inertia [-]; assumed."""
 STAMPS = 3e-3
@@ -40,15 +35,15 @@ every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
-"""Rows for which a command rests where noise is measured, and their least number; assumed."""
+"""Bools for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3
 """Number of rows that show that a speed was passed; assumed."""
 UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH = 10.0, 50.0
-"""Least stiffness [N·m/rad] and natural frequency [rad/s] of a servo of which nothing is known; the
-notes say so. A softer servo would not follow; a stiffer one leaves some armature. Assumed."""
-
+"""Least stiffness over the arm's largest gravity [1/rad] and natural frequency [rad/s] of a servo
+of which nothing is known; the notes say so. A softer servo would not follow; a stiffer one leaves
+some armature. Assumed."""
 SETTLED = 1.0
 """Time for which a command rests before its joint counts as settled [s]; assumed."""
 SWINGS = 0.5
@@ -91,7 +86,8 @@ def nominal_parameters(servo: Servo, motions: Sequence[JointMotion]) -> Array:
         return servo.parameters.copy()
     out = np.tile(absent(), (len(motions), 1))
     inertia = np.array([float(m.inertia.mean()) for m in motions])
-    unknown = np.maximum(UNKNOWN_STIFFNESS, UNKNOWN_BANDWIDTH**2 * inertia)
+    softest = UNKNOWN_STIFFNESS * float(_gravity(motions).max())
+    unknown = np.maximum(softest, UNKNOWN_BANDWIDTH**2 * inertia)
     out[:, INDEX["stiffness"]] = unknown if servo.stiffness is None else servo.stiffness
     if servo.damping is not None:
         out[:, INDEX["damping"]] = servo.damping
@@ -129,13 +125,13 @@ def unknown_damping(servo: Servo) -> bool:
 
 
 def always_fitted(
-    servo: Servo, motion: JointMotion, links: Array, damping: float, scaled: bool
+    servo: Servo, motion: JointMotion, links: Array, nominal: Array, scaled: bool
 ) -> dict[str, float]:
     """Return parameters that are fitted and no cause, with the usual size of their change [SI].
 
     These are small errors of stamps, links (2,) as of `links_off`, bristles and stated gains, and
-    unknown damping, whose size is NaN. ``damping`` is the stated one [N·m·s/rad]; ``scaled`` says
-    whether gravity scales the servo's torque.
+    unknown damping. ``nominal`` are the joint's (P,) parameters; ``scaled`` says whether gravity
+    scales the servo's torque.
     """
     out = {"delay": STAMPS, "armature": LINK_INERTIAS * float(motion.inertia.mean())}
     out["bristle"] = BRISTLES
@@ -143,15 +139,16 @@ def always_fitted(
         out |= zip(("compensation", "offset"), links.tolist(), strict=True)
         out["stiffness"] = SERVO_OFF
     if unknown_damping(servo):
-        out["damping"] = np.nan
-    elif damping > 0 and not servo.perfect:
+        stiffness = float(nominal[INDEX["stiffness"]])
+        out["damping"] = servo_cause("damping").servo.sizes["damping"] * stiffness
+    elif (damping := float(nominal[INDEX["damping"]])) > 0 and not servo.perfect:
         out["damping"] = SERVO_OFF * damping
     return out
 
 
 def possible_causes(
     servo: Servo, motion: JointMotion, resolution: float, scaled: bool
-) -> tuple[str, ...]:
+) -> dict[str, InServo]:
     """Return the causes that a motion could show.
 
     ``resolution`` is the step of the angle [rad]; ``scaled`` says whether gravity scales the
@@ -159,31 +156,32 @@ def possible_causes(
     """
     least = MOVES * resolution
     if np.ptp(motion.command) < least or np.ptp(motion.q) < least:
-        return ()
-    out = ["servo_stiffness"] if scaled else []
-    out += [*LAG, "coulomb_friction", "stribeck_friction", "presliding_hysteresis"]
-    if scaled:
-        out.append("load_dependent_friction")
-        if not servo.perfect:
-            out += ["encoder_offset", "gravity_compensation_missing"]
-    out += ["torque_limit", "speed_limit", "dead_zone"]
-    if unknown_damping(servo):
-        out.remove("damping")
-    return tuple(out)
+        return {}
+    return {
+        name: part
+        for name, part in causes_of_joints().items()
+        if (scaled or not part.of_gravity)
+        and not (servo.perfect and part.of_known_servo)
+        and not ("damping" in part.sizes and unknown_damping(servo))
+    }
 
 
-def heavy(motion: JointMotion) -> bool:
-    """Return whether gravity acts on a joint."""
-    return bool(np.abs(motion.gravity).max() > LEAST_GRAVITY)
+def heavy(motions: Sequence[JointMotion]) -> Bools:
+    """Return (n,) whether gravity acts on each joint."""
+    gravity = _gravity(motions)
+    return np.asarray(gravity > LEAST_GRAVITY * gravity.max())
+
+
+def _gravity(motions: Sequence[JointMotion]) -> Array:
+    """Return (n,) the largest gravity torque of each joint [N·m]."""
+    return np.array([np.abs(m.gravity).max() for m in motions])
 
 
 def sags(motion: JointMotion, resolution: float, stiffness: float | None) -> bool:
-    """Return whether gravity shows in a joint's sag, so that gravity scales the servo's torque.
+    """Return whether a heavy joint sags so much that gravity scales its servo's torque.
 
     A servo of known stiffness [N·m/rad] shows gravity by a sag that is missing, too.
     """
-    if not heavy(motion):
-        return False
     sag = sag_of(motion) if stiffness is None else 1 / stiffness
     return bool(sag * np.sqrt(np.mean(motion.gravity**2)) > GRAVITY_SEEN * resolution)
 
@@ -195,7 +193,7 @@ def sag_of(motion: JointMotion) -> float:
     )
 
 
-def unmodelled(motion: JointMotion, counts: NDArray[np.bool_]) -> float:
+def unmodelled(motion: JointMotion, counts: Bools) -> float:
     """Return the error of a joint's angle that no model explains [rad]: `LEFT` of its distance from
     the command over rows (T,) that count, less what gravity explains.
     """

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.gap.judge.judgement import Judgement
 from stiction_envs.gap.judge.search import NAMED
 from stiction_envs.gap.model_file import changed_arm
 from stiction_envs.gap.servo import motion, questions, whole_arm
 from stiction_envs.gap.servo.findings import (
-    named_causes,
+    carried,
+    contact,
+    joint_causes,
     refit,
     reported_columns,
     verdict_of,
-    with_payload,
 )
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import (
@@ -35,8 +36,6 @@ from stiction_envs.gap.servo.servo_payload import Tip, proposed
 from stiction_envs.measured.logs.robot_log import ServoLog
 from stiction_envs.robots import Arm
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 Progress = Callable[[str, float], None]
 """Called with a stage and its part done."""
 
@@ -64,8 +63,8 @@ class ServoDiagnosis(Judgement):
     """Per log, (T, n) [rad]."""
     angles: tuple[Array, ...]
     """Per log, (T, n) held-out angles of the extended model [rad]."""
-    touching: tuple[list[list[float]], ...]
-    """Per log, the stretches that were left out [s]."""
+    touched: tuple[Bools, ...]
+    """Per log, (T,) rows that were left out: the arm touches something."""
     notes: tuple[str, ...]
     check: whole_arm.ServoCheck | None = None
 
@@ -115,23 +114,22 @@ class _Joints:
         self.motions = motion.joint_motions(arm, logs) if motions is None else motions
         self.n = arm.n
         self.resolution = np.array([questions.resolution_of(m.q) for m in self.motions])
-        self.noise = np.maximum(
-            self.resolution / np.sqrt(12.0), [questions.rest_noise(m) for m in self.motions]
-        )
+        rest = [questions.rest_noise(m) for m in self.motions]
+        self.noise = np.maximum(self.resolution / np.sqrt(12.0), rest)
         self.load = np.array([float(np.abs(m.gravity).mean()) for m in self.motions])
         self.nominal = questions.nominal_parameters(servo, self.motions)
+        known = [None if servo.perfect else x for x in self.nominal[:, INDEX["stiffness"]]]
+        self.heavy = questions.heavy(self.motions)
         self.scaled = [
-            questions.sags(m, float(r), None if servo.perfect else float(p[INDEX["stiffness"]]))
-            for m, r, p in zip(self.motions, self.resolution, self.nominal, strict=True)
+            bool(heavy) and questions.sags(*x)
+            for heavy, *x in zip(self.heavy, self.motions, self.resolution, known, strict=True)
         ]
         for j in np.flatnonzero(self.scaled) if servo.perfect else []:
             self.nominal[j, INDEX["stiffness"]] = 1.0 / questions.sag_of(self.motions[j])
         self.links = questions.links_off(arm, self.motions)
         # rows on which each joint's causes are chosen
-        heads = [
-            m.heads(questions.shown(m, float(r)))
-            for m, r in zip(self.motions, self.resolution, strict=True)
-        ]
+        each = zip(self.motions, self.resolution, strict=True)
+        heads = [m.heads(questions.shown(m, r)) for m, r in each]
         self.chosen, self.shown = [m for m, _ in heads], [some for _, some in heads]
         self.notes = questions.notes_of(arm, logs)
         self.lasts: dict[int, float] = {}
@@ -156,23 +154,22 @@ class _Joints:
         """Return the joints (from 0) on which a cause was found."""
         return [j for j, joint in self.found.items() if cause in joint.causes]
 
-    def question(self, j: int, counts: Rows) -> Question:
+    def question(self, j: int, counts: Bools) -> Question:
         """Return the question about a joint; ``counts`` are rows of those shown."""
         scaled, nominal = self.scaled[j], self.nominal[j].copy()
         perfect = self.servo.perfect and scaled
         nominal[INDEX["stiffness"]] *= PERFECT if perfect else 1.0
         m = self.chosen[j]
-        if self.servo.perfect and not scaled and questions.heavy(m):
+        if self.servo.perfect and not scaled and self.heavy[j]:
             nominal[INDEX["compensation"]] = 1.0  # gravity that does not sag a joint is compensated
         causes = [
-            questions.possible_causes(self.servo, x, float(r), of_gravity)
-            for x, r, of_gravity in zip(self.chosen, self.resolution, self.scaled, strict=True)
+            questions.possible_causes(self.servo, *x)
+            for x in zip(self.chosen, self.resolution, self.scaled, strict=True)
         ]
-        damping = float(nominal[INDEX["damping"]])
         return Question(
             motion=m,
             nominal=nominal,
-            always=questions.always_fitted(self.servo, m, self.links[j], damping, scaled),
+            always=questions.always_fitted(self.servo, m, self.links[j], nominal, scaled),
             candidates=causes[j],
             hypotheses=max(1, sum(len(x) for x in causes)),
             counts=counts,
@@ -181,7 +178,7 @@ class _Joints:
             perfect=perfect,
         )
 
-    def contacts(self) -> dict[int, Rows]:
+    def contacts(self) -> dict[int, Bools]:
         """Return by joint the (T,) rows in which it seems to touch something."""
 
         def error_of(j: int) -> Array:
@@ -197,13 +194,11 @@ class _Joints:
         many = bool(out) and np.any([*out.values()], axis=0).mean() > motion.MOST_IN_CONTACT
         return {} if many else out
 
-    def pushed(self, contacts: dict[int, Rows]) -> dict[int, Rows]:
+    def pushed(self, contacts: dict[int, Bools]) -> dict[int, Bools]:
         """Return the contacts in which the motor pushes; of others the notes say that it rests."""
-        currents = whole_arm.rows(
-            self.logs,
-            [np.full_like(x.q, np.nan) if x.current is None else x.current for x in self.logs],
-        )
-        out = {}
+        none = [np.full_like(x.q, np.nan) for x in self.logs]
+        each = [y if x.current is None else x.current for x, y in zip(self.logs, none, strict=True)]
+        currents, out = whole_arm.rows(self.logs, each), {}
         for j, touches in contacts.items():
             out[j] = motion.pushing(currents[:, j], touches)
             for begin, end in motion.stretches(self.motions[j].t, touches & ~out[j]):
@@ -240,7 +235,7 @@ class _Joints:
             self.nominal[j, INDEX["stiffness"]] = stiffness
             # with the others' stiffness it may sag enough after all
             seen = np.abs(m.gravity).max() > questions.GRAVITY_SEEN * self.resolution[j] * stiffness
-            self.scaled[j] = bool(seen) and questions.heavy(m)
+            self.scaled[j] = bool(seen and self.heavy[j])
         without = [j for j in light if not self.scaled[j]]
         if without:
             said = "taken from the other joints" if same else "unknown"
@@ -283,10 +278,8 @@ class _Joints:
         """
         out = []
         for j, found in self.found.items():
-            swing, left = (
-                questions.swing_at_rest(self.chosen[j], x)
-                for x in (self.chosen[j].q, found.fit.error)
-            )
+            m = self.chosen[j]
+            swing, left = (questions.swing_at_rest(m, x) for x in (m.q, found.fit.error))
             least = max(questions.SWINGS * nominal[j], questions.MOVES * self.resolution[j])
             if swing > least and left > questions.SWINGS * swing:
                 out.append(j)
@@ -297,22 +290,15 @@ class _Joints:
                 )
         return out
 
-    def refits(self, counts: Rows) -> Iterator[Array]:
-        """Return (P,) parameters of each joint fitted to the rows (T,) that count."""
-        found = [self.found[j] for j in range(self.n)]
-        return self.workers.map(partial(refit, counts=counts), self.motions, found)
-
     def lost(self, other: _Joints) -> Array:
         """Return (n,) error [rad] that a payload takes off; ``other`` are joints that carry it."""
-
-        def one(j: int) -> float:
-            chosen, fit = self.chosen[j], other.found[j].fit
-            counts = self.free[self.shown[j]]
-            angle = chosen.simulate(fit.parameters[None])[0]
-            with_it = np.mean(fit.error[counts] ** 2)
-            return float(np.sqrt(np.mean((chosen.q - angle)[counts] ** 2)) - np.sqrt(with_it))
-
-        return np.array([one(j) for j in range(self.n)])
+        out = np.empty(self.n)
+        for j, m in enumerate(self.chosen):
+            fit, counts = other.found[j].fit, self.free[self.shown[j]]
+            angle = m.simulate(fit.parameters[None])[0]
+            without, with_it = (np.mean(x[counts] ** 2) for x in (m.q - angle, fit.error))
+            out[j] = np.sqrt(without) - np.sqrt(with_it)
+        return out
 
 
 def _with_tip(joints: _Joints) -> tuple[_Joints, Tip | None, float]:
@@ -383,33 +369,36 @@ def diagnose_servo(
         joints = _with_zero(joints)
         say("refitting", 0.0)
         first, second = whole_arm.folds(joints.motions[0])
-        fits = [joints.refits(x) for x in (free, free & first, free & second)]
+        found = [joints.found[j] for j in range(joints.n)]
+        fits = [
+            workers.map(partial(refit, counts=counts), joints.motions, found)
+            for counts in (free, free & first, free & second)
+        ]
         final, *parts = (np.stack(list(x)) for x in fits)
         say("forward validation", 0.0)
         jobs = [
             workers.submit(whole_arm.simulate_arm, joints.arm, logs, p, joints.load, threads=1)
             for p in parts
         ]
-        held = whole_arm.held_out(logs, first, [job.result() for job in jobs])
+        halves = [whole_arm.rows(logs, job.result()) for job in jobs]
+        held = np.where(first[:, None], halves[1], halves[0])
     nominal_rms, extended_rms = (whole_arm.errors_of(logs, x, free) for x in (plain, held))
     unstable = joints.unstable(nominal_rms)
     helped = [j for j in joints.helped(nominal_rms, extended_rms) if j not in unstable]
-    causes = named_causes(
-        {j: joints.found[j] for j in helped},
-        joints.pushed(contacts),
-        joints.motions[0].t,
-        nominal_rms,
-    )
+    causes = joint_causes({j: joints.found[j] for j in helped}, nominal_rms)
+    if pushed := joints.pushed(contacts):
+        causes.append(contact(pushed, joints.motions[0].t))
     tip = tip if helped else None
     if tip is not None:
-        causes = with_payload(causes, tip, before.lost(joints), nominal_rms, nats)
+        causes.append(carried(tip, before.lost(joints), nominal_rms, nats))
+    causes.sort(key=lambda c: -c.gain_percent)
     checked = None
     if check:
         say("check", 0.0)
         checked = whole_arm.check_model(
             check,
             whole_arm.nominal_angles(arm, check, servo, before.nominal, before.load),
-            whole_arm.simulate_arm(joints.arm, check, final, joints.load),
+            whole_arm.rows(check, whole_arm.simulate_arm(joints.arm, check, final, joints.load)),
             extended_rms,
         )
     return ServoDiagnosis(
@@ -417,16 +406,16 @@ def diagnose_servo(
         servo=servo,
         payload=tip,
         verdict=verdict_of(causes, nominal_rms, extended_rms, joints.noise),
-        causes=causes,
+        causes=tuple(causes),
         nominal_rms=nominal_rms,
         extended_rms=extended_rms,
         noise=joints.noise,
         parameters=final,
         load=joints.load,
         logs=tuple(logs),
-        nominal_angles=tuple(plain),
-        angles=tuple(held),
-        touching=tuple(whole_arm.touching(logs, ~free)),
+        nominal_angles=tuple(whole_arm.per_log(logs, plain, np.nan)),
+        angles=tuple(whole_arm.per_log(logs, held, np.nan)),
+        touched=tuple(whole_arm.per_log(logs, ~free, False)),
         notes=tuple(joints.notes),
         check=checked,
     )

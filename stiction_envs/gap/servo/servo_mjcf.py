@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stiction_envs.errors import StictionError
+from stiction_envs.arrays import Array
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.friction.parameters import QUANTITIES
 from stiction_envs.gap.extended_model import Extension, mjcf_text, mjcf_tree
 from stiction_envs.gap.model_file import Nominal, changed_arm
+from stiction_envs.gap.servo.causes import LAG, ServoLag, servo_cause
 from stiction_envs.gap.servo.servo_diagnosis import ServoDiagnosis
 from stiction_envs.gap.servo.servo_parameters import FAR, HIGH, INDEX, LOW, NAMES, PARAMETERS
 from stiction_envs.gap.servo.whole_arm import friction_of, reaching
 from stiction_envs.reporting.toml import toml_text
 from stiction_envs.robots import Arm
+from stiction_envs.robots.arm_toml import read_toml
 
-Array = NDArray[np.float64]
 _COMMENT = """ {name} under position servos as its logs show it, by stiction diagnose. SI units.
      Controls JOINT_servo are commanded angles [rad]; JOINT_torque are further torques [N m], zero
      on the robot. Friction is a LuGre bristle in each dcmotor, so that joints stop short and stay;
@@ -30,19 +28,7 @@ _COMMENT = """ {name} under position servos as its logs show it, by stiction dia
 {missing} """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ServoExtension(Extension):
-    """A model with its servos."""
-
-    servo: str
-    """The table ``[servo]``."""
-
-    def toml(self, *, meta: dict[str, str], provenance: dict[str, str]) -> str:
-        """See `Extension.toml`."""
-        return super().toml(meta=meta, provenance=provenance) + self.servo
-
-
-def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtension:
+def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> Extension:
     """Return the arm with what a diagnosis found, and what earlier ones found at its flange."""
     parts = before.parts
     if d.payload is not None:
@@ -50,11 +36,19 @@ def servo_extension(d: ServoDiagnosis, arm: Arm, before: Nominal) -> ServoExtens
     arm = reaching(changed_arm(arm, parts), d.logs)
     xml, missing = servo_mjcf(arm, d.parameters, d.load)
     friction = friction_of(arm, d.parameters, d.load)
-    found = said_of([c.name for c in d.causes])
-    return ServoExtension(
+    changed = [
+        name
+        for c in d.causes
+        for name in (LAG if c.name == ServoLag.name else servo_cause(c.name).servo.sizes)
+    ]
+    sources = dict.fromkeys(QUANTITIES, "assumed: no servo log shows it")
+    sources |= {
+        q: "stiction diagnose: servo logs" for name in changed for q in PARAMETERS[name].friction
+    }
+    return Extension(
         xml=xml,
         friction=friction,
-        sources=dict.fromkeys(QUANTITIES, "assumed: no servo log shows it") | found,
+        sources=sources,
         nominal=Nominal(
             friction=friction, parts=parts, robot=arm.name, payload=arm.payload, tilt=arm.tilt
         ),
@@ -73,7 +67,12 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
     Raises:
         StictionError: MuJoCo cannot represent the model.
     """
-    missing = tuple(_missing(parameters))
+    missing = tuple(
+        f"joint {j}: " + p.not_in_mjcf.format(x=x)
+        for p, values in zip(PARAMETERS.values(), parameters.T.tolist(), strict=True)
+        for j, x in enumerate(values, start=1)
+        if p.not_in_mjcf and x != p.absent and x < FAR
+    )
     friction = friction_of(arm, parameters, load)
     level = friction.stiction + (friction.load_coefficient * load)[:, None]
     friction = friction.replace(stiction=level, load_coefficient=np.zeros(arm.n))
@@ -92,24 +91,6 @@ def servo_mjcf(arm: Arm, parameters: Array, load: Array) -> tuple[str, tuple[str
     return mjcf_text(arm, root, _COMMENT, missing), missing
 
 
-def _missing(parameters: Array) -> list[str]:
-    said = {
-        "delay": "joint {j}: its command acts {x:.4g} s later (negative: earlier); do it yourself",
-        "speed_limit": "joint {j}: its command moves at most {x:.4g} rad/s; limit it yourself",
-        "dead_zone": "joint {j}: a dead zone of ±{x:.4g} rad around its command",
-        "load": "joint {j}: friction grows by {x:.3g} of gravity's torque; held at the usual one",
-        "offset": "joint {j}: the logged angle is {x:.4g} rad larger than the model's",
-        "compensation": "joint {j}: its controller adds {x:.3g} of gravity",
-    }
-    out = []
-    for name, text in said.items():
-        none = PARAMETERS[name].absent
-        for j, x in enumerate(parameters[:, INDEX[name]]):
-            if x != none and x < FAR:
-                out.append(text.format(j=j + 1, x=float(x)))
-    return out
-
-
 def servo_toml(parameters: Array) -> str:
     """Return the TOML table ``[servo]``; floats read back exactly."""
     table = {name: parameters[:, INDEX[name]].tolist() for name in NAMES}
@@ -123,22 +104,17 @@ def read_servo(path: Path, n: int) -> Array:
     Raises:
         StictionError: unreadable, without that table, or with numbers that cannot be.
     """
+    table = read_toml(path).get("servo", {})
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))["servo"]
-        out = np.array([table[name] for name in NAMES], dtype=np.float64).T
-    except OSError as error:
-        raise StictionError(f"nominal {path}: {error.strerror}") from None
-    except KeyError as error:
+        each = [
+            checked_array(table[name], f"nominal {path}: [servo] {name}", (n,)) for name in NAMES
+        ]
+    except (KeyError, TypeError):
         raise StictionError(
-            f"nominal {path}: no {error.args[0]!r}: expected a model.toml of a diagnosis of servo "
-            "logs"
+            f"nominal {path}: expected [servo] as a diagnosis of servo logs writes it into "
+            f"model.toml, with {', '.join(NAMES)}"
         ) from None
-    except (TypeError, ValueError, OverflowError) as error:
-        raise StictionError(
-            f"nominal {path}: [servo] is not as stiction diagnose writes it ({error})"
-        ) from None
-    if out.shape != (n, len(NAMES)):
-        raise StictionError(f"nominal {path}: [servo] is of {len(out)} joints: expected {n}")
+    out = np.stack(each, axis=1)
     wrong = ~((out >= LOW) & (out <= HIGH))
     if wrong.any():
         j, k = np.argwhere(wrong)[0]
@@ -147,19 +123,3 @@ def read_servo(path: Path, n: int) -> Array:
             f"{LOW[k]:g} to {HIGH[k]:g}"
         )
     return out
-
-
-def said_of(causes: Sequence[str]) -> dict[str, str]:
-    """Return the source of each friction quantity, for ``model.toml``."""
-    found = "stiction diagnose: servo logs"
-    of = {
-        "coulomb_friction": ("stiction", "coulomb_ratio"),
-        "stribeck_friction": ("coulomb_ratio", "stribeck_velocity"),
-        "damping": ("viscous",),
-        "armature": ("rotor_inertia",),
-        "servo_lag": ("viscous", "rotor_inertia"),
-        "load_dependent_friction": ("load_coefficient",),
-        "presliding_hysteresis": ("bristle_stiffness",),
-        "gravity_compensation_missing": ("gravity_error",),
-    }
-    return {q: found for cause in causes for q in of.get(cause, ())}

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.gap.causes.body.bodies import from_flange, sphere
 from stiction_envs.gap.causes.body.payload import Payload
 from stiction_envs.gap.causes.draft import Part
@@ -26,7 +26,6 @@ from stiction_envs.gap.signals.filters import lowpass
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
-Array = NDArray[np.float64]
 ROW_SECONDS, BLOCK = 0.1, 4.0
 """Time between rows of the regression, and of blocks that give the interval [s]; assumed."""
 SLOW = 0.02
@@ -72,7 +71,7 @@ def proposed(
     arm: Arm,
     motions: Sequence[JointMotion],
     nominal: Array,
-    rows: NDArray[np.bool_],
+    rows: Bools,
     *,
     shifted: Sequence[int] = (),
 ) -> Tip | None:
@@ -145,7 +144,7 @@ def _cost(found: Array, covariance: Array) -> float:
     return 0.5 * float(found @ found - np.log(narrowed).sum())
 
 
-def _residual(motion: JointMotion, p: Array, kept: NDArray[np.int64]) -> tuple[Array, Array, Array]:
+def _residual(motion: JointMotion, p: Array, kept: Index) -> tuple[Array, Array, Array]:
     """Return the residual of the servo's torque [N·m], (R, N) nuisances, and their (N,) priors.
 
     A prior is a standard deviation of the coefficient; inf where nothing is known.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stiction_envs.arrays import Array, Bools
 from stiction_envs.control.position_servo import ServoDrive, put_under_servos
 from stiction_envs.friction.inertia import link_inertia
 from stiction_envs.friction.model import build
@@ -17,7 +19,7 @@ from stiction_envs.friction.servos import PositionServos
 from stiction_envs.friction.steady import steady
 from stiction_envs.gap.servo import joint as lone
 from stiction_envs.gap.servo.joint import JointMotion
-from stiction_envs.gap.servo.motion import segments, stretches
+from stiction_envs.gap.servo.motion import segments
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_parameters import FAR, INDEX, NAMES
 from stiction_envs.measured.logs.robot_log import ServoLog
@@ -25,8 +27,6 @@ from stiction_envs.plant import CONTROL_DT, Plant
 from stiction_envs.robots import Arm
 from stiction_envs.robots.mjcf import numbers
 
-Array = NDArray[np.float64]
-Rows = NDArray[np.bool_]
 BLOCK = 2000
 """Control steps simulated at once [-]; bounds the memory."""
 ROOM = 0.2
@@ -192,11 +192,9 @@ def _preload(plant: Plant, reference: Array, start: Array, parameters: Array) ->
     plant.batch.bind("act")[:, model.actuator_actadr[plant.sticking.torque_actuator]] = deflection
 
 
-def folds(motion: JointMotion) -> list[Rows]:
+def folds(motion: JointMotion) -> list[Bools]:
     """Return two halves of the rows, in alternating blocks of time."""
-    segment = np.repeat(np.arange(len(motion.bounds) - 1), np.diff(motion.bounds))
-    since = motion.t - motion.t[motion.bounds[segment]]
-    even = (since // FOLD_SECONDS + segment) % 2 == 0
+    even = (motion.since // FOLD_SECONDS + motion.segment) % 2 == 0
     return [even, ~even]
 
 
@@ -205,57 +203,41 @@ def rows(logs: Sequence[ServoLog], angles: Sequence[Array]) -> Array:
     return np.concatenate([angles[k][s] for k, s in segments(logs)])
 
 
-def _parts(logs: Sequence[ServoLog], some: Rows) -> Iterator[tuple[int, slice, Rows]]:
-    """Yield each segment with its part of (T,) rows as motions have them."""
+def per_log(logs: Sequence[ServoLog], values: NDArray[Any], other: float) -> list[NDArray[Any]]:
+    """Return per log the values of the rows of all segments; those of other rows are ``other``."""
+    out = [np.full((len(log.t), *values.shape[1:]), other, dtype=values.dtype) for log in logs]
     begin = 0
     for k, s in segments(logs):
         end = begin + s.stop - s.start
-        yield k, s, some[begin:end]
+        out[k][s] = values[begin:end]
         begin = end
-
-
-def held_out(
-    logs: Sequence[ServoLog], of_first: Rows, halves: Sequence[Sequence[Array]]
-) -> list[Array]:
-    """Return per log the angles of the model that was fitted to the other half of the time."""
-    out = [angle.copy() for angle in halves[0]]
-    for k, s, first in _parts(logs, of_first):
-        out[k][s][first] = halves[1][k][s][first]
     return out
 
 
 def nominal_angles(
     arm: Arm, logs: Sequence[ServoLog], servo: Servo, nominal: Array, load: Array
-) -> list[Array]:
-    """Return per log the angles of the simulation that is judged [rad]."""
+) -> Array:
+    """Return (R, n) angles of the simulation that is judged, at the rows of all segments [rad]."""
     if servo.perfect:
-        return [log.q_cmd.copy() for log in logs]
-    return simulate_arm(arm, logs, nominal, load, threads=1)
+        return rows(logs, [log.q_cmd for log in logs])
+    return rows(logs, simulate_arm(arm, logs, nominal, load, threads=1))
 
 
 def errors_of(
-    logs: Sequence[ServoLog], angles: Sequence[Array], counts: Rows | slice = slice(None)
+    logs: Sequence[ServoLog], angles: Array, counts: Bools | slice = slice(None)
 ) -> Array:
-    """Return (n,) root mean square error of simulated angles over the rows that count [rad]."""
-    error = rows(logs, [log.q for log in logs]) - rows(logs, angles)
+    """Return (n,) root mean square error of (R, n) angles over the rows that count [rad]."""
+    error = rows(logs, [log.q for log in logs]) - angles
     return np.asarray(np.sqrt(np.nanmean(error[counts] ** 2, axis=0)))
 
 
-def touching(logs: Sequence[ServoLog], touched: Rows) -> list[list[list[float]]]:
-    """Return per log the stretches [s] of the rows that were left out."""
-    out: list[list[list[float]]] = [[] for _ in logs]
-    for k, s, some in _parts(logs, touched):
-        out[k] += stretches(logs[k].t[s], some)
-    return out
-
-
 def check_model(
-    logs: Sequence[ServoLog], plain: Sequence[Array], model: Sequence[Array], fitted_rms: Array
+    logs: Sequence[ServoLog], plain: Array, model: Array, fitted_rms: Array
 ) -> ServoCheck:
     """Return the errors of both models on logs that took no part.
 
-    Per log, ``plain`` and ``model`` are (T, n) angles of the nominal simulation and of the extended
-    model [rad]; ``fitted_rms`` (n,) is the held-out error where the model was fitted [rad].
+    ``plain`` and ``model`` are (R, n) angles of the nominal simulation and of the extended model
+    [rad]; ``fitted_rms`` (n,) is the held-out error where the model was fitted [rad].
     """
     before, after = errors_of(logs, plain), errors_of(logs, model)
     worse = np.flatnonzero((after > WORSE * before) & (after > fitted_rms))

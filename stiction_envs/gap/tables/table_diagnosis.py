@@ -5,7 +5,7 @@
     for cause in diagnosis.causes:
         print(cause.name, cause.joints, cause.parameters, cause.nats, cause.rivals)
 
-`gap.tables.judged` names causes by the evidence of the model with them.
+`gap.tables.table_search` names causes by the evidence of the model with them.
 """
 
 from __future__ import annotations

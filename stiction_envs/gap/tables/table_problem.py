@@ -93,7 +93,8 @@ class TableProblem(Problem):
             channel = self.channels[k]
             n = channel.normal(-1)
             m, b = np.eye(len(local)) + n[:, local[:, None], local], n[:, local, -1]
-            misfit = n[:, -1, -1] - np.einsum("gi,gi->g", b, _solved(m, b))
+            solved = np.linalg.solve(m, b[..., None])[..., 0]
+            misfit = n[:, -1, -1] - np.einsum("gi,gi->g", b, solved)
             self._known[key] = channel.volume - 0.5 * (misfit + np.linalg.slogdet(m)[1])
         return self._known[key]
 
@@ -157,7 +158,3 @@ class TableProblem(Problem):
         """Return the log evidence for a common error of a joint against none [nats]."""
         of = self.likelihoods(k, self.model(named))
         return float(of.max() - of[SIZES[:, 1] == 0].max())
-
-
-def _solved(m: Array, b: Array) -> Array:
-    return np.asarray(np.linalg.solve(m, b[..., None])[..., 0])

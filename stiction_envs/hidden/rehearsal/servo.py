@@ -19,12 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.findings import ALIKE
+from stiction_envs.gap.servo.causes import ServoLag, servo_cause
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.motion import joint_motions
 from stiction_envs.gap.servo.questions import (
-    SERVO_LAG,
     Servo,
+    heavy,
     nominal_parameters,
     possible_causes,
     resolution_of,
@@ -56,8 +56,6 @@ TRIED, SMALLEST = 40, 1e-4
 assumed: they are 26 % apart, and interpolated."""
 NO_CHANGE = 1e-3  # change of the angle over the noise that is none [-]; assumed
 SPARSE = 10  # rows of which one shows a body's gravity [-]; assumed
-FIXED = ("payload", "external_contact")
-"""Causes of which `confused_with` says the same of every log."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +100,7 @@ class HiddenServos:
         motion = self.motions[j]
         step = float(self.resolution[j])
         known = None if self.servo.perfect else float(self.base[j, INDEX["stiffness"]])
-        scaled = sags(motion, step, known)
+        scaled = heavy(self.motions)[j] and sags(motion, step, known)
         if self.servo.perfect and name in ("servo_stiffness", "damping"):
             return "nobody said what it should be, so it is named as it is"
         if self.servo.perfect and name in (
@@ -114,7 +112,7 @@ class HiddenServos:
         possible = possible_causes(self.servo, motion, step, scaled)
         if not possible:
             return f"joint {j + 1} hardly moves"
-        if name in possible or name in FIXED:
+        if name in (*possible, "payload", "external_contact"):
             return ""
         return f"gravity does not sag joint {j + 1} enough to scale its torques"
 
@@ -174,7 +172,7 @@ class HiddenServos:
         named = []
         for c in said.causes:
             joints = [j for j in c.joints if c.name == job.cause or (c.name, j) not in self.right]
-            always = c.confused_with if c.name in FIXED else ALIKE.get(c.name, ())
+            always = servo_cause(c.name).servo.alike
             if joints:
                 named.append([c.name, joints, [x for x in c.confused_with if x not in always]])
         return {"sizes": sizes, "named": named, "minor": [c.name for c in said.minor]}
@@ -211,10 +209,9 @@ def subject_of(own: ServoDiagnosis, arm: Arm) -> HiddenServos:
     motions = joint_motions(arm, own.logs)
     base = _base(own, motions)
     left = []
-    for log, angle, touched in zip(own.logs, own.angles, own.touching, strict=True):
+    for log, angle, touched in zip(own.logs, own.angles, own.touched, strict=True):
         error = np.nan_to_num(log.q - angle)
-        for begin, end in touched:
-            error[(log.t >= begin) & (log.t <= end)] = 0.0
+        error[touched] = 0.0
         left.append(error)
     noise = np.sqrt(np.mean(np.concatenate(left) ** 2, axis=0))
     noise = np.maximum(noise, own.noise)
@@ -253,10 +250,10 @@ def _base(own: ServoDiagnosis, motions: Sequence[JointMotion]) -> Array:
 def _right(own: ServoDiagnosis, base: Array) -> set[tuple[str, int]]:
     """Return the causes and joints (from 1) of an arm in which nothing is hidden."""
     joints = range(1, len(base) + 1)
-    names = ("servo_stiffness", "damping", SERVO_LAG) if own.servo.perfect else ()
+    names = ("servo_stiffness", "damping", ServoLag.name) if own.servo.perfect else ()
     late = {j for j in joints if base[j - 1, INDEX["delay"]] < 0.0}
     return {(x, j) for x in names for j in joints} | {
-        (x, j) for x in ("delay", SERVO_LAG) for j in late
+        (x, j) for x in ("delay", ServoLag.name) for j in late
     }
 
 

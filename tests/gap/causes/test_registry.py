@@ -8,7 +8,9 @@ from stiction_envs.errors import StictionError
 from stiction_envs.gap import causes
 from stiction_envs.gap.causes import CAUSES, Cause, cause_named, register, registered, unregister
 from stiction_envs.gap.causes.log.torque_offset import TorqueOffset
+from stiction_envs.gap.causes.registry import IN_LOGS, IN_SERVO, IN_TABLES
 from stiction_envs.gap.diagnosis import diagnose_logs
+from stiction_envs.gap.servo.causes import TorqueLimit
 from stiction_envs.gap.tables import causes as table_causes
 from tests.gap.small_logs import hidden, panda
 
@@ -50,7 +52,7 @@ def test_an_incomplete_cause_is_not_registered(field: str, value: object, says: 
 
 def test_a_cause_that_no_data_show_is_not_registered() -> None:
     unseen = type("Unseen", (Cause,), {"name": "unseen"})
-    with pytest.raises(StictionError, match="cause Unseen: expected columns or in_tables"):
+    with pytest.raises(StictionError, match="cause Unseen: expected columns, in_tables or servo"):
         register(unseen())
 
 
@@ -64,13 +66,17 @@ def test_a_cause_of_logs_and_of_tables_is_one() -> None:
             kind.cause_named(name)
 
 
-@pytest.mark.parametrize("kind", [causes, table_causes])
-def test_logs_and_tables_have_causes_of_their_own(kind) -> None:
+@pytest.mark.parametrize("member", [IN_LOGS, IN_TABLES, IN_SERVO])
+def test_each_kind_of_data_has_causes_of_its_own(member: str) -> None:
+    of_kind = registered(member)
     with pytest.raises(StictionError, match="expected a name that is not taken"):
-        kind.register(kind.registered()[0])
+        register(of_kind[0])
     with pytest.raises(StictionError, match=r"unknown cause 'friction': expected one of \w+"):
-        kind.unregister("friction")
-    assert (kind is causes) == ("payload" in {c.name for c in kind.registered()})
+        unregister("friction")
+    names = {c.name for c in of_kind}
+    own = {IN_LOGS: "viscous_friction", IN_TABLES: "low_pass", IN_SERVO: TorqueLimit.name}
+    assert names & {*own.values()} == {own[member]}
+    assert ("coulomb_friction" in names) == (member != IN_TABLES)
 
 
 def test_a_cause_that_is_not_registered_is_refused_at_once() -> None:

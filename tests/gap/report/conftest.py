@@ -29,5 +29,5 @@ def angles(tmp_path_factory: pytest.TempPathFactory) -> ServoResult:
     h = hide(arm, ["coulomb_friction"], seed=3, seconds=30.0, start=np.array([-0.6, 0.8]))
     found = diagnose(held(h.log, 20.0, 24.0)[0], arm, **h.options)
     assert isinstance(found, ServoResult)
-    assert found.diagnosis.touching[0]
+    assert found.diagnosis.touched[0].any()
     return found

@@ -53,7 +53,7 @@ def test_a_servo_log_s_series_are_commands_angles_and_contact(
         np.testing.assert_allclose(read[f"q_cmd{j}"], d.logs[0].q_cmd[:, j - 1], atol=1e-8)
         free = (read[f"q{j}"] - read[f"q_simulated{j}"])[~touches]
         assert np.sqrt(np.mean(free**2)) == pytest.approx(d.extended_rms[j - 1], rel=1e-5)
-    begin, end = d.touching[0][0]
+    begin, end = d.logs[0].t[d.touched[0]][[0, -1]]
     assert touches[np.searchsorted(read["t"], 0.5 * (begin + end))]
     assert not touches[np.searchsorted(read["t"], begin) - 1]
 

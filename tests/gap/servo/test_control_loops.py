@@ -16,8 +16,8 @@ pytestmark = pytest.mark.slow
 
 Array = NDArray[np.float64]
 PENDULUM = """<mujoco model="pendulum"><worldbody><body name="rod" pos="0 0 1">
-<joint name="hinge" axis="0 1 0"/><inertial pos="0 0 -0.15" mass="0.741"
-diaginertia="0.001 0.001 0.001"/></body></worldbody></mujoco>"""
+<joint name="hinge" axis="0 1 0"/><inertial pos="0 0 -0.15" {inertial}/>
+</body></worldbody></mujoco>"""
 GRAVITY, INERTIA = 0.741 * 9.81 * 0.15, 0.001 + 0.741 * 0.15**2
 KP, KD = 15.3, 0.6
 STEP, ENCODER = 1e-3, 2 * np.pi / 4096
@@ -70,9 +70,12 @@ def _log(
     )
 
 
-def _diagnosed(folder: Path, log: ServoLog, servo: Servo = KNOWN) -> ServoDiagnosis:
+def _diagnosed(
+    folder: Path, log: ServoLog, servo: Servo = KNOWN, heavier: float = 1.0
+) -> ServoDiagnosis:
     path = folder / "pendulum.xml"
-    path.write_text(PENDULUM)
+    inertial = f'mass="{0.741 * heavier}" diaginertia="{" ".join(3 * [str(0.001 * heavier)])}"'
+    path.write_text(PENDULUM.format(inertial=inertial))
     return diagnose_servo([log], load_arm(path), servo, threads=1)
 
 
@@ -88,6 +91,18 @@ def test_the_right_gains_leave_nothing_but_friction(tmp_path: Path) -> None:
     assert [c.name for c in d.causes] == ["coulomb_friction"]
     low, high = _interval(d, "coulomb_friction", "coulomb_nm")
     assert low < 0.15 < high < 1.3 * low
+
+
+@pytest.mark.parametrize("heavier", [0.01, 1000.0])
+def test_an_arm_of_another_size_has_the_same_causes(tmp_path: Path, heavier: float) -> None:
+    """Its motion is the same if its masses, servos and friction all grow alike."""
+    log = _log(friction=0.15)
+    one, other = (_diagnosed(tmp_path, log, UNKNOWN, size) for size in (1.0, heavier))
+    assert [c.name for c in other.causes] == [c.name for c in one.causes]
+    assert {"servo_stiffness", "coulomb_friction", "damping"} == {c.name for c in one.causes}
+    for mine, theirs in zip(one.causes, other.causes, strict=True):
+        for key, value in mine.parameters[1].items():
+            assert theirs.parameters[1][key].value == pytest.approx(heavier * value.value, rel=1e-3)
 
 
 def test_a_share_of_gravity_is_the_strongest_cause(tmp_path: Path) -> None:

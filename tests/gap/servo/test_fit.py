@@ -1,33 +1,30 @@
 """A fit of one joint, and the causes that the evidence names on it."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from stiction_envs.gap.servo.causes import causes_of_joints
 from stiction_envs.gap.servo.fit import fit
 from stiction_envs.gap.servo.joint import JointMotion
 from stiction_envs.gap.servo.joint_search import JointFindings, JointProblem, Question, judge
 from stiction_envs.gap.servo.questions import swing_at_rest
-from stiction_envs.gap.servo.servo_parameters import NAMES, PARAMETERS
+from stiction_envs.gap.servo.servo_parameters import NAMES, InServo
 from tests.gap.servo.small_arm import motion, parameters
 
-CAUSES = tuple(
-    cause
-    for cause in dict.fromkeys(p.cause for p in PARAMETERS.values())
-    if cause not in ("servo_stiffness", "load_dependent_friction", "encoder_offset")
-    and cause != "gravity_compensation_missing"
-)
+CAUSES = {name: cause for name, cause in causes_of_joints().items() if not cause.of_gravity}
 ENCODER = 2 * np.pi / 4096
 
 
-def _asked(log: JointMotion) -> Question:
+def asked(log: JointMotion, candidates: Mapping[str, InServo] = CAUSES) -> Question:
     return Question(
         motion=log,
         nominal=parameters(damping=1.0),
         always={"delay": 3e-3, "armature": 2e-3, "bristle": 0.5},
-        candidates=CAUSES,
-        hypotheses=len(CAUSES),
+        candidates=candidates,
+        hypotheses=len(candidates),
         counts=np.ones(len(log.t), dtype=bool),
         floor=ENCODER / np.sqrt(12.0),
     )
@@ -40,7 +37,7 @@ def _commands(seconds: float = 40.0) -> np.ndarray:
     return slow + 0.1 * (t > seconds / 2) * np.sin(2 * np.pi * 1.1 * t)
 
 
-def _log(*, noise: np.ndarray | float = 0.0, **values: float) -> JointMotion:
+def made(*, noise: np.ndarray | float = 0.0, **values: float) -> JointMotion:
     command = _commands()
     plain = motion(command, step=0.02)
     q = plain.simulate(parameters(**{"damping": 1.0, **values})[None])[0] + noise
@@ -48,13 +45,13 @@ def _log(*, noise: np.ndarray | float = 0.0, **values: float) -> JointMotion:
 
 
 def _judged(log: JointMotion) -> JointFindings:
-    return judge(_asked(log))
+    return judge(asked(log))
 
 
 def test_a_fit_recovers_what_made_a_log() -> None:
     truth = {"damping": 0.9, "stiction": 0.25, "delay": 0.012, "armature": 0.03}
-    log = _log(**truth)
-    problem = JointProblem(_asked(log))
+    log = made(**truth)
+    problem = JointProblem(asked(log))
     of = problem.coordinates(frozenset({"damping", "coulomb_friction", "delay", "armature"}))
     found = fit(log, problem.noise, of, parameters(damping=0.5, stiction=0.1)[None], 40)
     assert np.sqrt(np.mean(found.error**2)) < 0.4 * ENCODER  # rounding leaves 0.29
@@ -63,7 +60,7 @@ def test_a_fit_recovers_what_made_a_log() -> None:
 
 
 def test_where_nothing_is_hidden_nothing_is_found() -> None:
-    assert not _judged(_log()).causes
+    assert not _judged(made()).causes
 
 
 @pytest.mark.parametrize(
@@ -78,7 +75,7 @@ def test_where_nothing_is_hidden_nothing_is_found() -> None:
 def test_a_hidden_cause_is_found_alone_and_inside_its_interval(
     cause: str, values: dict[str, float]
 ) -> None:
-    found = _judged(_log(**values))
+    found = _judged(made(**values))
     assert set(found.causes) == {cause}
     ((name, value),) = values.items()
     assert found.fit[name] == pytest.approx(value, rel=0.05)
@@ -86,7 +83,7 @@ def test_a_hidden_cause_is_found_alone_and_inside_its_interval(
 
 def test_friction_that_sticks_and_slips_is_no_torque_limit() -> None:
     """Stiction far above the friction in motion: the angle waits and jumps."""
-    found = _judged(_log(stiction=0.9, drop=0.6, stribeck_velocity=0.05))
+    found = _judged(made(stiction=0.9, drop=0.6, stribeck_velocity=0.05))
     assert set(found.causes) == {"coulomb_friction", "stribeck_friction"}
 
 
@@ -94,7 +91,7 @@ def test_bursts_that_no_model_has_are_no_torque_limit() -> None:
     """A joint that now and then stays behind by 60 mrad, whatever the torque."""
     t = 0.02 * np.arange(len(_commands()))
     burst = sum(np.exp(-0.5 * ((t - x) / 0.3) ** 2) for x in (6.0, 17.0, 31.0))
-    found = _judged(_log(stiction=0.3, noise=-0.06 * burst))
+    found = _judged(made(stiction=0.3, noise=-0.06 * burst))
     assert set(found.causes) == {"coulomb_friction"}
 
 
@@ -106,7 +103,7 @@ def test_errors_that_last_need_more_of_them() -> None:
     slow = np.convolve(white, window, "same")
     nats = []
     for noise in (white, slow):
-        found = _judged(_log(stiction=0.2, noise=4e-3 * noise / noise.std()))
+        found = _judged(made(stiction=0.2, noise=4e-3 * noise / noise.std()))
         nats.append(found.causes["coulomb_friction"].nats)
     assert nats[1] < 0.6 * nats[0]
 
@@ -117,18 +114,18 @@ def test_a_stated_gain_that_is_a_little_off_is_no_cause() -> None:
     """
     late = {"damping"}
     for truth, off, named in ((0.84, 0.05, set()), (0.84, 0.0, late), (0.6, 0.05, late)):
-        asked = _asked(_log(damping=truth))
+        question = asked(made(damping=truth))
         stated = {"damping": off} if off else {}
-        found = judge(replace(asked, always={**asked.always, **stated}))
+        found = judge(replace(question, always={**question.always, **stated}))
         assert set(found.causes) == named
         assert abs(found.fit["damping"] - truth) < 0.5 * (1.0 - truth)
 
 
 def test_a_small_error_of_a_stated_gain_takes_no_part_of_what_a_cause_takes_off() -> None:
-    asked = _asked(_log(damping=0.5))
-    found = judge(replace(asked, always={**asked.always, "damping": 0.05}))
+    question = asked(made(damping=0.5))
+    found = judge(replace(question, always={**question.always, "damping": 0.05}))
     assert set(found.causes) == {"damping"}
-    error = asked.motion.q - asked.motion.simulate(asked.nominal[None])[0]
+    error = question.motion.q - question.motion.simulate(question.nominal[None])[0]
     assert found.causes["damping"].lost == pytest.approx(np.sqrt(np.mean(error**2)), rel=0.2)
 
 
@@ -146,7 +143,7 @@ def test_a_swing_counts_where_the_command_has_rested_for_a_while() -> None:
 def test_what_moves_the_joint_has_more_than_what_is_named() -> None:
     """Friction that falls a little with speed is not named, and yet in the motion elsewhere."""
     rng = np.random.default_rng(3)
-    log = _log(stiction=0.2, drop=0.12, noise=2e-3 * rng.standard_normal(2000))
+    log = made(stiction=0.2, drop=0.12, noise=2e-3 * rng.standard_normal(2000))
     found = _judged(log)
     assert set(found.causes) == {"coulomb_friction"}
     assert found.fit["drop"] == 0.0

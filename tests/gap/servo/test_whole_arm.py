@@ -108,12 +108,12 @@ def _toml(joints: int = 2, **changed: float) -> str:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "no 'servo'"),
-        ("[servo]\nstiffness = [1.0]", "no 'damping'"),
-        ("[servo", "not as stiction diagnose writes it"),
-        (_toml(joints=3), "of 3 joints: expected 2"),
+        ("", "expected [servo] as a diagnosis"),
+        ("[servo]\nstiffness = [1.0, 2.0]", "with stiffness, damping"),
+        ("[servo", "not a TOML file"),
+        (_toml(joints=3), "[servo] stiffness has shape (3,): expected"),
         (_toml(stiffness=-1.0), "stiffness of joint 2 is -1"),
-        (_toml(delay=np.nan), "delay of joint 2 is nan"),
+        (_toml(delay=np.nan), "[servo] delay"),
     ],
 )
 def test_a_bad_table_of_servos_is_one_line(tmp_path: Path, text: str, said: str) -> None:

@@ -6,8 +6,9 @@ import re
 
 import pytest
 
+from stiction_envs.gap.causes import register, unregister
 from stiction_envs.gap.report.results import TableResult
-from stiction_envs.gap.tables.causes import SimulatedCause, register, registered, unregister
+from stiction_envs.gap.tables.causes import SimulatedCause, registered
 from stiction_envs.gap.tables.data import SimulatedQuantity, WholeArm
 from stiction_envs.gap.tables.table_diagnosis import diagnose_tables
 from stiction_envs.measured.logs.sources import LogSources

@@ -24,6 +24,7 @@ from stiction_envs.gap.causes.body.bodies import (
     with_link,
 )
 from stiction_envs.gap.causes.draft import Part
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import inertial_parameters
@@ -61,6 +62,7 @@ class LinkParameters(Cause):
         Parameter("com_m", "m", size=3),
         Parameter("link", "1", size=0),
     )
+    servo: ClassVar = InServo(tells_apart="a log with a known mass at the tip")
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return which link it is, its mass in the model [kg], and how far its centre may be off

@@ -17,6 +17,7 @@ from stiction_envs.gap.causes.body.bodies import (
     with_payload,
 )
 from stiction_envs.gap.causes.draft import Part
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import consistent
@@ -52,6 +53,14 @@ class Payload(Cause):
     acts_on: ClassVar[str] = THE_ARM
     adds_to: ClassVar[str] = LINK
     parameters: ClassVar = (Parameter("mass_kg", "kg"), Parameter("com_m", "m", size=3))
+    servo: ClassVar = InServo(
+        evidence="joints sag together, as under a body of {value:.3g} kg at the flange",
+        alike=(
+            *("encoder_offset", "gravity_compensation_missing"),
+            *("link_parameters", "servo_stiffness"),
+        ),
+        tells_apart="a log with another, known mass at the tip",
+    )
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:
         """Return the flange as first guess of the centre."""

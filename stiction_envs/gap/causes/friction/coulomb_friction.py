@@ -8,6 +8,7 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import DRY, Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 
 
@@ -21,6 +22,16 @@ class CoulombFriction(Cause):
     parameters: ClassVar = (Parameter("coulomb_nm", "N·m", 0.0),)
     view: ClassVar = View(
         "joint speed [rad/s]", variable("dq"), note="a step where the motion turns round"
+    )
+    servo: ClassVar = InServo(
+        sizes={"stiction": 0.03},
+        starts=lambda x: [{"stiction": y * x["stiffness"]} for y in (0.3 * x["error"], 0.01)],
+        reported={"coulomb_nm": (("stiction", "drop"), lambda f, s: f * (1 - s))},
+        odds=1.0,
+        stage=0,
+        of_every_joint=True,
+        evidence="the joint stops short of its command, on the side from which it came",
+        tells_apart="slow motion through several poses, both ways",
     )
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

@@ -9,6 +9,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 
 MOST_RATIO = 1.0
@@ -30,6 +31,16 @@ class LoadDependentFriction(Cause):
         lambda data, joint, shape: np.abs(data.rigid[:, joint]),
         folded=True,
         note="friction grows with load",
+    )
+    servo: ClassVar = InServo(
+        sizes={"load": 0.3},
+        starts=lambda x: [
+            {"load": 0.5 * x["stiction"] / x["gravity"], "stiction": 0.5 * x["stiction"]}
+        ],
+        stage=1,
+        of_every_joint=True,
+        of_gravity=True,
+        evidence="the joint stops shorter where gravity is larger",
     )
 
     def shapes(self, data: Data, joint: int, residual: Array) -> list[Shape]:

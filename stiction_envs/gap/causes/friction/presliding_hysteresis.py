@@ -12,6 +12,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.gap.signals.dataset import Data
 
@@ -50,6 +51,13 @@ class PreslidingHysteresis(Cause):
         folded=True,
         note="friction builds up over some way after a reversal",
         limit=lambda shape: 8 * shape[0],
+    )
+    servo: ClassVar = InServo(
+        sizes={"bristle": 1.5},
+        starts=lambda x: [{"bristle": 0.005}, {"bristle": 0.02}],
+        reported={"bristle_stiffness": (("stiction", "bristle"), lambda f, z: f / z)},
+        stage=1,
+        evidence="the angle gives before it slides",
     )
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

@@ -12,6 +12,7 @@ import numpy as np
 from stiction_envs.gap.causes.base import Array, Cause, Parameter, Prior, Shape, View, variable
 from stiction_envs.gap.causes.draft import ModelDraft, Part
 from stiction_envs.gap.causes.friction.coulomb_friction import CoulombFriction
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.measured.motion_thresholds import REST_SPEED
 
@@ -40,6 +41,14 @@ class StribeckFriction(Cause):
         variable("dq"),
         note="friction falls as the joint gets faster",
         limit=lambda shape: max(6 * shape[0], 0.02),
+    )
+    servo: ClassVar = InServo(
+        sizes={"drop": 0.4, "stribeck_velocity": 1.0},
+        starts=lambda x: [{"drop": 0.3, "stiction": 1.2 * x["stiction"]}],
+        reported={"stiction_nm": (("stiction", "drop"), lambda f, s: f * s)},
+        stage=1,
+        of_every_joint=True,
+        evidence="the joint needs more torque to start than to go on",
     )
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

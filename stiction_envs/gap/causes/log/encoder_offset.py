@@ -28,6 +28,7 @@ from stiction_envs.gap.causes.base import (
     View,
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.servo.servo_parameters import BOTH_SIDES, InServo
 from stiction_envs.gap.signals.angles import AngleError
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.signals.recording import Recording
@@ -60,6 +61,16 @@ class EncoderOffset(Cause):
         "−∂τ/∂q of the joint [N·m/rad]",
         lambda data, joint, shape: data.links.derived(_slopes)[:, joint, joint],
         note="a slope: the offset",
+    )
+    servo: ClassVar = InServo(
+        sizes={"offset": 0.15},
+        starts=lambda x: [{"offset": 0.1}, {"offset": -0.1}],
+        stage=2,
+        of_gravity=True,
+        of_known_servo=True,
+        evidence="gravity sags the joint as if it stood at another angle",
+        alike=("torque_offset", "payload"),
+        tells_apart=BOTH_SIDES,
     )
 
     def __init__(self, far: AngleError | None = None) -> None:

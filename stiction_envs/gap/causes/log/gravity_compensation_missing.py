@@ -13,6 +13,7 @@ import numpy as np
 
 from stiction_envs.gap.causes.base import THE_ARM, Array, Cause, Parameter, Prior, Shape, View
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.servo.servo_parameters import InServo
 from stiction_envs.gap.signals.dataset import Data
 
 LEAST = 0.005
@@ -37,6 +38,15 @@ class GravityCompensationMissing(Cause):
         "gravity torque [N·m]",
         lambda data, joint, shape: data.recording.gravity[:, joint],
         note="a slope: minus the share that is missing, the same on all joints",
+    )
+    servo: ClassVar = InServo(
+        sizes={"compensation": 0.7},
+        starts=lambda x: [{"compensation": 0.5}, {"compensation": 1.0}],
+        stage=2,
+        of_gravity=True,
+        of_known_servo=True,
+        evidence="the arm sags as if its controller added more or less gravity",
+        alike=("servo_stiffness", "payload"),
     )
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:

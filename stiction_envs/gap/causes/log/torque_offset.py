@@ -20,6 +20,7 @@ from stiction_envs.gap.causes.base import (
     variable,
 )
 from stiction_envs.gap.causes.draft import ModelDraft, Part
+from stiction_envs.gap.servo.servo_parameters import BOTH_SIDES, InServo
 from stiction_envs.gap.signals.dataset import Data
 from stiction_envs.gap.tables.data import Effect, TableData
 
@@ -49,6 +50,7 @@ class TorqueOffset(Cause):
     words: ClassVar[str] = "an added torque of {offset_nm:+.3g} N·m"
     parameters: ClassVar = (Parameter("offset_nm", "N·m"),)
     view: ClassVar = View("joint angle [rad]", variable("q"), note="the same torque everywhere")
+    servo: ClassVar = InServo(tells_apart=BOTH_SIDES)
 
     def prior(self, data: Data, joint: int, shape: Shape) -> Prior:
         """Return three times the offset of usual sensors [N·m]; assumed."""
