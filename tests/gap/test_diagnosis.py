@@ -87,11 +87,3 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     added = np.stack([found.torque(j) for j in range(7)], axis=1)
     assert np.allclose(model.nominal - found.base.nominal, added, atol=0.005)
     assert [c.name for c in diagnose_logs(logs, arm, nominal=model_of(found)).causes] == []
-
-
-@pytest.mark.slow
-def test_asymmetry_without_rest_has_an_offset_as_its_nearest_rival() -> None:
-    """One that never stops is nearly the same as a constant torque."""
-    case = make_case(5, ("direction_asymmetry",), motion="fourier", known=True, joint=3, size=0.8)
-    first = solved(case).causes[0]
-    assert {first.name, first.rivals[0][0]} == {"torque_offset", "direction_asymmetry"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
 from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
@@ -97,15 +96,3 @@ def test_a_model_with_small_errors_is_a_friction_file_too(tmp_path) -> None:
     again = load_friction(path)
     for name in QUANTITIES:
         assert np.array_equal(getattr(again, name), getattr(friction, name))
-
-
-def test_a_matrix_of_another_arm_is_refused(tmp_path) -> None:
-    path = tmp_path / "model.toml"
-    text = '[arm]\nrobot = "panda"\npayload = []\ntilt = [0.0, 0.0]\ndistance = []\n\n[links]\n'
-    for rows in ("[[1.0], [2.0, 3.0]]", '[["a"]]', "[[nan]]", "[1.0]"):
-        path.write_text(f"{text}covariance_factor = {rows}\n")
-        with pytest.raises(StictionError, match=r"\[links\] covariance_factor: expected rows"):
-            read(path)
-    path.write_text(f"{text}covariance_factor = [[1.0], [2.0]]\n")
-    with pytest.raises(StictionError, match=r"\[links\] has 2 rows: expected 70 for panda"):
-        read(path).check(panda(), path)

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import Part, cause_named
-from stiction_envs.gap.extended_model import extend
-from stiction_envs.gap.model_file import Nominal
 from stiction_envs.gap.signals.dataset import Data
 from tests.gap.small_logs import data_of, hidden, panda
 
@@ -40,24 +37,6 @@ def test_beyond_the_angles_of_the_logs_it_is_constant(data: Data) -> None:
     np.testing.assert_allclose(torque[q < low], curve(low))
     inside = (low < q) & (q < high)
     np.testing.assert_allclose(torque[inside], curve(q[inside]))
-
-
-def test_mujoco_holds_it_exactly(data: Data) -> None:
-    """At any angle, speed and command of others; two of them on a joint add up."""
-    again = replace(PART, level=2)
-    made = extend(data, Nominal(robot="panda", parts=(PART, again)))
-    assert not made.missing
-    assert not made.left_out.any()
-    model = mujoco.MjModel.from_xml_string(made.xml)
-    work = mujoco.MjData(model)
-    rng = np.random.default_rng(0)
-    for _ in range(20):
-        work.qpos[:], work.qvel[:] = rng.uniform(-3, 3, (2, 7))
-        work.act[:] = 0.0
-        mujoco.mj_forward(model, work)
-        own = [i for i in range(model.nu) if model.actuator(i).name.count("wave")]
-        own.append(model.actuator("joint4_offset").id)
-        assert work.actuator_force[own].sum() == pytest.approx(-2 * curve(work.qpos[3]), abs=1e-9)
 
 
 def test_harmonics_that_only_cancel_at_the_angles_of_the_logs_are_implausible(data: Data) -> None:

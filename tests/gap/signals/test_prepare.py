@@ -117,23 +117,6 @@ def test_the_cutoff_fits_the_noise(q_noise: float, tau_noise: float) -> None:
     assert acceleration_error(log, 4 * signals.cutoff) > 2 * acceleration_error(log, None)
 
 
-@pytest.mark.parametrize("band_hz", [3.0, 8.0, 20.0])
-def test_a_known_band_is_found(band_hz: float) -> None:
-    """Torque that is signal up to a frequency and noise above: the cutoff is within an octave."""
-    rng = np.random.default_rng(3)
-    t = np.arange(60_000) / 1000
-    f = np.fft.rfftfreq(len(t), 1e-3)
-    # As strong as the noise at the end of the band, falling by 12 dB an octave before.
-    shape = band_hz**2 / (1 + f**2)
-    signal = np.fft.irfft(
-        shape[:, None] * np.fft.rfft(rng.normal(size=(len(t), N)), axis=0), axis=0
-    )
-    tau = 0.05 * (signal + rng.normal(size=signal.shape))
-    q = 0.3 * np.sin(2 * np.pi * 0.2 * t)[:, None] + 0.01 * np.arange(N)
-    signals = prepare([log_of(t, q, tau)])
-    assert band_hz / 2 < signals.cutoff < 2 * band_hz
-
-
 @pytest.mark.parametrize("cutoff", [None, 3.0, 30.0])
 @pytest.mark.parametrize("size", [0.01, 0.3])
 def test_noise_of_the_torque_is_right_to_20_per_cent(cutoff: float | None, size: float) -> None:

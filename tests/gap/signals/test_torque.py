@@ -10,10 +10,9 @@ import pytest
 from scipy.signal import lfilter
 
 from stiction_envs.errors import StictionError
-from stiction_envs.gap.signals.dataset import NOT_MEASURED, assemble
 from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.measured.logs.reader import JointLog
@@ -169,15 +168,6 @@ def shown(log: JointLog, arm: Arm = ARM) -> Loads:
     return loads(prepare([log]), 0, arm)
 
 
-def test_a_factor_of_all_joints_is_another_unit(good: JointLog) -> None:
-    assert shown(good).unit == 1.0
-    found = shown(with_torque(good, 0.08 * good.tau))
-    assert found.unit == pytest.approx(0.08, rel=0.02)
-    assert found.factor[1] == pytest.approx(0.08, abs=found.width[1])
-    (text,) = found.findings
-    assert text.startswith("the torques are 0.08 times what gravity and inertia need")
-
-
 def test_a_payload_is_no_unit() -> None:
     """A load that the model lacks makes other factors on each joint."""
     found = shown(hidden(ARM, rub, true=panda(payload=(4.0, 0.0, 0.0, 0.1))))
@@ -198,20 +188,6 @@ def test_a_coarse_sensor_at_rest_is_no_defect() -> None:
     found = shown(JointLog(t=t, q=q, dq=dq, tau=tau, source="made.csv"))
     assert found.held.tolist() == [True, *[False] * 6]
     assert found.findings == []
-
-
-@pytest.mark.parametrize("level", [0.0, 3.0])
-def test_what_follows_no_load_is_not_measured(good: JointLog, level: float) -> None:
-    rng = np.random.default_rng(0)
-    tau = np.array(good.tau)
-    tau[:, 3] = level + (0.02 * rng.normal(size=len(tau)) if level else 0.0)
-    log = with_torque(good, tau)
-    assert shown(log).measured.tolist() == [True, True, True, False, True, True, True]
-    _, signals = correct_sign([log], prepare([log]), ARM)
-    assert not signals.measured[3]
-    assert "the torque of joint 4 is not measured" in signals.findings[0]
-    # and has no weight
-    assert assemble(ARM, signals).noise[3] == NOT_MEASURED
 
 
 @pytest.mark.parametrize(
@@ -238,12 +214,6 @@ def test_a_spring_is_no_mounting(tmp_path: Path) -> None:
     arm = load_arm(path)
     log = hidden(arm, lambda q, dq, ddq: 0.5 * sliding(q) + np.array([3.0, 0.0]) * q)
     assert shown(log, arm).findings == []
-
-
-def test_torques_without_gravity_lack_it(good: JointLog) -> None:
-    gravity = gravity_torque(ARM.pinocchio(), good.q)
-    (text,) = shown(with_torque(good, good.tau - gravity)).findings
-    assert text.startswith("the torques lack gravity")
 
 
 @pytest.mark.parametrize("joint", [3, 4])
