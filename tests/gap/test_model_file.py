@@ -70,7 +70,7 @@ def table(name: str, joint: int, shape: str, coefficients: str) -> str:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", FORM),
+        ("", "m.toml"),
         ("[arm]\nrobot = 'panda'\n", FORM),
         (BARE.replace("payload=[]", "payload=[1.0]"), "payload"),
         (BARE.replace("panda", "iiwa7"), "of robot iiwa7"),

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from stiction_envs.gap.causes import CAUSES, Part, parameter_units
-from stiction_envs.gap.causes.base import limits, torque_of
+from stiction_envs.gap.causes import CAUSES, parameter_units
+from stiction_envs.gap.causes.base import limits
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.robots import load_arm
-
-BY_NAME = {c.name: c for c in CAUSES}
 
 
 @pytest.fixture(scope="module")
@@ -59,15 +55,6 @@ def test_every_parameter_but_ratios_and_counts_has_a_unit() -> None:
     ratios, counts = {"load_coefficient", "scale", "share"}, {"order", "link"}
     without = {p.name for c in CAUSES for p in c.parameters} - set(parameter_units())
     assert without == ratios | counts
-
-
-def test_poses_have_no_torque_of_motion(data: Data) -> None:
-    rest = replace(data, recording=replace(data.recording, dt=float("nan")))
-    viscous = Part(cause="viscous_friction", joint=2, shape=(), coefficients=(1.0,))
-    offset = Part(cause="torque_offset", joint=2, shape=(), coefficients=(0.5,))
-    assert torque_of(BY_NAME["viscous_friction"], data, viscous).any()
-    assert not torque_of(BY_NAME["viscous_friction"], rest, viscous).any()
-    assert np.all(torque_of(BY_NAME["torque_offset"], rest, offset)[:, 1] == 0.5)
 
 
 def test_a_grown_bristle_is_the_difference_of_two() -> None:
