@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from stiction_envs.errors import StictionError
 from stiction_envs.gap.signals.loads import Loads, loads
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics
+from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics
 from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.hidden.imperfect_arms import presliding
