@@ -218,7 +218,8 @@ def test_torques_without_gravity_are_told_from_friction_on_joints_that_turn_one_
     made.tau -= made.gravity()
     truth = {"gravity_compensation_missing": {0: 1.0}, "viscous_friction": of_joints(SLOPE)}
     log = made.log(noise=0.3)
-    named_alone(log, ur10(), truth=truth, gravity_compensation_missing=0.02)
+    found = named_alone(log, ur10(), truth=truth, gravity_compensation_missing=0.02)
+    assert found.findings[0].startswith("the torques lack gravity, but not friction")
 
 
 def test_an_offset_above_dry_friction_is_no_asymmetry_where_joints_never_rest() -> None:

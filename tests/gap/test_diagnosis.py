@@ -37,18 +37,10 @@ def test_a_motion_that_excites_nothing_cannot_tell() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("seed", "options"),
-    [
-        (2118, {"motion": "poses", "known": True, "size": 0.9}),
-        (2126, {"motion": "poses", "known": True, "size": 0.9}),
-        (503, {"scatter": 0.03}),
-    ],
-)
-def test_a_payload_and_the_tilt_of_its_base_are_found_in_turn(seed: int, options) -> None:
+@pytest.mark.parametrize("seed", [2118, 2126])
+def test_a_payload_and_the_tilt_of_its_base_are_found_in_turn(seed: int) -> None:
     """Each makes the other's torque: without turns, offsets and masses of links stood in."""
-    names = ("payload", "base_tilt") if seed == 503 else ("base_tilt", "payload")
-    case = make_case(seed, names, **options)
+    case = make_case(seed, ("base_tilt", "payload"), motion="poses", known=True, size=0.9)
     found = solved(case)
     assert {c.name for c in found.causes} == {"base_tilt", "payload"}
     (tilt,) = next(c for c in found.causes if c.name == "base_tilt").parameters.values()

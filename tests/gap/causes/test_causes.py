@@ -10,12 +10,14 @@ import pytest
 
 from stiction_envs.gap.causes import CAUSES, Part, cause_named, parameter_units
 from stiction_envs.gap.causes.base import limits
+from stiction_envs.gap.causes.body.bodies import changed_link, with_link
 from stiction_envs.gap.signals.bristle import bristles, grown
 from stiction_envs.gap.signals.dataset import Data, assemble
 from stiction_envs.gap.signals.prepare import prepare
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics
 from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots.regressor import consistent, inertial_parameters
 from tests.gap.small_logs import data_of, hidden, panda
 
 
@@ -80,6 +82,23 @@ def test_a_grown_bristle_is_the_difference_of_two() -> None:
     # once a bristle has settled, that it lags a level that changes slowly is left out
     assert np.allclose(found[late], expected[late], atol=0.05)
     assert np.abs(found - weight * zeta)[late].max() > 0.1
+
+
+def test_a_changed_link_is_a_body_and_its_columns_are_its_slope(data: Data) -> None:
+    """Mass and centre are those asked for; to first order the torque is that of the columns."""
+    phi, cause = inertial_parameters(data.pinocchio)[3], cause_named("link_parameters")
+    change = np.array([-0.6 * phi[0], 0.1, -0.2, 0.15])
+    new = changed_link(phi, change)
+    assert consistent(new)
+    assert new[0] == pytest.approx(0.4 * phi[0])
+    shift = new[1:4] / new[0] - phi[1:4] / phi[0]
+    assert np.allclose(shift, change[1:] / new[0])
+    assert np.allclose(cause.values(change, (4.0, float(phi[0])))["com_m"], shift)
+    small = 1e-4 * change
+    arm = with_link(load_arm("panda"), 4, small)
+    exact = inverse_dynamics(arm.pinocchio(), data.q, data.dq, data.ddq) - data.rigid
+    assert np.allclose(cause.columns(data, 3, ()) @ small, exact, atol=1e-6)
+    assert np.abs(exact).max() > 1e-4
 
 
 # ---- a zero that is off --------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +16,8 @@ from stiction_envs.gap.signals.torque_lag import correct_torques
 from stiction_envs.gap.signals.torque_sign import correct_sign, shared_unit
 from stiction_envs.hidden.imperfect_arms import presliding
 from stiction_envs.measured.logs.reader import JointLog
-from stiction_envs.robots import Arm, load_arm
+from stiction_envs.robots import Arm
 from tests.gap.small_logs import RATE, hidden, motion, panda, sliding
-from tests.robots.arms import chain
 
 ARM = panda()
 
@@ -147,13 +145,10 @@ def test_gravity_that_points_elsewhere_is_a_mounting(tilt: tuple[float, float], 
     assert correct_sign([log], prepare([log]), ARM)[0][0] is log
 
 
-def test_a_spring_is_no_mounting(tmp_path: Path) -> None:
+def test_a_spring_is_no_mounting(two: Arm) -> None:
     """Gravity from elsewhere explains it a little, but leaves more than half."""
-    path = tmp_path / "two.xml"
-    path.write_text(chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'))
-    arm = load_arm(path)
-    log = hidden(arm, lambda q, dq, ddq: 0.5 * sliding(q) + np.array([3.0, 0.0]) * q)
-    assert shown(log, arm).findings == []
+    log = hidden(two, lambda q, dq, ddq: 0.5 * sliding(q) + np.array([3.0, 0.0]) * q)
+    assert shown(log, two).findings == []
 
 
 @pytest.mark.parametrize("joint", [3, 4])
