@@ -15,14 +15,15 @@ HERE = Path(__file__).parent
 os.environ.setdefault("STICTION_CACHE", str(HERE.parent / ".pytest_cache" / "stiction-envs"))
 LONGEST = (
     "test_readme.py",
-    "gap/tables/test_diagnosis.py",
+    "gap/tables/test_table_diagnosis.py",
     "gap/test_diagnosis.py",
     # after README's `make tune`, whose simulations it finds in the cache
     "docs/test_pages.py",
     # it mostly waits, while a page's commands take both processors
     "tuning/study/test_workers.py",
     "hidden/rehearsal/test_rehearse.py",
-    "gap/test_simulated_logs.py",
+    "gap/test_hidden_causes.py",
+    "gap/test_cases.py",
     "other_arms/test_logs.py",
     "experiments/sje/test_calibrate.py",
     "tuning/protocol/test_protocol.py",

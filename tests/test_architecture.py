@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from stiction_envs.errors import ExperimentError, StictionError
-
 ROOT = Path(__file__).parents[1]
 FLOW = (
     ("stiction_envs.arrays",),
@@ -135,10 +133,6 @@ def test_the_rule_tells_right_from_wrong(name, target, wrong):
 
 COMMANDS = ("stiction_envs/cli", "tuning/commands")
 OPTION = re.compile(r"(?<![`\w-])--[a-z]")
-
-
-def test_one_exception_catches_all():
-    assert issubclass(ExperimentError, StictionError)
 
 
 def texts_raised(path: Path) -> list[str]:

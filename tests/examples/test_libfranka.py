@@ -178,17 +178,6 @@ def test_main_stops(built: Path, tmp_path: Path, robot: dict[str, float], says: 
     assert len(told) < 1100
 
 
-def test_main_holds_against_a_push(built: Path, tmp_path: Path) -> None:
-    """The arm creeps off: springs pull it back, dampers brake, both within the rate."""
-    ran, told = run_main(
-        built, "fr3", table(tmp_path / "final.csv", TABLES["sine"]), 4, DRIFT=0.01, SPEED=0.01
-    )
-    assert ran.returncode == 0, ran.stderr
-    assert told[-1, 3] == pytest.approx(-600 * 0.04, rel=0.01)
-    assert told[-1, 5] == pytest.approx(-30 * 0.01)
-    assert np.abs(np.diff(told[:, 1:], axis=0)).max() <= 1 + 1e-9
-
-
 @pytest.mark.parametrize(
     ("rows", "argv", "says"),
     [
@@ -279,10 +268,13 @@ def test_bad_gains_are_refused(built: Path, tmp_path: Path, text: str, says: str
 
 
 def test_main_compensates_softly_within_limits(built: Path, tmp_path: Path) -> None:
-    """A tenth of a push at an arm that creeps off, faded in and out, at the robot's rate."""
+    """A tenth of a push at an arm that creeps off, faded in and out, at the robot's rate.
+
+    Springs pull it back, dampers brake.
+    """
     c = Compensation(kind="push", gain=(1.0,) * 7, speed=(0.05,), error=(1e-4,), load=(0.0,))
     write_treatment(tmp_path, DITHER[:0], c, NAMES)
-    ran, told = run_main(built, "fr3", tmp_path / "final.yaml", 4, DRIFT=0.01)
+    ran, told = run_main(built, "fr3", tmp_path / "final.yaml", 4, DRIFT=0.01, SPEED=0.01)
     assert ran.returncode == 0, ran.stderr
     t, tau = told[:, 0] / 1000, told[:, 1:]
     off = -0.01 * t
@@ -290,6 +282,7 @@ def test_main_compensates_softly_within_limits(built: Path, tmp_path: Path) -> N
     push = 0.1 * fade * np.tanh(off / 1e-4)
     k = t > 0.01
     np.testing.assert_allclose(tau[k, 2] - 600 * off[k], push[k], atol=0.02)
+    assert tau[-1, 4] == pytest.approx(-30 * 0.01)
     assert np.abs(np.diff(tau, axis=0)).max() <= 1 + 1e-9
 
 
@@ -300,12 +293,3 @@ def test_main_refuses_gains_beyond_its_limit(built: Path, tmp_path: Path, name: 
     ran, told = run_main(built, "fr3", tmp_path / name, 4)
     assert (ran.returncode, len(told)) == (1, 0)
     assert "joint 7: more than 1.2" in ran.stderr
-
-
-def test_main_stops_a_compensated_arm_on_an_error(built: Path, tmp_path: Path) -> None:
-    write_treatment(tmp_path, DITHER[:0], friction_of("momentum_observer").times(0.3), NAMES)
-    for robot, says in (({"DRIFT": 0.2}, "drifts"), ({"SPEED": 0.6}, "too fast")):
-        ran, told = run_main(built, "fr3", tmp_path / "final.yaml", 4, **robot)
-        assert ran.returncode == 1
-        assert says in ran.stderr
-        assert len(told) < 1100

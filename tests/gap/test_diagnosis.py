@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import with_causes
@@ -89,9 +90,14 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     assert [c.name for c in diagnose_logs(logs, arm, nominal=model_of(found)).causes] == []
 
 
-@pytest.mark.slow
-def test_asymmetry_without_rest_has_an_offset_as_its_nearest_rival() -> None:
-    """One that never stops is nearly the same as a constant torque."""
-    case = make_case(5, ("direction_asymmetry",), motion="fourier", known=True, joint=3, size=0.8)
-    first = solved(case).causes[0]
-    assert {first.name, first.rivals[0][0]} == {"torque_offset", "direction_asymmetry"}
+@pytest.mark.parametrize(("slope", "little"), [(0.05, True), (1.0, False)])
+def test_what_helps_little_is_listed_apart(slope, little) -> None:
+    """Beside a newton metre of friction on all joints, a slope of one is no reason to mend it."""
+    fifth, names = np.eye(7)[4], ("torque_scale", "coulomb_friction", "viscous_friction")
+    log = hidden(panda(), lambda q, dq, ddq: sliding(q) + slope * fifth * dq, noise=0.02)
+    found = diagnose_logs([log], "panda", causes=[cause_named(x) for x in names])
+    others = ["viscous_friction"] * (not little)
+    assert [c.name for c in found.causes] == ["coulomb_friction", *others]
+    assert [c.name for c in found.minor] == ["viscous_friction"] * little
+    listed = found.to_json()["minor"]
+    assert [(x["name"], x["joints"]) for x in listed] == [("viscous_friction", [5])] * little

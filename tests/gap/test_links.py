@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiction_envs.errors import StictionError
-from stiction_envs.friction.parameters import QUANTITIES, dump_friction, load_friction
 from stiction_envs.gap.causes import TOLERANCES, cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.links import LinkErrors, link_errors
-from stiction_envs.gap.model_file import Nominal, dump, read
+from stiction_envs.gap.model_file import dump, read
 from stiction_envs.gap.predictors.torque import TorquePredictor
 from stiction_envs.robots import Arm
 from stiction_envs.robots.consistent import tolerances
@@ -85,27 +83,3 @@ def test_a_model_hands_its_doubt_on(bare, tmp_path) -> None:
     low, high = weighed.ci95
     assert low < 1.0 < high
     assert high - low < 0.3
-
-
-def test_a_model_with_small_errors_is_a_friction_file_too(tmp_path) -> None:
-    """`stiction sje --friction model.toml` reads the same file."""
-    friction, path = load_friction("panda"), tmp_path / "model.toml"
-    sources = dict.fromkeys(QUANTITIES, "assumed")
-    text = dump_friction(friction, sources=sources, meta={}, provenance={})
-    path.write_text(text + dump(Nominal(robot="panda", links=np.eye(70))), encoding="utf-8")
-    assert read(path).links is not None
-    again = load_friction(path)
-    for name in QUANTITIES:
-        assert np.array_equal(getattr(again, name), getattr(friction, name))
-
-
-def test_a_matrix_of_another_arm_is_refused(tmp_path) -> None:
-    path = tmp_path / "model.toml"
-    text = '[arm]\nrobot = "panda"\npayload = []\ntilt = [0.0, 0.0]\ndistance = []\n\n[links]\n'
-    for rows in ("[[1.0], [2.0, 3.0]]", '[["a"]]', "[[nan]]", "[1.0]"):
-        path.write_text(f"{text}covariance_factor = {rows}\n")
-        with pytest.raises(StictionError, match=r"\[links\] covariance_factor: expected rows"):
-            read(path)
-    path.write_text(f"{text}covariance_factor = [[1.0], [2.0]]\n")
-    with pytest.raises(StictionError, match=r"\[links\] has 2 rows: expected 70 for panda"):
-        read(path).check(panda(), path)

@@ -59,13 +59,6 @@ def test_joints_that_move_together_and_torques_that_are_opposite() -> None:
     assert turned.factor[1] == pytest.approx(-1, abs=0.02)
 
 
-def test_a_ceiling_is_a_warning() -> None:
-    log = hidden(panda(), dry, true=load_arm("panda", tilt=(np.pi, 0.0)))
-    found = overview(log, panda())
-    assert found.gravity == pytest.approx([0, 0, 1], abs=0.02)
-    assert [kind for kind, _ in found.findings] == ["warning"]
-
-
 def test_a_body_that_the_model_lacks_is_a_remark() -> None:
     log = hidden(panda(), dry, true=load_arm("panda", payload=(3.0, 0.0, 0.0, 0.05)))
     ((kind, text),) = overview(log, panda()).findings

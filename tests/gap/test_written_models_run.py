@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from stiction_envs import SingleJointExperiment, load_model
-from stiction_envs.experiments.poses import find_poses
-from stiction_envs.experiments.sje import experiment
-from stiction_envs.experiments.sje.protocol import LOADS, load_protocol
+from stiction_envs import load_model
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.friction.sticking import sticking_model
@@ -118,25 +114,6 @@ def test_no_joint_shakes_in_any_pose(robot, seeds, tmp_path):
         found = load_model(path, name)
         for model in (found, sticking_model(arm, path), sticking_model(found.arm, path)):
             assert np.isfinite(shaken(model, rng)).all(), (robot, seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_an_sje_of_every_joint_ends(robot, tmp_path, monkeypatch):
-    """In the nominal arm's poses, with ramps that take a second per newton metre."""
-    arm, name = arm_of(robot, tmp_path)
-    poses = find_poses(arm)
-    monkeypatch.setattr(experiment, "find_poses", lambda _: poses)
-    protocol = replace(load_protocol(arm.registered_name), ramp_rate=1.0, give_up_factor=200.0)
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        nominal = Nominal(robot=arm.name, parts=drawn(rng, arm))
-        path = tmp_path / "model.toml"
-        written(arm, logs_of(arm, nominal), nominal, path)
-        model = load_model(path, name)
-        sje = SingleJointExperiment(model, scatter=False, threads=1, protocol=protocol)
-        each = sje.run(sje.jobs(loads=LOADS[:1]), iterations=1)
-        assert np.isfinite([m.tau for m in each]).all(), (robot, seed)
 
 
 def test_friction_that_would_drive_a_joint_is_bounded_and_said(tmp_path):

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from stiction_envs.gap.causes import cause_named
-from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs
+from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.measured.logs.reader import JointLog
 from tests.gap.small_logs import RATE, hidden, panda, sliding
 
 ARM = panda()
 JOINT = 3
 """From 0."""
-DATE = 1.7e9
+DATE, DAY = 1.7e9, 86400.0
+SESSION = "since the session began, which fits better"
 CAUSES = [cause_named(x) for x in ("coulomb_friction", "viscous_friction", "warm_up_drift")]
 LOGS = 3
 PAUSE = 120.0
@@ -40,39 +41,26 @@ def logs(begin: list[float], pause: float, drift: float, *, dates: bool = False)
     return out
 
 
-def found(some: list[JointLog]) -> tuple[Diagnosis, list[float], list[float], str]:
-    """Drift of joint 4 [N·m/s] and friction when it starts [N·m], each as an interval."""
-    d = diagnose_logs(some, ARM, causes=CAUSES)
-    named = {c.name: c for c in d.causes}
-    assert named["warm_up_drift"].joints == (JOINT + 1,)
-    drift = named["warm_up_drift"].parameters[JOINT + 1]["drift_nm_per_s"]
-    level = named["coulomb_friction"].parameters[JOINT + 1]["coulomb_nm"]
-    return d, drift.ci95, level.ci95, named["warm_up_drift"].evidence
-
-
-@pytest.mark.parametrize(("begin", "dates"), [(5000.0, False), (DATE, True)])
-def test_logs_of_one_session_drift_as_one(begin: float, dates: bool) -> None:
-    """Times that rise from log to log, wherever they begin, and dates."""
-    starts = [begin + PAUSE * k for k in range(LOGS)]
-    _, (low, high), level, evidence = found(logs(starts, PAUSE, SLOW, dates=dates))
-    assert low < SLOW < high
-    assert high - low < 0.2 * abs(SLOW)
-    assert level[0] < 1.0 < level[1]
-    assert "since the session began, which fits better" in evidence
-
-
 @pytest.mark.parametrize(
-    ("starts", "dates", "why"),
+    ("starts", "pause", "drift", "dates", "why"),
     [
-        ([0.0] * LOGS, False, "assumed to start cold: no clock is common"),
-        ([DATE + 86400 * k for k in range(LOGS)], True, "assumed to start cold: their pauses"),
+        # one session: times that rise from log to log, wherever they begin, and dates
+        ([5000.0 + PAUSE * k for k in range(LOGS)], PAUSE, SLOW, False, SESSION),
+        ([DATE + PAUSE * k for k in range(LOGS)], PAUSE, SLOW, True, SESSION),
+        # each log starts cold
+        ([0.0] * LOGS, 0.0, QUICK, False, "assumed to start cold: no clock is common"),
+        ([DATE + DAY * k for k in range(LOGS)], 0.0, QUICK, True, "start cold: their pauses"),
         # clocks of two boots may happen to rise
-        ([100.0, 900.0, 2500.0], False, "since each log began, which fits better"),
+        ([100.0, 900.0, 2500.0], 0.0, QUICK, False, "since each log began, which fits better"),
     ],
 )
-def test_logs_that_start_cold_drift_each_by_itself(starts, dates, why) -> None:
-    _, (low, high), level, evidence = found(logs(starts, 0.0, QUICK, dates=dates))
-    assert low < QUICK < high
-    assert high - low < 0.2 * abs(QUICK)
-    assert level[0] < 1.0 < level[1]
-    assert why in evidence
+def test_logs_drift_as_one_session_or_each_from_cold(starts, pause, drift, dates, why) -> None:
+    found = diagnose_logs(logs(starts, pause, drift, dates=dates), ARM, causes=CAUSES)
+    named = {c.name: c for c in found.causes}
+    assert named["warm_up_drift"].joints == (JOINT + 1,)
+    low, high = named["warm_up_drift"].parameters[JOINT + 1]["drift_nm_per_s"].ci95
+    assert low < drift < high
+    assert high - low < 0.2 * abs(drift)
+    low, high = named["coulomb_friction"].parameters[JOINT + 1]["coulomb_nm"].ci95
+    assert low < 1.0 < high
+    assert why in named["warm_up_drift"].evidence

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+from dataclasses import replace
 
 from stiction_envs.gap.judge.judgement import Estimate, Judgement, NamedCause, NotShown
 from stiction_envs.reporting.json_text import plain
@@ -17,9 +17,8 @@ class Plain(Judgement):
         return self.judged_json()
 
 
-def judgement(**changes: object) -> Plain:
-    """Return a judgement with one named cause."""
-    cause = NamedCause(
+def test_numbers_are_written_where_they_are_known() -> None:
+    weighed = NamedCause(
         name="payload",
         joints=(2, 4),
         gain_percent=40.0,
@@ -29,26 +28,19 @@ def judgement(**changes: object) -> Plain:
         evidence="it sags",
         confused_with=("link_parameters",),
     )
-    return Plain(robot="two", verdict="explained", causes=(cause,), **changes)  # type: ignore[arg-type]
-
-
-def test_how_sure_a_cause_is_and_its_rivals_are_written() -> None:
-    (cause,) = judgement().judged_json()["causes"]  # type: ignore[misc]
-    assert cause["nats"] == 31.0
-    assert cause["rivals"] == [
+    not_weighed = replace(weighed, nats=float("nan"))
+    judged = Plain(robot="two", verdict="explained", causes=(weighed, not_weighed))
+    first, second = plain(judged.judged_json())["causes"]
+    assert (first["nats"], second["nats"]) == (31.0, None)
+    assert first["rivals"] == [
         {"name": "link_parameters", "nats": 1.5},
         {"name": "base_tilt", "nats": 12.0},
     ]
-    assert cause["parameters"] == {"mass_kg": {"value": 1.2, "ci95": [1.0, 1.4], "on_bound": False}}
-
-
-def test_shares_and_what_was_not_shown_are_written_where_known() -> None:
-    assert {"shares_percent", "not_shown"}.isdisjoint(judgement().judged_json())
-    shares = {"named": 40.0, "links": 10.0, "set_up": 0.0, "left": 50.0}
-    spring = NotShown(
-        name="external_spring", joints=(3,), parameters={"stiffness_nm_per_rad": (-6.0, 6.0)}
-    )
-    found = plain(judgement(shares_percent=shares, not_shown=(spring,)).judged_json())
+    assert first["parameters"] == {"mass_kg": {"value": 1.2, "ci95": [1.0, 1.4], "on_bound": False}}
+    assert {"shares_percent", "not_shown"}.isdisjoint(judged.judged_json())
+    shares, size = {"named": 40.0, "left": 60.0}, {"stiffness_nm_per_rad": (-6.0, 6.0)}
+    spring = NotShown(name="external_spring", joints=(3,), parameters=size)
+    found = plain(replace(judged, shares_percent=shares, not_shown=(spring,)).judged_json())
     assert found["shares_percent"] == shares
     assert found["not_shown"] == [
         {
@@ -57,16 +49,3 @@ def test_shares_and_what_was_not_shown_are_written_where_known() -> None:
             "parameters": {"stiffness_nm_per_rad": {"ci95": [-6.0, 6.0]}},
         }
     ]
-
-
-def test_a_cause_that_was_not_weighed_has_no_number() -> None:
-    cause = NamedCause(
-        name="payload",
-        joints=(),
-        gain_percent=1.0,
-        parameters={0: {}},
-        evidence="",
-        confused_with=(),
-    )
-    assert math.isnan(cause.nats)
-    assert plain(cause.to_json())["nats"] is None

@@ -5,14 +5,12 @@ import pytest
 from scipy.signal import lfilter
 
 from stiction_envs.gap.causes import TOLERANCES, registered
-from stiction_envs.gap.diagnosis import diagnose_logs
 from stiction_envs.gap.judge.search import Model
 from stiction_envs.gap.predictors.judged import best_of, plain_friction, search_of
 from stiction_envs.gap.predictors.torque import TorquePredictor, lasting
 from stiction_envs.gap.predictors.torque import repeats as repeated
 from stiction_envs.gap.signals.dataset import assemble
 from stiction_envs.gap.signals.prepare import prepare
-from stiction_envs.hidden.hidden_logs import make_case
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden
 from tests.gap.test_cases import recorded
@@ -95,14 +93,3 @@ def test_a_worse_model_is_less_likely_however_often_the_arm_comes_back() -> None
     worse, better = (predictor.refresh(predictor.problem, x) for x in ([], true))
     costs = sum(predictor.problem.odds[t] for t in true)
     assert better + costs > worse + 3
-
-
-@pytest.mark.slow
-def test_rounds_go_on_until_a_tilt_beside_a_body_stays() -> None:
-    """The mass of a body depends on the tilt, and the tilt on where the body acts."""
-    case = make_case(503, ("payload", "base_tilt"), seconds=26.0, scatter=0.03)
-    found = {c.name: c for c in diagnose_logs(case.logs, case.robot).causes}
-    ((_, tilt),) = found["base_tilt"].parameters.items()
-    (true,) = (h.values for h in case.hidden if h.name == "base_tilt")
-    low, high = tilt["tilt_rad"].ci95
-    assert low < true["tilt_rad"] < high

@@ -117,33 +117,6 @@ def test_the_cutoff_fits_the_noise(q_noise: float, tau_noise: float) -> None:
     assert acceleration_error(log, 4 * signals.cutoff) > 2 * acceleration_error(log, None)
 
 
-@pytest.mark.parametrize("band_hz", [3.0, 8.0, 20.0])
-def test_a_known_band_is_found(band_hz: float) -> None:
-    """Torque that is signal up to a frequency and noise above: the cutoff is within an octave."""
-    rng = np.random.default_rng(3)
-    t = np.arange(60_000) / 1000
-    f = np.fft.rfftfreq(len(t), 1e-3)
-    # As strong as the noise at the end of the band, falling by 12 dB an octave before.
-    shape = band_hz**2 / (1 + f**2)
-    signal = np.fft.irfft(
-        shape[:, None] * np.fft.rfft(rng.normal(size=(len(t), N)), axis=0), axis=0
-    )
-    tau = 0.05 * (signal + rng.normal(size=signal.shape))
-    q = 0.3 * np.sin(2 * np.pi * 0.2 * t)[:, None] + 0.01 * np.arange(N)
-    signals = prepare([log_of(t, q, tau)])
-    assert band_hz / 2 < signals.cutoff < 2 * band_hz
-
-
-@pytest.mark.parametrize("cutoff", [None, 3.0, 30.0])
-@pytest.mark.parametrize("size", [0.01, 0.3])
-def test_noise_of_the_torque_is_right_to_20_per_cent(cutoff: float | None, size: float) -> None:
-    """White noise of known size behind the filter, under a signal with jumps."""
-    log, clean = noisy(1e-5, size), noisy(1e-5, 0.0)
-    signals = prepare([log], cutoff_hz=cutoff)
-    left = only(signals).tau - only(prepare([clean], cutoff_hz=signals.cutoff)).tau
-    assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.2)
-
-
 def test_filtered_torques_are_told() -> None:
     clean = noisy(1e-5, 0.0)
     smooth = np.round(lowpass(clean.tau, 1000.0, 20.0), 4)
@@ -178,18 +151,6 @@ def test_segments_too_short_for_the_filter_are_left_out() -> None:
     assert any("1 segment shorter than 1 s left out" in note for note in signals.notes)
     with pytest.raises(StictionError, match=r"made up: no segment of 50 s without a gap"):
         prepare([log_of(t, q, tau, breaks=(9800,))], cutoff_hz=0.1)
-
-
-def test_rows_are_eight_per_period_of_the_cutoff_and_the_path_is_finer() -> None:
-    log = noisy(1e-5, 0.05)
-    full, thin = prepare([log], cutoff_hz=20.0), prepare([log], cutoff_hz=2.0)
-    assert (full.dt, full.every) == (0.006, 6)
-    assert (thin.dt, thin.every) == (0.06, 6)
-    segment = only(thin)
-    # the path's filter is three times as wide: a third of the time is cut off at its ends
-    assert segment.t[0] == pytest.approx(1.0, abs=0.02)
-    assert len(segment.reversal_path) == pytest.approx(100 * (40 - 2 / 3), abs=2)
-    assert np.abs(segment.reversal_path[segment.path_rows] - segment.q).max() < 0.02
 
 
 def test_long_logs_get_fewer_rows_and_a_lower_cutoff_and_say_so() -> None:

@@ -1,4 +1,4 @@
-"""The noise floor of torques of known noise."""
+"""A recording's noise floor, and its blocks of time that are held out together."""
 
 from __future__ import annotations
 
@@ -17,3 +17,11 @@ def test_the_floor_is_the_noise_that_the_filter_leaves(cutoff: float) -> None:
     data = assemble(panda(), prepare([log], cutoff_hz=cutoff))
     white = 0.05 * np.random.default_rng(0).normal(size=100_000)
     assert data.noise == pytest.approx(np.full(7, lowpass(white, RATE, cutoff).std()), rel=0.25)
+
+
+@pytest.mark.parametrize(("seconds", "blocks"), [(2.5, 4), (8.0, 7), (30.0, 12)])
+def test_guards_leave_most_of_a_short_log(seconds: float, blocks: int) -> None:
+    """Each guard takes a quarter of a second; folds need four blocks."""
+    data = assemble(panda(), prepare([hidden(panda(), seconds=seconds)], cutoff_hz=10.0))
+    assert data.blocks == blocks
+    assert np.mean(data.block >= 0) > 0.6
