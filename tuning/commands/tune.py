@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.output_folder import default_folder
 from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
-    from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
-    from tuning.protocol.tune import Tuning
 
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
@@ -156,12 +155,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
-    if args.ask is not None or args.tell is not None:
-        return _beside_a_robot(args, arm)
-    tune_it = _search if args.protocol == "search" else _thesis
+    asks = args.ask is not None or args.tell is not None
+    args.out = args.out or default_folder("ask" if asks else "tune", arm.name)
+    way = _with_a_robot if asks else _search if args.protocol == "search" else _thesis
     with Progress() as progress:
-        result = tune_it(args, arm, progress)
-    return common.Answer(result=result, out=result.folder)
+        return way(args, arm, progress)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -170,72 +168,51 @@ def _check_options(args: argparse.Namespace) -> None:
         if getattr(args, name) not in (None, False):
             raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
     if args.ask is not None or args.tell is not None:
-        for name in SEARCH_ONLY:
+        for name in (*SEARCH_ONLY, "storage", "study"):
             if name not in WITH_A_ROBOT and getattr(args, name) not in (None, False):
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
         if args.sensing != common.IDEAL:
             raise StictionError("--sensing: not with --ask or --tell")
 
 
-def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) -> OutputFolder:
-    """Check the output folder; its provenance has no password of a storage."""
-    from tuning.study.storage import parse, shown
-
-    recorded = argparse.Namespace(**vars(args))
-    recorded.storage = args.storage and shown(parse(args.storage))
-    return common.output_folder(
-        recorded, arm.name, {**common.model_files(args), **inputs}, resumable=True
-    )
-
-
 def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Return the options that the user gave, and those that every way of tuning has."""
-    names = (*names, "seed", "storage", "study", "friction", "threads")
+    names = (*names, "seed", "friction", "threads", "out", "force")
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 
-def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
+def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.protocol.tune import tune
 
     names = ("table", "frequencies", "scales", "iterations", "sensing", "drive")
-    return tune(
+    result = tune(
         arm,
-        out=_folder(args, arm, {"table": args.table}),
         scatter=not args.no_scatter,
         progress=progress.set,
-        **_given(args, *names),
+        **_given(args, *names, "storage", "study"),
     )
+    return common.Answer(result=result, out=args.out)
 
 
-def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
+def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.search.search import search
 
     def say(stage: str, done: float, total: float) -> None:
         progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
 
-    names = ("objective", "sampler", "pareto", "treatment", "evaluations")
-    inputs = {"bounds": args.bounds, "limit": args.limit}
-    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
-    return search(
-        arm,
-        out=_folder(args, arm, inputs),
-        progress=say,
-        **_given(args, *names, "bounds", "limit", "beside", "sensing"),
-    )
+    names = [x for x in SEARCH_ONLY if x not in ("ask", "tell")]
+    given = _given(args, *names, "sensing", "storage", "study")
+    return common.Answer(result=search(arm, progress=say, **given), out=args.out)
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
-    from stiction_envs.reporting.output_folder import default_folder
+def _with_a_robot(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.robot.session import Session
 
-    out = args.out or default_folder("ask", arm.name)
     more = {}
-    with Progress() as progress:
-        options = _given(args, "bounds", "limit", "force")
-        options |= {"out": out, "progress": progress.set}
-        if args.tell is not None:
-            state = Session(arm, **options).tell(args.tell)
-            more = {"told": state.told}
-        if args.ask is not None:
-            state = Session(arm, **options).ask(args.ask)
-    return common.Answer(result=state, out=out, more=more)
+    options = {"progress": progress.set, **_given(args, "bounds", "limit")}
+    if args.tell is not None:
+        state = Session(arm, **options).tell(args.tell)
+        more = {"told": state.told}
+    if args.ask is not None:
+        state = Session(arm, **options).ask(args.ask)
+    return common.Answer(result=state, out=args.out, more=more)

@@ -21,6 +21,7 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import sha256
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
 from tuning.robot.posterior import Candidates
@@ -31,7 +32,6 @@ from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.record import Record
 from tuning.study.tuning_run import Progress, open_run
 
 
@@ -47,8 +47,6 @@ class Session:
         out: str | Path | None = None,
         force: bool = False,
         seed: int = 0,
-        storage: str | None = None,
-        study: str | None = None,
         friction: Friction | None = None,
         protocol: Protocol | None = None,
         threads: int = 0,
@@ -59,7 +57,7 @@ class Session:
 
         The arguments are those of `search.search`, but for: ``limit``, an amplitude table whose
         displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; ``force``, which
-        keeps the study of this session; ``study``, its name, None for ``ROBOT-robot``.
+        keeps the study of this session.
 
         Raises:
             StictionError: bad input, or a folder of another run.
@@ -84,21 +82,17 @@ class Session:
             open_run,
             *("ask", "search --ask", e, defining),
             out=out,
-            storage=storage,
-            study=study,
             settings=self.settings.shared,
-            inputs={"bounds": bounds, "limit": limit},
+            inputs={"robot": robot, "friction": friction, "bounds": bounds, "limit": limit},
         )
         try:
-            self.run = open_it(force=False)
+            self.folder = open_it(force=False).folder
         except StictionError:
             if not force:
                 raise
             # only now: `force` would also delete the study of this session
-            self.run = open_it(force=True)
-        self._outside = storage is not None
+            self.folder = open_it(force=True).folder
         self._progress = None if progress is None else self._counting(progress)
-        self._study = study or f"{arm.name}-robot"
 
     def ask(self, count: int = 1) -> RobotState:
         """Write the next ``count`` settings of each unfinished joint: ask.csv, and measure.csv.
@@ -107,15 +101,14 @@ class Session:
         several frictions, which takes as many times longer); later calls read them from the study.
 
         Raises:
-            StictionError: bad input, or a study of another robot; nothing was written.
+            StictionError: bad input; nothing was written.
         """
         if count < 1:
             raise StictionError(f"settings to ask for: {count}: expected 1 or more")
-        self.reach()
-        with self.run.folder:
-            record, predicted = self.open()
-            state = state_of(self.experiment, record, predicted, self.settings.robot, count)
-            write_state(self.run.folder.path, state, asked=True)
+        with self.folder:
+            study, predicted = self.open()
+            state = state_of(self.experiment, study, predicted, self.settings.robot, count)
+            write_state(self.folder.path, state, asked=True)
         return state
 
     def tell(self, table: str | Path) -> RobotState:
@@ -132,43 +125,29 @@ class Session:
         jobs = {j.configuration: j for j in experiment.jobs()}
         rough = {(c.joint, c.load, c.direction): experiment.expected(j) for c, j in jobs.items()}
         check_measured(rows, self.bounds, rough, self.settings.robot)
-        self.reach()
-        with self.run.folder:
-            record, predicted = self.open()
-            predicted = self.with_measured(record, predicted, rows)
-            most = float(max(self.bounds.frequency_hz.max(), self.bounds.amplitude_nm.max()))
-            new = add_measured(record, rows, sha256(path), most, experiment.n)
-            state = state_of(experiment, record, predicted, self.settings.robot, 1)
+        with self.folder:
+            study, predicted = self.open()
+            predicted = self.with_measured(study, predicted, rows)
+            new = add_measured(study, rows, sha256(path))
+            state = state_of(experiment, study, predicted, self.settings.robot, 1)
             state = dataclasses.replace(state, told=new)
-            write_state(self.run.folder.path, state, asked=False)
+            write_state(self.folder.path, state, asked=False)
         return state
 
-    @cached_property
-    def record(self) -> Record:
-        """The study."""
-        run = self.run
-        return Record(run.storage, self._study, about=run.about, settings=run.settings)
-
-    def reach(self) -> None:
-        """Open a study outside the folder before the folder is created: it may be unavailable."""
-        if self._outside:
-            _ = self.record
-
-    def open(self) -> tuple[Record, Predicted]:
+    def open(self) -> tuple[KeptRows, Predicted]:
         """Return study and predictions; simulate the candidate settings once."""
-        record = self.record
-        predicted = predictions(record)
+        study = KeptRows(self.folder.path / "study.jsonl")
+        predicted = predictions(study)
         if predicted is None:
             objective = self._objective
-            found = predict(objective, self.settings.robot)
             base = objective.base[0].items()
             predicted = Predicted(
-                candidates=found,
+                candidates=predict(objective, self.settings.robot),
                 base_nm={(c.joint, c.load, c.direction): abs(m.mean) for c, m in base},
                 limit=objective.displacement.tolist(),
             )
-            write_predictions(record, predicted)
-        return record, predicted
+            write_predictions(study, predicted)
+        return study, predicted
 
     @cached_property
     def _objective(self) -> BreakawayObjective:
@@ -184,7 +163,7 @@ class Session:
         )
 
     def with_measured(
-        self, record: Record, predicted: Predicted, rows: list[MeasuredRow]
+        self, study: KeptRows, predicted: Predicted, rows: list[MeasuredRow]
     ) -> Predicted:
         """Return the predictions, with those of settings that were measured but never proposed."""
         measured = dict.fromkeys(r.setting for r in rows if not r.is_base)
@@ -210,7 +189,7 @@ class Session:
                 eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
             )
         out = dataclasses.replace(predicted, candidates=candidates)
-        write_predictions(record, out)
+        write_predictions(study, out)
         return out
 
     def _counting(self, progress: Progress) -> Callable[[float], None]:

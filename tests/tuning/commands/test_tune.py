@@ -127,10 +127,10 @@ def test_ask_tell_ask(cli, work, two):
     told = {(int(r["joint"]), float(r["frequency_hz"]), float(r["amplitude_nm"])) for r in rows}
     assert not again & told
     assert "–" not in (work / "out" / "final.csv").read_text()
-    before = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    before = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".jsonl"}
     (work / "bad.csv").write_text((work / "told.csv").read_text().replace("0.7", "700"))
     ran = cli("tune", two, *ROBOT, "--tell", "bad.csv")
     assert (ran.code, len(ran.lines)) == (2, 1)
     assert "expected up to" in ran.lines[0]
-    after = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    after = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".jsonl"}
     assert after == before
