@@ -32,20 +32,18 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     add_task_options(parser)
-    parser.add_argument(
-        "--policy",
-        nargs="+",
-        required=True,
-        metavar="POLICY",
-        help=f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
+    common.option(
+        parser,
+        "--policy POLICY ...",
+        f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
         "amplitude table (.csv); gated: the best shipped gated table",
+        required=True,
     )
-    parser.add_argument(
-        "--episodes",
-        type=common.whole(1),
+    common.option(
+        parser,
+        "--episodes N",
+        "episodes of each policy (default: %(default)s)",
         default=EPISODES,
-        metavar="N",
-        help="episodes of each policy (default: %(default)s)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/evaluate-ROBOT)")
 
@@ -54,35 +52,31 @@ def add_task_options(parser: common.Parser) -> None:
     """Add the options of an environment: arm, experiment, episodes, arguments."""
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
-    parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
-    parser.add_argument(
+    common.option(parser, "experiment", "the environment", choices=EXPERIMENTS)
+    common.option(
+        parser,
         "--trajectory",
+        "path of every episode (gte); random: random paths, different in training and evaluation",
         choices=PATHS,
-        help="path of every episode (gte); random: random paths, different in training and "
-        "evaluation",
     )
-    parser.add_argument(
-        "--stiffness",
-        nargs=3,
-        type=common.number(0),
-        metavar=("KT", "KR", "KN"),
-        help="stiffness in every episode (gte): translational [N/m], rotational [N·m/rad], "
-        "nullspace",
+    common.option(
+        parser,
+        "--stiffness KT KR KN",
+        "stiffness in every episode (gte): translational [N/m], rotational [N·m/rad], nullspace",
     )
-    parser.add_argument(
-        "--compensation",
-        metavar="KIND|FILE",
-        help="friction compensation in every episode, also without dither (gte): a kind of "
+    common.option(
+        parser,
+        "--compensation KIND|FILE",
+        "friction compensation in every episode, also without dither (gte): a kind of "
         "`stiction gte`, with gains of the model's friction, or tuned gains, final.csv or "
         "final.yaml",
     )
-    parser.add_argument(
-        "--env",
-        nargs="+",
-        default=[],
-        metavar="NAME=VALUE",
-        help="arguments of the environment, values as JSON: control_interval_s=0.2 "
+    common.option(
+        parser,
+        "--env NAME=VALUE ...",
+        "arguments of the environment, values as JSON: control_interval_s=0.2 "
         "randomise='{\"friction\": 0.2}'",
+        default=[],
     )
 
 

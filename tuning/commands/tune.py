@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
@@ -37,43 +36,40 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_robot_options(parser)
     common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)
-    parser.add_argument(
+    common.option(
+        parser,
         "--protocol",
+        "thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
+        "continuous amplitude and frequency of every joint, under constraints",
         choices=("thesis", "search"),
         default="thesis",
-        help="thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
-        "continuous amplitude and frequency of every joint, under constraints",
     )
-    parser.add_argument(
-        "--table",
-        type=Path,
-        metavar="TABLE.csv",
-        help="measured base torques, in the form of base.csv or thesis Table 4.3; the friction is "
+    common.option(
+        parser,
+        "--table TABLE.csv",
+        "measured base torques, in the form of base.csv or thesis Table 4.3; the friction is "
         "first calibrated to these torques",
     )
-    parser.add_argument(
-        "--frequencies",
-        nargs="+",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="frequencies to try (default: the thesis's for this robot)",
+    common.option(
+        parser,
+        "--frequencies HZ ...",
+        "frequencies to try (default: the thesis's for this robot)",
     )
-    parser.add_argument(
-        "--scales",
-        nargs="+",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="amplitudes to try, relative to the base torque (default: 0.8 1.0 1.2)",
+    common.option(
+        parser,
+        "--scales X ...",
+        "amplitudes to try, relative to the base torque (default: 0.8 1.0 1.2)",
+        common.number(0, above=True),
     )
     _add_search_options(parser)
     common.add_experiment_options(parser)
-    parser.add_argument(
-        "--storage",
-        metavar="URL",
-        help="database of the study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB "
+    common.option(
+        parser,
+        "--storage URL",
+        "database of the study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB "
         "to share the study between machines (default: a file in --out)",
     )
-    parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")
+    common.option(parser, "--study NAME", "name of the Optuna study")
     common.add_shared_options(
         parser,
         out="output folder (default: runs/tune-ROBOT); an unfinished run of the same command is "
@@ -83,71 +79,61 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def _add_search_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("with --protocol search")
-    group.add_argument(
+    common.option(
+        group,
         "--objective",
-        choices=OBJECTIVES,
-        help="minimise the breakaway torque of each joint (sje, default), the error left at the "
+        "minimise the breakaway torque of each joint (sje, default), the error left at the "
         "goals of a path (gte), or both (gte starts from the table of sje)",
+        choices=OBJECTIVES,
     )
-    group.add_argument(
-        "--sampler",
-        choices=SAMPLERS,
-        help="default: gp for the SJE, cmaes for the GTE",
+    common.option(
+        group, "--sampler", "default: gp for the SJE, cmaes for the GTE", choices=SAMPLERS
     )
-    group.add_argument(
-        "--evaluations",
-        type=common.whole(1),
-        metavar="N",
-        help="number of trials: per joint (SJE), of whole tables (GTE)",
+    common.option(
+        group,
+        "--evaluations N",
+        "number of trials: per joint (SJE), of whole tables (GTE)",
     )
-    group.add_argument(
-        "--pareto",
-        action="store_true",
-        help="make shaking a second objective instead of a constraint (pareto.csv)",
+    common.option(
+        group, "--pareto", "make shaking a second objective instead of a constraint (pareto.csv)"
     )
-    group.add_argument(
+    common.option(
+        group,
         "--treatment",
-        choices=TREATMENTS,
-        help="search only this treatment of friction, on paths: dither, a compensation, both "
+        "search only this treatment of friction, on paths: dither, a compensation, both "
         "observers, or all one after the other with the same budget; the report says which is best "
         "on other paths and what it needs to know",
+        choices=TREATMENTS,
     )
-    group.add_argument(
-        "--bounds",
-        type=Path,
-        metavar="FILE.toml",
-        help="[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
+    common.option(
+        group,
+        "--bounds FILE.toml",
+        "[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
         "vibration_mm, vibration_at_rest_mm",
     )
-    group.add_argument(
-        "--limit",
-        type=Path,
-        metavar="TABLE.csv",
-        help="limit the oscillation to that of this amplitude table (default: thesis Table 4.9 on "
+    common.option(
+        group,
+        "--limit TABLE.csv",
+        "limit the oscillation to that of this amplitude table (default: thesis Table 4.9 on "
         "a Panda)",
     )
-    group.add_argument(
-        "--beside",
-        type=Path,
-        nargs="+",
-        metavar="TABLE.csv",
-        help="amplitude tables to compare with, simulated in the same plant",
+    common.option(
+        group,
+        "--beside TABLE.csv ...",
+        "amplitude tables to compare with, simulated in the same plant",
     )
-    group.add_argument(
-        "--ask",
-        nargs="?",
-        type=common.whole(1),
-        const=1,
-        metavar="N",
-        help="with a real robot: write the next N settings per joint to measure (ask.csv; "
+    common.option(
+        group,
+        "--ask N",
+        "with a real robot: write the next N settings per joint to measure (ask.csv; "
         "default: 1; --out: runs/ask-ROBOT)",
+        nargs="?",
+        const=1,
     )
-    group.add_argument(
-        "--tell",
-        type=Path,
-        metavar="TABLE.csv",
-        help="read measurements (a filled-in measure.csv, or any SJE table); can be combined with "
-        "--ask",
+    common.option(
+        group,
+        "--tell TABLE.csv",
+        "read measurements (a filled-in measure.csv, or any SJE table); can be combined with --ask",
     )
 
 
