@@ -1,6 +1,6 @@
 """Names that users type; commands have them without loading what they stand for."""
 
-SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid")
 OBJECTIVES = ("sje", "gte", "both")
 """Objective of a search: breakaway torque of joints, error at the goals of a path, or both."""
 KINDS = (

@@ -154,7 +154,7 @@ def _check_options(args: argparse.Namespace) -> None:
         if getattr(args, name) not in (None, False):
             raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
     if args.ask is not None or args.tell is not None:
-        for name in (*SEARCH_ONLY, "storage", "study"):
+        for name in (*SEARCH_ONLY, "storage", "study", "force"):
             if name not in WITH_A_ROBOT and getattr(args, name) not in (None, False):
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
         if args.sensing != common.IDEAL:
@@ -163,7 +163,7 @@ def _check_options(args: argparse.Namespace) -> None:
 
 def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Return the options that the user gave, and those that every way of tuning has."""
-    names = (*names, "seed", "friction", "threads", "out", "force")
+    names = (*names, "seed", "friction", "threads", "out")
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 
@@ -175,7 +175,7 @@ def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.An
         arm,
         scatter=not args.no_scatter,
         progress=progress.set,
-        **_given(args, *names, "storage", "study"),
+        **_given(args, *names, "storage", "study", "force"),
     )
     return common.Answer(result=result, out=args.out)
 
@@ -187,7 +187,7 @@ def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.An
         progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
 
     names = [x for x in SEARCH_ONLY if x not in ("ask", "tell")]
-    given = _given(args, *names, "sensing", "storage", "study")
+    given = _given(args, *names, "sensing", "storage", "study", "force")
     return common.Answer(result=search(arm, progress=say, **given), out=args.out)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +45,6 @@ class Session:
         bounds: str | Path | None = None,
         limit: str | Path | None = None,
         out: str | Path | None = None,
-        force: bool = False,
         seed: int = 0,
         friction: Friction | None = None,
         protocol: Protocol | None = None,
@@ -56,8 +55,8 @@ class Session:
         """Check everything; nothing is written yet.
 
         The arguments are those of `search.search`, but for: ``limit``, an amplitude table whose
-        displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; ``force``, which
-        keeps the study of this session.
+        displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; without
+        ``force``, which would delete what was measured.
 
         Raises:
             StictionError: bad input, or a folder of another run.
@@ -78,20 +77,13 @@ class Session:
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
         }
-        open_it = partial(
-            open_run,
+        self.folder = open_run(
             *("ask", "search --ask", e, defining),
             out=out,
+            force=False,
             settings=self.settings.shared,
             inputs={"robot": robot, "friction": friction, "bounds": bounds, "limit": limit},
-        )
-        try:
-            self.folder = open_it(force=False).folder
-        except StictionError:
-            if not force:
-                raise
-            # only now: `force` would also delete the study of this session
-            self.folder = open_it(force=True).folder
+        ).folder
         self._progress = None if progress is None else self._counting(progress)
 
     def ask(self, count: int = 1) -> RobotState:

@@ -40,8 +40,6 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         figures.landscape(found.bounds, found.records["sje"], tables, folder / "landscape.png")
     if found.options.pareto:
         figures.pareto(found.records, folder / "pareto.png")
-    if verified.tracking:
-        figures.tables(verified, folder / "comparison.png")
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     gains = _gains(found)
     trials = [t for group in found.records.values() for r in group for t in r.trials]

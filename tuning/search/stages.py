@@ -69,12 +69,10 @@ class Options:
         paths = self.objective != "sje"
         if self.sampler == "grid" and paths:
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
-        if self.pareto and self.sampler in ("gp", "cmaes"):
+        if self.pareto and self.sampler == "cmaes":
             raise StictionError(
-                f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"
+                "sampler cmaes with two objectives: expected gp, tpe, random or grid"
             )
-        if self.sampler == "nsga2" and not self.pareto:
-            raise StictionError("sampler nsga2: expected pareto (two objectives)")
 
     @property
     def searched(self) -> tuple[str, ...]:
@@ -85,7 +83,7 @@ class Options:
         """Return the sampler of a stage."""
         if self.sampler is not None:
             return self.sampler
-        return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
+        return "tpe" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
 
 
 @dataclasses.dataclass(kw_only=True, eq=False)
@@ -232,9 +230,8 @@ class SearchStages:
 
     def breakaway(self) -> Table:
         """Search every joint separately; return the best setting of each."""
-        s, options = self.search, self.options
-        together = options.sampler_of("sje") == "cmaes" or options.pareto
-        objective = self.objective
+        s, objective = self.search, self.objective
+        together = self.options.sampler_of("sje") == "cmaes"
         searches = [
             self._search(
                 "sje",
@@ -288,7 +285,7 @@ class SearchStages:
             objective.space(),
             seed=self.seed,
             startup=s.population,
-            population=s.population if name in ("cmaes", "nsga2") else 1,
+            population=s.population if name == "cmaes" else 1,
             evaluations=s.evaluations_gte,
             first=objective.parameters(gentle or self.limits),
         )

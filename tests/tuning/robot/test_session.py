@@ -154,13 +154,6 @@ def test_a_stuck_joint_is_not_asked_for_that_again(session):
     assert not set(before) & set(after)
 
 
-def test_force_does_not_wipe_what_was_told(session):
-    arm, options, _ = session
-    tell(arm, fill(options["out"]), **options)
-    ask(arm, force=True, **options)
-    assert len(trials(arm, options)) == 4
-
-
 def test_torques_are_held_against_the_base_torques_of_their_day(session):
     """If all torques rise by a quarter overnight, the ratios stay."""
     arm, options, _ = session
