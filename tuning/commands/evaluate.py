@@ -17,8 +17,6 @@ from tuning.names import EPISODES, PATHS, POLICIES
 if TYPE_CHECKING:
     from tuning.policies.task import Task
 
-GTE_ONLY = ("trajectory", "stiffness")
-
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
@@ -102,21 +100,15 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     fixed = arguments.get("fixed_options", {})
     if not isinstance(fixed, dict):
         raise StictionError(f"--env fixed_options={fixed}: expected a JSON object")
-    if options := read_options(args):
-        arguments["fixed_options"] = {**options, **fixed}
+    options = {"trajectory": args.trajectory, "stiffness": args.stiffness and tuple(args.stiffness)}
+    given = {k: v for k, v in options.items() if v is not None}
+    if given and args.experiment != "gte":
+        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
+    if given:
+        arguments["fixed_options"] = {**given, **fixed}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
     )
-
-
-def read_options(args: argparse.Namespace) -> dict[str, object]:
-    """Return the reset options that the user gave."""
-    given = {name: getattr(args, name) for name in GTE_ONLY if getattr(args, name) is not None}
-    if given and args.experiment != "gte":
-        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
-    if "stiffness" in given:
-        given["stiffness"] = tuple(given["stiffness"])
-    return given
 
 
 def _named(text: str) -> tuple[str, Any]:
@@ -133,8 +125,8 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.comparison import check, evaluate_all
 
-    task, options = read_task(args, common.read_arm(args).n), read_options(args)
-    check(task, args.policy, options)
+    task = read_task(args, common.read_arm(args).n)
+    check(task, args.policy)
     inputs: dict[str, Path | None] = {**common.model_files(args)}
     inputs |= policy_files(task.arm_name, args.policy)
     inputs["compensation"] = compensation_file(args)
@@ -145,7 +137,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             args.policy,
             episodes=args.episodes,
             seed=args.seed,
-            options=options,
             progress=progress.set,
         )
     with common.working(), folder:

@@ -82,7 +82,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             ["none", ("trained", trained.policy)],
             episodes=settings.run.final_episodes,
             seed=training.far_seed(args.seed, 2),
-            options=evaluate.read_options(args),
             progress=progress.set,
         )
         evaluated.save(folder.path)
