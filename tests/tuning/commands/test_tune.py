@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from stiction_envs.control.laws import LAWS
 from tests.command_line import csv_rows
 from tests.robots.arms import chain
 from tuning import names
@@ -49,10 +48,6 @@ def test_what_a_session_with_a_robot_does_not_take(cli, work, two, option):
     assert (ran.code, len(ran.lines)) == (2, 1)
     assert f"{option[0]}: not with --ask or --tell" in ran.lines[0]
     assert not (work / "out").exists()
-
-
-def test_names_of_compensations_are_those_of_the_laws():
-    assert tuple(LAWS) == names.KINDS
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated
