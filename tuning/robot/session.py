@@ -9,11 +9,8 @@ Both write report.md, final.csv and final.yaml. Everything permanent is in the s
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -24,15 +21,14 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import sha256
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
-from tuning.robot.posterior import Candidates
-from tuning.robot.prediction import mean_of, predict
+from tuning.robot.prediction import candidates_of, predict
 from tuning.robot.report import RobotState, state_of, write_state
 from tuning.robot.robot_study import Predicted, add_measured, predictions, write_predictions
 from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.tuning_run import Progress, open_run
+from tuning.study.tuning_run import Progress, counted, open_run
 
 
 class Session:
@@ -84,7 +80,7 @@ class Session:
             settings=self.settings.shared,
             inputs={"robot": robot, "friction": friction, "bounds": bounds, "limit": limit},
         ).folder
-        self._progress = None if progress is None else self._counting(progress)
+        self._progress = progress or (lambda *_: None)
 
     def ask(self, count: int = 1) -> RobotState:
         """Write the next ``count`` settings of each unfinished joint: ask.csv, and measure.csv.
@@ -145,13 +141,16 @@ class Session:
     def _objective(self) -> BreakawayObjective:
         """The simulated robot; its base torques are measured when it is first used."""
         e, s = self.experiment, self.settings.robot
+        frictions = plausible(e.sticking.parameters, s)
+        settings = s.frequencies * (s.amplitudes + 1) + 2  # roughly
+        total = settings * e.expected_seconds(e.jobs(), s.iterations) * len(frictions)
         return BreakawayObjective(
             e,
             self.bounds,
-            plausible(e.sticking.parameters, s),
+            frictions,
             iterations=s.iterations,
             limits=self.limits,
-            progress=self._progress,
+            progress=counted(self._progress, "simulate", total),
         )
 
     def with_measured(
@@ -163,37 +162,11 @@ class Session:
         new = [AmplitudeRow(*t) for t in measured if predicted.find(t, same) is None]
         if not new:
             return predicted
-        found = self._objective.measure(new)
         candidates = dict(predicted.candidates)
-        for row in new:
-            c, m = candidates[row.joint], found[row]
-            # a setting that leaves the joint stuck in simulation is predicted to have no effect
-            mean, deviation = mean_of([np.nan_to_num(m.ratio, nan=1.0)])
-            shaken = m.oscillation.mean(axis=0)
-            candidates[row.joint] = Candidates(
-                joint=row.joint,
-                frequency_hz=np.append(c.frequency_hz, row.frequency_hz),
-                amplitude_nm=np.vstack([c.amplitude_nm, [row.amplitude_nm] * 4]),
-                predicted=np.vstack([c.predicted, mean]),
-                deviation=np.concatenate([c.deviation, deviation], axis=1),
-                # at least 1e-9 rad (assumed): its logarithm is an input of the posterior
-                displacement=np.vstack([c.displacement, np.maximum(shaken, 1e-9)]),
-                eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
-            )
+        for row, found in self._objective.measure(new).items():
+            j = row.joint
+            more = candidates_of(j, {row: found}, predicted.limit[j - 1])
+            candidates[j] = candidates[j].with_more(more)
         out = dataclasses.replace(predicted, candidates=candidates)
         write_predictions(study, out)
         return out
-
-    def _counting(self, progress: Progress) -> Callable[[float], None]:
-        """Return a progress function for simulated seconds, whose total is known only roughly."""
-        s, e, done = self.settings.robot, self.experiment, 0.0
-        settings = s.frequencies * (s.amplitudes + 1) + 2
-        total = settings * e.expected_seconds(e.jobs(), s.iterations)
-        total *= len(plausible(e.sticking.parameters, s))
-
-        def report(seconds: float) -> None:
-            nonlocal done
-            done += seconds
-            progress("simulate", min(done, total), total)
-
-        return report

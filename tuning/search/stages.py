@@ -32,7 +32,7 @@ from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import Progress, TuningRun
+from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import Evaluate, fill
 
 TUNED = TRAJECTORIES[:1]
@@ -209,13 +209,6 @@ class SearchStages:
     @cached_property
     def objective(self) -> BreakawayObjective:
         """The SJE of this search, its base torques measured."""
-        done = 0.0
-
-        def report(seconds: float) -> None:
-            nonlocal done
-            done += seconds
-            self.progress("base torques", done, max(done, 1.0))  # the total is not known
-
         out = BreakawayObjective(
             self.sje,
             self.bounds,
@@ -223,7 +216,7 @@ class SearchStages:
             iterations=self.search.iterations,
             limits=self.limits,
             pareto=self.options.pareto,
-            progress=report,
+            progress=counted(self.progress, "base torques"),  # the total is not known
         )
         out.progress = None  # from here on trials are counted
         return out

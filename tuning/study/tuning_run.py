@@ -26,6 +26,18 @@ Progress = Callable[[str, float, float], None]
 """Called with the name of a stage, how much of it is done, and how much there is."""
 
 
+def counted(progress: Progress, stage: str, total: float = 1.0) -> Callable[[float], None]:
+    """Return a function that adds to what is done of a stage, of a roughly known total."""
+    done = 0.0
+
+    def report(more: float) -> None:
+        nonlocal done
+        done += more
+        progress(stage, done, max(done, total))
+
+    return report
+
+
 @dataclass(frozen=True, kw_only=True)
 class TuningRun:
     """Folder and studies of a run."""
