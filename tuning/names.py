@@ -1,17 +1,14 @@
 """Names that users type; commands have them without loading what they stand for."""
 
-SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid", "nsga2")
+from stiction_envs.cli.gte import COMPENSATIONS
+
+SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid")
 OBJECTIVES = ("sje", "gte", "both")
 """Objective of a search: breakaway torque of joints, error at the goals of a path, or both."""
-KINDS = (
-    *("feedforward", "push", "smooth_sign", "partial"),
-    *("lugre_observer", "momentum_observer"),
-)
-"""Friction compensations, as in `control.laws`."""
 TREATMENTS: dict[str, tuple[str, ...]] = {
-    **{name: (name,) for name in ("dither", *KINDS)},
+    **{name: (name,) for name in ("dither", *COMPENSATIONS)},
     "observer": ("lugre_observer", "momentum_observer"),
-    "all": ("dither", *KINDS),
+    "all": ("dither", *COMPENSATIONS),
 }
 """Treatments to search, by the name of the option: dither, or a compensation."""
 ALGORITHMS = ("sac", "ppo", "td3")

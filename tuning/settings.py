@@ -64,7 +64,7 @@ class SearchSettings:
     points: Count
     """Values of every parameter on a grid."""
     population: Count
-    """Trials per generation (cmaes, nsga2)."""
+    """Trials per generation (cmaes)."""
     step: Positive
     """Initial step size of cmaes, over the range [-]."""
     draws: Count

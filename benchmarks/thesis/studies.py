@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+
+import numpy as np
 
 from benchmarks.thesis.items import Found
 from benchmarks.thesis.lsm import fit_lines, friction_curve
@@ -13,9 +15,11 @@ from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
+from stiction_envs.experiments.sje.protocol import Measurement
 from stiction_envs.measured import thesis_robots
-from tuning.protocol.stages import as_data, from_data
 
+TRACE_POINTS = 150
+"""Most points kept of a trace (assumed)."""
 (ROBOT,) = thesis_robots("4.11")
 Tell = Callable[[str, float, float], None]
 
@@ -46,11 +50,20 @@ def _lines(parts: Sequence[tuple[str, str]], how: Options) -> Iterator[tuple[Any
         yield (robot, wrong), fit_lines(robot, wrong, seed=how.seed)
 
 
+def _thinned(m: Measurement) -> Measurement:
+    """Return a measurement with at most `TRACE_POINTS` of each trace, for pictures."""
+    stride = max(1, -(-max(len(t) for t in m.traces) // TRACE_POINTS))
+    traces = (np.round(t[stride - 1 :: stride].astype(float), 6) for t in m.traces)
+    return replace(
+        m, traces=tuple(t.astype(np.float32) for t in traces), trace_dt=m.trace_dt * stride
+    )
+
+
 def _torques(parts: Sequence[Any], how: Options) -> Iterator[tuple[Any, Any]]:
     for robot in dict.fromkeys(robot for robot, _ in parts):
         jobs = [job for other, job in parts if other == robot]
         for m in SingleJointExperiment(robot, **how.arm).run(jobs, iterations=how.iterations):
-            yield (robot, m.job), from_data(m.job, as_data(m))  # traces thinned for pictures
+            yield (robot, m.job), _thinned(m)
 
 
 def _paths(parts: Sequence[Any], how: Options) -> Iterator[tuple[Any, Any]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
@@ -20,11 +19,10 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser)
-    parser.add_argument(
-        "table",
-        type=Path,
-        metavar="TABLE.csv",
-        help="base torques: an SJE table (base.csv) or the form of thesis Table 4.3",
+    common.option(
+        parser,
+        "table TABLE.csv",
+        "base torques: an SJE table (base.csv) or the form of thesis Table 4.3",
     )
     common.add_shared_options(
         parser,

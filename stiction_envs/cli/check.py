@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict, replace
-from pathlib import Path
 
 from stiction_envs.cli import common, log_options
 from stiction_envs.errors import StictionError
@@ -24,17 +23,13 @@ def add_parser(subparsers: common.Subparsers) -> None:
         "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"
         "2 bad usage: no such file, or neither a torque table nor a log"
     )
-    parser.add_argument(
-        "files",
-        nargs="+",
-        type=Path,
-        metavar="FILE",
-        help="torque tables (as sje.csv or final.csv) or logs of joints",
+    common.option(
+        parser, "files FILE ...", "torque tables (as sje.csv or final.csv) or logs of joints"
     )
-    parser.add_argument(
-        "--robot",
-        metavar="ROBOT",
-        help=f"whose logs these are, for units and limits: {common.robot_help()}",
+    common.option(
+        parser,
+        "--robot ROBOT",
+        f"whose logs these are, for units and limits: {common.robot_help()}",
     )
     common.add_chain_option(parser)
     common.add_mounting_options(parser)

@@ -112,6 +112,42 @@ whole = partial(number, kind=int)
 # ---- options -------------------------------------------------------------------------------------
 
 
+_KINDS: dict[str, Callable[[str], object]] = {
+    **dict.fromkeys(("N", "K", "P"), whole(1)),
+    **dict.fromkeys(("HZ", "KP"), number(0, above=True)),
+    **dict.fromkeys(("KD", "KT", "M", "NM"), number(0)),
+    **dict.fromkeys(("MASS", "Q", "ROLL", "X"), number()),
+    **dict.fromkeys(("DIR", "FILE", "FILE.csv", "FILE.toml", "LOG", "TABLE.csv"), Path),
+}
+"""What a value is, by its name in the usage; else a text."""
+
+
+def option(
+    parser: argparse._ActionsContainer,
+    usage: str,
+    help_text: str,
+    kind: Callable[[str], object] | None = None,
+    **more: Any,
+) -> None:
+    """Add an option or argument by its usage, such as ``--tool X Y Z`` or ``--joints NAME ...``.
+
+    The usage starts with the name; without values it is a flag. ``kind`` is what the values are,
+    if it is not that of `_KINDS`; ``more`` is argparse's.
+    """
+    name, *values = usage.split()
+    if values[-1:] == ["..."]:
+        values.pop()
+        more["nargs"] = "+"
+    elif len(values) > 1:
+        more["nargs"] = len(values)
+    if values:
+        more["metavar"] = values[0] if len(values) == 1 else tuple(values)
+        more["type"] = kind or _KINDS.get(values[0], str)
+    elif name.startswith("--") and "choices" not in more:
+        more["action"] = "store_true"
+    parser.add_argument(name, help=help_text, **more)
+
+
 def add_command(
     subparsers: Subparsers,
     name: str,
@@ -141,11 +177,10 @@ def robot_help() -> str:
 
 def add_chain_option(parser: argparse.ArgumentParser) -> None:
     """Add ``--chain``."""
-    parser.add_argument(
-        "--chain",
-        nargs=2,
-        metavar=("BASE", "TIP"),
-        help="select one serial arm of a bigger robot by its first and last link; all other "
+    option(
+        parser,
+        "--chain BASE TIP",
+        "select one serial arm of a bigger robot by its first and last link; all other "
         "joints are locked in the robot's rest pose",
     )
 
@@ -159,88 +194,74 @@ SERVO_DRIVE = (
 
 def add_drive_option(parser: argparse.ArgumentParser, what: str) -> None:
     """Add the option that says what drives the joints; ``what`` is its help."""
-    parser.add_argument("--drive", choices=("torque", "position"), help=what)
+    option(parser, "--drive", what, choices=("torque", "position"))
 
 
 def add_mounting_options(parser: Parser) -> None:
     """Add the options on payload, tilt and mounting."""
-    parser.add_argument(
-        "--payload",
-        nargs=4,
-        type=number(),
-        metavar=("MASS", "X", "Y", "Z"),
-        help="mass on the flange [kg] and its centre of mass in the flange frame [m]",
+    option(
+        parser,
+        "--payload MASS X Y Z",
+        "mass on the flange [kg] and its centre of mass in the flange frame [m]",
     )
-    parser.add_argument(
-        "--tilt",
-        nargs=2,
-        type=number(),
-        metavar=("ROLL", "PITCH"),
-        help="inclination of the base: about the world's x, then its y [rad]",
+    option(
+        parser,
+        "--tilt ROLL PITCH",
+        "inclination of the base: about the world's x, then its y [rad]",
     )
 
 
 def add_robot_options(parser: Parser, *, friction: bool = True) -> None:
     """Add the arm to simulate, and its known payload and tilt."""
-    parser.add_argument("robot", metavar="ROBOT", help=robot_help())
+    option(parser, "robot ROBOT", robot_help())
     add_chain_option(parser)
     add_mounting_options(parser)
     parser.set_defaults(tilt=[0.0, 0.0])
     if friction:
-        parser.add_argument(
-            "--friction",
-            type=Path,
-            metavar="FILE.toml",
-            help="joint friction, written by `stiction calibrate` (default: the robot's)",
+        option(
+            parser,
+            "--friction FILE.toml",
+            "joint friction, written by `stiction calibrate` (default: the robot's)",
         )
 
 
 def add_sensing_option(parser: Parser) -> None:
     """Add the option that says what the controller sees."""
-    parser.add_argument(
-        "--sensing",
-        default=IDEAL,
-        metavar="ideal|robot|FILE.toml",
-        help="signals of the controller: the true state without delay, or with sensor noise and "
+    option(
+        parser,
+        "--sensing ideal|robot|FILE.toml",
+        "signals of the controller: the true state without delay, or with sensor noise and "
         "delays of the robot, or of a TOML with a table [sensing] (default: %(default)s)",
+        default=IDEAL,
     )
 
 
 def add_experiment_options(parser: Parser) -> None:
     """Add the options of an experiment's repeats."""
-    parser.add_argument(
-        "--iterations",
-        type=whole(1),
-        metavar="K",
-        help="repeats per configuration (default: the robot's in the thesis)",
+    option(
+        parser,
+        "--iterations K",
+        "repeats per configuration (default: the robot's in the thesis)",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--no-scatter",
-        action="store_true",
-        help="no scatter of pose, friction and torque reading: all iterations are equal",
+        "no scatter of pose, friction and torque reading: all iterations are equal",
     )
 
 
 def add_shared_options(parser: Parser, *, out: str, metavar: str = "DIR") -> None:
     """Add the options of all commands that write files; ``out`` is the help of ``--out``."""
-    parser.add_argument("--out", type=Path, metavar=metavar, help=out)
-    parser.add_argument(
-        "--force", action="store_true", help="replace the files of another run in --out"
-    )
+    option(parser, f"--out {metavar}", out, Path)
+    option(parser, "--force", "replace the files of another run in --out")
     add_json_and_seed(parser)
-    parser.add_argument(
-        "--threads", type=whole(0), default=0, metavar="N", help="threads (0: all processors)"
-    )
+    option(parser, "--threads N", "threads (0: all processors)", whole(0), default=0)
 
 
 def add_json_and_seed(parser: Parser) -> None:
     """Add the options of every command."""
-    parser.add_argument(
-        "--json", action="store_true", help="print the result as JSON; progress is on stderr"
-    )
-    parser.add_argument(
-        "--seed", type=whole(0), default=0, metavar="S", help="seed of all random numbers"
-    )
+    option(parser, "--json", "print the result as JSON; progress is on stderr")
+    option(parser, "--seed S", "seed of all random numbers", whole(0), default=0)
 
 
 # ---- input ---------------------------------------------------------------------------------------

@@ -18,26 +18,24 @@ def add_parser(subparsers: common.Subparsers) -> None:
         example="stiction conformance panda",
         run=run,
     )
-    parser.add_argument(
-        "robot",
-        metavar="ROBOT",
-        help="name of an arm of this package, or a path to an MJCF whose joints have friction "
+    common.option(
+        parser,
+        "robot ROBOT",
+        "name of an arm of this package, or a path to an MJCF whose joints have friction "
         "(`stiction export` writes one)",
     )
     common.add_chain_option(parser)
-    parser.add_argument(
-        "--stiction",
-        nargs="+",
-        type=common.number(0),
-        metavar="NM",
-        help="stiction of every hinge [N·m], 0 to skip a hinge (default: the model's)",
+    common.option(
+        parser,
+        "--stiction NM ...",
+        "stiction of every hinge [N·m], 0 to skip a hinge (default: the model's)",
     )
-    parser.add_argument(
-        "--engine",
-        default="mujoco",
-        metavar="NAME",
-        help="engine of the test: mujoco (default), or one of the extras warp, mjx and newton; for "
+    common.option(
+        parser,
+        "--engine NAME",
+        "engine of the test: mujoco (default), or one of the extras warp, mjx and newton; for "
         "an extra, a robot's name means the model of `stiction export ROBOT --engine NAME`",
+        default="mujoco",
     )
     common.add_shared_options(parser, out="output folder (default: runs/conformance-ROBOT)")
 

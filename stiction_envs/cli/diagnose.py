@@ -25,63 +25,52 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     log_options.add_log_options(parser, logs="*", metavar="LOG|TABLE")
-    parser.add_argument(
-        "--poses",
-        nargs="+",
+    common.option(
+        parser,
+        "--poses FILE ...",
+        "poses at rest, without time: q1..qn,tau1..taun, one row per pose; logs are optional",
         default=[],
-        type=Path,
-        metavar="FILE",
-        help="poses at rest, without time: q1..qn,tau1..taun, one row per pose; logs are optional",
     )
-    parser.add_argument(
-        "--check",
-        nargs="+",
+    common.option(
+        parser,
+        "--check LOG ...",
+        "test the model on these logs, which are not used to fit it",
         default=[],
-        type=Path,
-        metavar="LOG",
-        help="test the model on these logs, which are not used to fit it",
     )
     common.add_drive_option(parser, log_options.LOG_DRIVE)
-    parser.add_argument(
-        "--servo-stiffness",
-        nargs="+",
-        type=common.number(0, above=True),
-        metavar="KP",
-        help="stiffness of position servos [N·m/rad], one, or one per joint (default: unknown; the "
+    common.option(
+        parser,
+        "--servo-stiffness KP ...",
+        "stiffness of position servos [N·m/rad], one, or one per joint (default: unknown; the "
         "nominal simulation follows its commands exactly)",
     )
-    parser.add_argument(
-        "--servo-damping",
-        nargs="+",
-        type=common.number(0),
-        metavar="KD",
-        help="damping of position servos [N·m·s/rad] (default: unknown; fitted, never a cause)",
+    common.option(
+        parser,
+        "--servo-damping KD ...",
+        "damping of position servos [N·m·s/rad] (default: unknown; fitted, never a cause)",
     )
-    parser.add_argument(
+    common.option(
+        parser,
         "--same-servo",
-        action="store_true",
-        help="all joints have the same servo: joints without gravity get the others' stiffness",
+        "all joints have the same servo: joints without gravity get the others' stiffness",
     )
-    parser.add_argument(
-        "--nominal",
-        metavar="rigid|file|shipped|MODEL.toml",
-        help="nominal simulation: rigid bodies without friction (default for logs); with friction, "
+    common.option(
+        parser,
+        "--nominal rigid|file|shipped|MODEL.toml",
+        "nominal simulation: rigid bodies without friction (default for logs); with friction, "
         "springs and gravcomp of the robot's file (default if the file has any); with the friction "
         "of this package (default for tables); or the model.toml of an earlier diagnosis",
     )
     common.add_mounting_options(parser)
-    parser.add_argument(
+    common.option(
+        parser,
         "--rehearse",
-        action="store_true",
-        help="instead of a diagnosis: hide each cause at three sizes in the motion and noise of "
+        "instead of a diagnosis: hide each cause at three sizes in the motion and noise of "
         "the logs, and report which sizes a diagnosis finds; takes a minute or more per joint and "
         "processor",
     )
-    parser.add_argument(
-        "--rehearse-causes",
-        nargs="+",
-        metavar="NAME",
-        help="the causes to hide with --rehearse (default: all)",
+    common.option(
+        parser, "--rehearse-causes NAME ...", "the causes to hide with --rehearse (default: all)"
     )
     common.add_shared_options(parser, out="output folder (default: runs/diagnose-ROBOT)")
 

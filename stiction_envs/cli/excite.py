@@ -20,35 +20,23 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser, friction=False)
-    parser.add_argument(
-        "--base-frequency",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="base frequency of the Fourier series, the inverse of its period (default: 0.1)",
+    common.option(
+        parser,
+        "--base-frequency HZ",
+        "base frequency of the Fourier series, the inverse of its period (default: 0.1)",
     )
-    parser.add_argument(
-        "--harmonics",
-        type=common.whole(2),
-        metavar="N",
-        help="harmonics of the series (default: 5)",
+    common.option(parser, "--harmonics N", "harmonics of the series (default: 5)", common.whole(2))
+    common.option(parser, "--periods P", "periods of the series (default: 2)")
+    common.option(
+        parser,
+        "--clearance M",
+        "minimum distance to the floor at z = 0 and between links [m] (default: 0.05)",
     )
-    parser.add_argument(
-        "--periods", type=common.whole(1), metavar="P", help="periods of the series (default: 2)"
-    )
-    parser.add_argument(
-        "--clearance",
-        type=common.number(0),
-        metavar="M",
-        help="minimum distance to the floor at z = 0 and between links [m] (default: 0.05)",
-    )
-    parser.add_argument(
-        "--sweeps", action="store_true", help="add slow sweeps in both directions, for friction"
-    )
-    parser.add_argument(
-        "--rate",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="samples per second of trajectory.csv (default: the robot's controller rate)",
+    common.option(parser, "--sweeps", "add slow sweeps in both directions, for friction")
+    common.option(
+        parser,
+        "--rate HZ",
+        "samples per second of trajectory.csv (default: the robot's controller rate)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/excite-ROBOT)")
 

@@ -21,27 +21,26 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser, friction=False)
-    parser.add_argument(
-        "--friction",
+    common.option(
+        parser,
+        "--friction KIND|FILE.toml",
+        "dcmotor (LuGre, sticks; default) or frictionloss (for engines without dcmotor; may "
+        "creep); and/or a TOML of `stiction calibrate` (default: the robot's friction)",
         action="append",
         default=[],
-        metavar="KIND|FILE.toml",
-        help="dcmotor (LuGre, sticks; default) or frictionloss (for engines without dcmotor; may "
-        "creep); and/or a TOML of `stiction calibrate` (default: the robot's friction)",
     )
-    parser.add_argument(
-        "--engine",
-        default="mujoco",
-        metavar="NAME",
-        help="engine that reads the model: mujoco (default), warp, mjx (frictionloss only) or "
+    common.option(
+        parser,
+        "--engine NAME",
+        "engine that reads the model: mujoco (default), warp, mjx (frictionloss only) or "
         "newton (dcmotors driven by voltage)",
+        default="mujoco",
     )
-    parser.add_argument(
-        "--from",
+    common.option(
+        parser,
+        "--from DIR",
+        "take the friction from this folder's model.toml or friction.toml",
         dest="source",
-        type=Path,
-        metavar="DIR",
-        help="take the friction from this folder's model.toml or friction.toml",
     )
     common.add_shared_options(parser, out="output folder (default: runs/export-ROBOT)")
 

@@ -31,56 +31,48 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
     names = "|".join(TRAJECTORIES)
-    parser.add_argument(
-        "--trajectory",
-        required=True,
-        metavar=f"{names}|FILE.csv",
-        help="path: by name, or goals relative to the start, x,y,z[,roll,pitch,yaw] or "
+    common.option(
+        parser,
+        f"--trajectory {names}|FILE.csv",
+        "path: by name, or goals relative to the start, x,y,z[,roll,pitch,yaw] or "
         "x,y,z,qw,qx,qy,qz [m, rad]",
-    )
-    parser.add_argument(
-        "--stiffness",
-        nargs=3,
         required=True,
-        type=common.number(0),
-        metavar=("KT", "KR", "KN"),
-        help="translational [N/m], rotational [N·m/rad], nullspace [N·m/rad]",
     )
-    parser.add_argument(
-        "--dither",
-        type=Path,
-        metavar="TABLE.csv",
-        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm,gate_rad_s]: "
+    common.option(
+        parser,
+        "--stiffness KT KR KN",
+        "translational [N/m], rotational [N·m/rad], nullspace [N·m/rad]",
+        required=True,
+    )
+    common.option(
+        parser,
+        "--dither TABLE.csv",
+        "amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm,gate_rad_s]: "
         "run also with dither on all joints of the table",
     )
-    parser.add_argument(
-        "--compensation",
-        metavar="KIND|FILE",
-        help="run also with friction compensation, without and (with --dither) with dither: "
+    common.option(
+        parser,
+        "--compensation KIND|FILE",
+        "run also with friction compensation, without and (with --dither) with dither: "
         "feedforward of the reference's motion; push, in the sign of the joint error, fading with "
         "the measured speed; smooth_sign or partial, from the measured speed; lugre_observer; "
         "momentum_observer; or tuned gains, final.csv or final.yaml",
     )
-    parser.add_argument(
-        "--compensation-table",
-        type=Path,
-        metavar="FILE.csv",
-        help="gains of KIND, joint,gain_nm[,speed_rad_s][,error_rad] … (default: gains of the "
+    common.option(
+        parser,
+        "--compensation-table FILE.csv",
+        "gains of KIND, joint,gain_nm[,speed_rad_s][,error_rad] … (default: gains of the "
         "friction model at the start)",
     )
-    parser.add_argument(
-        "--start",
-        nargs="+",
-        type=common.number(),
-        metavar="Q",
-        help="joint angles at the start, one per joint [rad] (default: the robot's rest pose)",
+    common.option(
+        parser,
+        "--start Q ...",
+        "joint angles at the start, one per joint [rad] (default: the robot's rest pose)",
     )
-    parser.add_argument(
-        "--tool",
-        nargs=3,
-        type=common.number(),
-        metavar=("X", "Y", "Z"),
-        help="controlled and measured point, relative to the flange in the hand's frame [m]; "
+    common.option(
+        parser,
+        "--tool X Y Z",
+        "controlled and measured point, relative to the flange in the hand's frame [m]; "
         "0 0 0.1034 for the Panda's hand (default: the flange)",
     )
     common.add_experiment_options(parser)

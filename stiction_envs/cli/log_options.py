@@ -21,63 +21,60 @@ LOG_DRIVE = (
 
 def add_log_options(parser: argparse.ArgumentParser, *, logs: str, metavar: str = "LOG") -> None:
     """Add the joint logs, their robot and how to read them; ``logs`` is their nargs."""
-    parser.add_argument(
-        "logs",
-        nargs=logs,
-        type=Path,
-        metavar=metavar,
-        help="t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; a CSV of "
+    common.option(
+        parser,
+        f"logs {metavar}",
+        "t,q1..qn[,dq1..dqn],tau1..taun as .csv, .csv.gz, .npz or .parquet; a CSV of "
         "libfranka; a ROS bag (.bag, .mcap, .db3 or folder); all of one robot",
+        Path,
+        nargs=logs,
     )
-    parser.add_argument("--robot", required=True, metavar="ROBOT", help=common.robot_help())
+    common.option(parser, "--robot ROBOT", common.robot_help(), required=True)
     common.add_chain_option(parser)
-    parser.add_argument(
+    common.option(
+        parser,
         "--torque",
-        choices=("motor", "link"),
-        help="side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
+        "side of the gear on which tau was measured (Franka, KUKA: link; default: what the "
         "log says, else motor)",
+        choices=("motor", "link"),
     )
     add_reading_options(parser)
-    parser.add_argument(
-        "--cutoff",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="cutoff of the zero-phase filter of all signals (default: chosen from the data)",
+    common.option(
+        parser,
+        "--cutoff HZ",
+        "cutoff of the zero-phase filter of all signals (default: chosen from the data)",
     )
 
 
 def add_reading_options(parser: argparse.ArgumentParser) -> None:
     """Add the options of how logs are read: fields of `Reading`."""
-    parser.add_argument(
-        "--joints",
-        nargs="+",
+    common.option(
+        parser,
+        "--joints NAME ...",
+        "names of joints 1 to n in a log with joint names (default: the robot's names, or numbers)",
         default=[],
-        metavar="NAME",
-        help="names of joints 1 to n in a log with joint names (default: the robot's names, or "
-        "numbers)",
     )
-    parser.add_argument(
-        "--topic", metavar="NAME", help="topic to read, if a ROS bag has several with joint states"
+    common.option(
+        parser, "--topic NAME", "topic to read, if a ROS bag has several with joint states"
     )
-    parser.add_argument(
+    common.option(
+        parser,
         "--units",
-        choices=("rad", "deg", "percent", "ticks"),
-        help="unit of angles; percent is of the calibrated range, ticks are encoder steps "
+        "unit of angles; percent is of the calibrated range, ticks are encoder steps "
         "(default: the unit that the log shows, else rad)",
+        choices=("rad", "deg", "percent", "ticks"),
     )
-    parser.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="FILE",
-        help="lerobot's JSON with the ranges of the motors, for percent and ticks",
+    common.option(
+        parser,
+        "--calibration FILE",
+        "lerobot's JSON with the ranges of the motors, for percent and ticks",
     )
-    parser.add_argument(
-        "--columns",
-        nargs="+",
-        default=[],
-        metavar="NAME",
-        help="names of a log's columns: all in their order, such as t q1..q6 tau1..tau6 for .npy, "
+    common.option(
+        parser,
+        "--columns NAME ...",
+        "names of a log's columns: all in their order, such as t q1..q6 tau1..tau6 for .npy, "
         "or some of them, such as t=Zeit q1=Winkel (default: standard and well-known names)",
+        default=[],
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
@@ -25,20 +24,15 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_robot_options(parser)
     common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)
-    parser.add_argument(
-        "--joint", nargs="+", type=common.whole(1), metavar="N", help="joints from 1 (default: all)"
+    common.option(parser, "--joint N ...", "joints from 1 (default: all)")
+    common.option(parser, "--load ...", "poses (default: both)", choices=LOADS, default=list(LOADS))
+    common.option(
+        parser, "--direction ...", "default: both", choices=DIRECTIONS, default=list(DIRECTIONS)
     )
-    parser.add_argument(
-        "--load", nargs="+", choices=LOADS, default=list(LOADS), help="poses (default: both)"
-    )
-    parser.add_argument(
-        "--direction", nargs="+", choices=DIRECTIONS, default=list(DIRECTIONS), help="default: both"
-    )
-    parser.add_argument(
-        "--dither",
-        type=Path,
-        metavar="TABLE.csv",
-        help="amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: measure also "
+    common.option(
+        parser,
+        "--dither TABLE.csv",
+        "amplitude table, joint,frequency_hz,amplitude_nm[,waveform,offset_nm]: measure also "
         "with dither; only the joint under test is dithered",
     )
     common.add_experiment_options(parser)

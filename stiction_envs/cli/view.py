@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiction_envs.cli import common
@@ -28,19 +27,17 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     common.add_robot_options(parser)
-    parser.add_argument(
-        "--joint",
-        type=common.whole(1),
-        default=1,
-        metavar="N",
-        help="joint to push first (default: 1); keys: 1-9 joint, up/down push harder/softer, space "
+    common.option(
+        parser,
+        "--joint N",
+        "joint to push first (default: 1); keys: 1-9 joint, up/down push harder/softer, space "
         "or D dither, R reset",
+        default=1,
     )
-    parser.add_argument(
-        "--dither",
-        type=Path,
-        metavar="TABLE.csv",
-        help="amplitude table (default: the shipped table of the robot, else amplitudes "
+    common.option(
+        parser,
+        "--dither TABLE.csv",
+        "amplitude table (default: the shipped table of the robot, else amplitudes "
         "proportional to the stiction)",
     )
     common.add_json_and_seed(parser)

@@ -93,8 +93,8 @@ def find_poses(arm: Arm) -> Poses:
     Raise a StictionError where no pose within the joint limits is free of self-collision.
     """
     key = fingerprint(arm)
-    found = store.recall("poses", key)
-    if not found:
+    found = store.recall("poses", key).get("poses")
+    if found is None:
         # friction plays no part here; the rigid model is only asked for gravity and contacts
         sticking = build(arm, load_friction("generic", arm.n).rigid())
         evaluate = PoseLoads(sticking)
@@ -104,7 +104,7 @@ def find_poses(arm: Arm) -> Poses:
                 q[joint, k] = _search(evaluate, joint, largest=k == 0)
                 signed[joint, k] = evaluate(q[joint, k][None])[0][0, joint]
         found = {"q": q.tolist(), "signed": signed.tolist(), "bearing": sticking.bearing.tolist()}
-        store.keep("poses", key, found)
+        store.keep("poses", key, {"poses": found})
     signed = np.array(found["signed"])
     return Poses(
         q=np.array(found["q"]),

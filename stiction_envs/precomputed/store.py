@@ -7,15 +7,14 @@ what the code computes (``tests/envs/test_precompute.py``).
 
 The cache is in ``$XDG_CACHE_HOME/stiction-envs``, else ``~/.cache/stiction-envs``. The environment
 variable STICTION_CACHE names another folder; if it is empty or ``off``, everything is computed
-anew, even what is shipped. A file that cannot be read, or is damaged, counts as missing; a folder
-that cannot be written is not an error.
+anew, even what is shipped. A file that cannot be read, or a damaged line, counts as missing; a
+folder that cannot be written is not an error.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -26,7 +25,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from stiction_envs.reporting.atomic import write_text_atomic
+from stiction_envs.reporting.kept_rows import KeptRows
 
 SHIPPED = Path(__file__).parent
 MADE_BY = (
@@ -47,8 +46,8 @@ SHOWS = "plots.py"
 _PACKAGE = Path(__file__).parents[1]
 
 Values = dict[str, Any]
-"""A result by name: finite numbers, bools or nested lists of them."""
-_memory: dict[str, Values] = {}
+"""A result by name: JSON values."""
+_memory: dict[str, KeptRows] = {}
 
 
 def digest(*parts: object) -> str:
@@ -88,26 +87,15 @@ def recall(kind: str, of: str) -> Values:
 
     A result has a kind, such as ``poses``, and the `digest` of everything that it depends on.
     """
-    name = file_name(kind, of)
-    if name not in _memory:
-        found = {}
-        if (folder := cache_folder()) is not None:
-            found = read(folder / name, code_digest()) | read(SHIPPED / name)
-        _memory[name] = found
-    return _memory[name]
+    return dict(_rows(kind, of).every)
 
 
 def keep(kind: str, of: str, found: Mapping[str, object]) -> None:
     """Add `Values` to a stored result, in this process and in the user's cache; see `recall`."""
-    name = file_name(kind, of)
-    known = _memory.setdefault(name, {})
-    known.update(found)
-    folder = cache_folder()
-    if folder is None:
-        return
-    with suppress(OSError):  # of a folder that cannot be written: it is computed again
-        folder.mkdir(parents=True, exist_ok=True)
-        write(folder / name, known, code=code_digest())
+    rows = _rows(kind, of)
+    for name, value in found.items():
+        with suppress(OSError):  # of a folder that cannot be written: it is computed again
+            rows.add(name, value)
 
 
 def forget() -> None:
@@ -115,15 +103,20 @@ def forget() -> None:
     _memory.clear()
 
 
-def write(path: Path, values: Mapping[str, object], code: str = "") -> None:
-    """Write one result at once; floats keep all their digits.
-
-    ``code`` is the `code_digest` of a result in the user's cache.
-    """
-    lines = [f"  {json.dumps(k)}: {json.dumps(v, allow_nan=False)}" for k, v in values.items()]
-    head = {"code": code, "sha256": digest(values)}
-    text = "".join(f" {json.dumps(k)}: {json.dumps(v)},\n" for k, v in head.items())
-    write_text_atomic(path, f'{{\n{text} "values": {{\n' + ",\n".join(lines) + "\n }\n}\n")
+def _rows(kind: str, of: str) -> KeptRows:
+    """Return the rows of a result: those of the user's cache, and shipped ones."""
+    name = file_name(kind, of)
+    if name not in _memory:
+        folder = cache_folder()
+        rows = KeptRows(None)
+        if folder is not None:
+            with suppress(OSError):
+                rows = KeptRows(folder / name, code_digest())
+                if not rows.every:  # files of other code do not pile up
+                    (folder / name).unlink(missing_ok=True)
+            rows.every |= KeptRows(SHIPPED / name).every
+        _memory[name] = rows
+    return _memory[name]
 
 
 def cache_folder() -> Path | None:
@@ -153,14 +146,4 @@ def code_digest() -> str:
 
 def file_name(kind: str, of: str) -> str:
     """Return the name of a result's file; arguments as in `recall`."""
-    return f"{kind}-{digest(mujoco.__version__, of)[:16]}.json"
-
-
-def read(path: Path, code: str | None = None) -> Values:
-    """Return the values of a file, none of one that is missing, damaged or made by other code."""
-    try:
-        found = json.loads(path.read_text("utf-8"))
-        good = found["sha256"] == digest(found["values"]) and code in (None, found.get("code"))
-        return dict(found["values"]) if good else {}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+    return f"{kind}-{digest(mujoco.__version__, of)[:16]}.jsonl"

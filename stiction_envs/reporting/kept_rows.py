@@ -3,7 +3,11 @@
     rows = KeptRows(folder / "runs.jsonl").fill({"a": 1, "b": 2}, measure, processes=2)
 
 The file has one JSON line per row: its key, the code that made it, and the row. Rows of other code
-are left out, and a last line that was cut off is made anew.
+are left out, and so are lines that were cut off.
+
+Stored so: rehearsals, repeated measurements of a search, measurements of a real robot, rows of
+benchmarks, precomputed results. Trials are in an Optuna study instead, which samplers read and
+machines share; a training's checkpoint is Stable-Baselines3's, networks and replay buffer.
 """
 
 from __future__ import annotations
@@ -14,7 +18,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,22 +35,18 @@ class KeptRows:
 
     def __init__(self, path: Path | None, code: str = "") -> None:
         """Read the rows that a code made; a ``path`` of None keeps rows in memory only."""
-        self._path, self._code = path, code
+        self._path, self._code, self._begin = path, code, ""
         self.every: dict[str, Any] = {}
         """All rows, by key."""
         if path is None or not path.exists():
             return
-        text = path.read_text("utf-8")
-        for line in text.splitlines():
-            try:
+        lines = path.read_bytes().split(b"\n")
+        for line in lines:
+            with suppress(ValueError, KeyError, TypeError):
                 one = json.loads(line)
-            except json.JSONDecodeError:
-                continue
-            if one["code"] == code:
-                self.every[one["key"]] = one["row"]
-        if not text.endswith("\n"):
-            with path.open("a", encoding="utf-8") as file:
-                file.write("\n")
+                if one["code"] == code:
+                    self.every[one["key"]] = one["row"]
+        self._begin = "\n" if lines[-1] else ""  # ends a line that was cut off
 
     def add(self, key: str, row: Any) -> None:
         """Keep a row."""
@@ -55,8 +55,9 @@ class KeptRows:
             line = json.dumps({"key": key, "code": self._code, "row": row}) + "\n"
             with naming(self._path):
                 self._path.parent.mkdir(parents=True, exist_ok=True)
-                with self._path.open("a", encoding="utf-8") as file:
-                    file.write(line)
+                with self._path.open("ab") as file:  # in one piece: other processes may write, too
+                    file.write((self._begin + line).encode())
+            self._begin = ""
 
     def fill(
         self,

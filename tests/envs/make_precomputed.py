@@ -21,6 +21,7 @@ from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import configurations
 from stiction_envs.experiments.sje.undithered import base_torques
 from stiction_envs.precomputed import store
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.robots import BUILTIN
 
 
@@ -43,14 +44,16 @@ def main() -> None:
     """Compute all results again; they replace the shipped ones."""
     with tempfile.TemporaryDirectory() as folder:
         os.environ["STICTION_CACHE"] = folder
-        for old in store.SHIPPED.glob("*.json"):
+        for old in store.SHIPPED.glob("*.jsonl"):
             old.unlink()
         store.forget()
         for robot in BUILTIN:
             simulate(robot, range(episode_settings().random_paths))
             print(robot)
         for path in Path(folder).iterdir():
-            store.write(store.SHIPPED / path.name, store.read(path))
+            shipped = KeptRows(store.SHIPPED / path.name)
+            for name, value in KeptRows(path, store.code_digest()).every.items():
+                shipped.add(name, value)
 
 
 if __name__ == "__main__":

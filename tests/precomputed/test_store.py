@@ -68,7 +68,7 @@ def test_other_code_and_another_engine_make_it_anew(folder, monkeypatch):
         assert not known()
         store.keep("numbers", "key", {"a": 1.0})
     assert not known(), "the other code's result replaced this one's"
-    assert len(list(folder.iterdir())) == 1, "files of old code do not pile up"
+    assert not list(folder.iterdir()), "files of old code do not pile up"
 
 
 def test_all_code_that_makes_a_result_counts():
@@ -87,19 +87,16 @@ def test_all_code_that_makes_a_result_counts():
 
 
 @pytest.mark.parametrize(
-    "damage",
-    [lambda b: b[: len(b) // 2], lambda b: b.replace(b"0.30000000000000004", b"0.31")],
-    ids=["cut", "other digit"],
+    "damage", [lambda b: b[: len(b) // 2], lambda b: b.replace(b'"', b"\xff")], ids=["cut", "bytes"]
 )
-def test_a_damaged_file_is_made_anew(folder, damage):
+def test_damaged_lines_are_made_anew(folder, damage):
     store.keep("numbers", "key", NUMBERS)
     (path,) = folder.iterdir()
-    good = path.read_bytes()
-    path.write_bytes(damage(good))
-    assert path.read_bytes() != good
+    path.write_bytes(damage(path.read_bytes()))
     store.forget()
-    assert store.recall("numbers", "key") == {}
-    store.keep("numbers", "key", NUMBERS)
+    left = store.recall("numbers", "key")
+    assert left.items() < NUMBERS.items()
+    store.keep("numbers", "key", {k: v for k, v in NUMBERS.items() if k not in left})
     store.forget()
     assert store.recall("numbers", "key") == NUMBERS
 

@@ -17,8 +17,6 @@ from tuning.names import EPISODES, PATHS, POLICIES
 if TYPE_CHECKING:
     from tuning.policies.task import Task
 
-GTE_ONLY = ("trajectory", "stiffness")
-
 
 def add_parser(subparsers: common.Subparsers) -> None:
     """Add the command."""
@@ -32,20 +30,18 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     add_task_options(parser)
-    parser.add_argument(
-        "--policy",
-        nargs="+",
-        required=True,
-        metavar="POLICY",
-        help=f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
+    common.option(
+        parser,
+        "--policy POLICY ...",
+        f"one or more of {', '.join(POLICIES)}, a policy.zip of `stiction train`, or an "
         "amplitude table (.csv); gated: the best shipped gated table",
+        required=True,
     )
-    parser.add_argument(
-        "--episodes",
-        type=common.whole(1),
+    common.option(
+        parser,
+        "--episodes N",
+        "episodes of each policy (default: %(default)s)",
         default=EPISODES,
-        metavar="N",
-        help="episodes of each policy (default: %(default)s)",
     )
     common.add_shared_options(parser, out="output folder (default: runs/evaluate-ROBOT)")
 
@@ -54,35 +50,31 @@ def add_task_options(parser: common.Parser) -> None:
     """Add the options of an environment: arm, experiment, episodes, arguments."""
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
-    parser.add_argument("experiment", choices=EXPERIMENTS, help="the environment")
-    parser.add_argument(
+    common.option(parser, "experiment", "the environment", choices=EXPERIMENTS)
+    common.option(
+        parser,
         "--trajectory",
+        "path of every episode (gte); random: random paths, different in training and evaluation",
         choices=PATHS,
-        help="path of every episode (gte); random: random paths, different in training and "
-        "evaluation",
     )
-    parser.add_argument(
-        "--stiffness",
-        nargs=3,
-        type=common.number(0),
-        metavar=("KT", "KR", "KN"),
-        help="stiffness in every episode (gte): translational [N/m], rotational [N·m/rad], "
-        "nullspace",
+    common.option(
+        parser,
+        "--stiffness KT KR KN",
+        "stiffness in every episode (gte): translational [N/m], rotational [N·m/rad], nullspace",
     )
-    parser.add_argument(
-        "--compensation",
-        metavar="KIND|FILE",
-        help="friction compensation in every episode, also without dither (gte): a kind of "
+    common.option(
+        parser,
+        "--compensation KIND|FILE",
+        "friction compensation in every episode, also without dither (gte): a kind of "
         "`stiction gte`, with gains of the model's friction, or tuned gains, final.csv or "
         "final.yaml",
     )
-    parser.add_argument(
-        "--env",
-        nargs="+",
-        default=[],
-        metavar="NAME=VALUE",
-        help="arguments of the environment, values as JSON: control_interval_s=0.2 "
+    common.option(
+        parser,
+        "--env NAME=VALUE ...",
+        "arguments of the environment, values as JSON: control_interval_s=0.2 "
         "randomise='{\"friction\": 0.2}'",
+        default=[],
     )
 
 
@@ -108,21 +100,15 @@ def read_task(args: argparse.Namespace, n: int) -> Task:
     fixed = arguments.get("fixed_options", {})
     if not isinstance(fixed, dict):
         raise StictionError(f"--env fixed_options={fixed}: expected a JSON object")
-    if options := read_options(args):
-        arguments["fixed_options"] = {**options, **fixed}
+    options = {"trajectory": args.trajectory, "stiffness": args.stiffness and tuple(args.stiffness)}
+    given = {k: v for k, v in options.items() if v is not None}
+    if given and args.experiment != "gte":
+        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
+    if given:
+        arguments["fixed_options"] = {**given, **fixed}
     return Task(
         robot=args.robot, experiment=args.experiment, arguments=arguments, threads=args.threads
     )
-
-
-def read_options(args: argparse.Namespace) -> dict[str, object]:
-    """Return the reset options that the user gave."""
-    given = {name: getattr(args, name) for name in GTE_ONLY if getattr(args, name) is not None}
-    if given and args.experiment != "gte":
-        raise StictionError(f"--{next(iter(given))}: not with {args.experiment}")
-    if "stiffness" in given:
-        given["stiffness"] = tuple(given["stiffness"])
-    return given
 
 
 def _named(text: str) -> tuple[str, Any]:
@@ -139,8 +125,8 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Evaluate; write ``evaluation.csv`` and provenance."""
     from tuning.policies.comparison import check, evaluate_all
 
-    task, options = read_task(args, common.read_arm(args).n), read_options(args)
-    check(task, args.policy, options)
+    task = read_task(args, common.read_arm(args).n)
+    check(task, args.policy)
     inputs: dict[str, Path | None] = {**common.model_files(args)}
     inputs |= policy_files(task.arm_name, args.policy)
     inputs["compensation"] = compensation_file(args)
@@ -151,7 +137,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             args.policy,
             episodes=args.episodes,
             seed=args.seed,
-            options=options,
             progress=progress.set,
         )
     with common.working(), folder:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.gte import compensation_file
@@ -24,29 +23,24 @@ def add_parser(subparsers: common.Subparsers) -> None:
         run=run,
     )
     evaluate.add_task_options(parser)
-    parser.add_argument(
-        "--algo", required=True, metavar="|".join(ALGORITHMS), help="learning algorithm"
-    )
-    parser.add_argument(
-        "--steps",
+    common.option(parser, f"--algo {'|'.join(ALGORITHMS)}", "learning algorithm", required=True)
+    common.option(
+        parser,
+        "--steps N",
+        "total steps of all arms; a step is one control interval (default: 0.1 s)",
         required=True,
-        type=common.whole(1),
-        metavar="N",
-        help="total steps of all arms; a step is one control interval (default: 0.1 s)",
     )
-    parser.add_argument(
-        "--settings",
-        type=Path,
-        metavar="FILE.toml",
-        help="settings that differ from the defaults: environments, networks, intervals … "
+    common.option(
+        parser,
+        "--settings FILE.toml",
+        "settings that differ from the defaults: environments, networks, intervals … "
         "([ppo], [sac], [td3], [run] as in tuning/policies/settings.toml)",
     )
-    parser.add_argument(
-        "--checkpoint-every",
-        type=common.whole(1),
+    common.option(
+        parser,
+        "--checkpoint-every N",
+        "steps between two checkpoints (default: %(default)s)",
         default=CHECKPOINT_EVERY,
-        metavar="N",
-        help="steps between two checkpoints (default: %(default)s)",
     )
     common.add_shared_options(
         parser,
@@ -88,7 +82,6 @@ def run(args: argparse.Namespace) -> common.Answer:
             ["none", ("trained", trained.policy)],
             episodes=settings.run.final_episodes,
             seed=training.far_seed(args.seed, 2),
-            options=evaluate.read_options(args),
             progress=progress.set,
         )
         evaluated.save(folder.path)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 from stiction_envs.errors import StictionError
+from stiction_envs.reporting.output_folder import default_folder
 from tuning.names import OBJECTIVES, SAMPLERS, TREATMENTS
 
 if TYPE_CHECKING:
-    from stiction_envs.reporting.output_folder import OutputFolder
     from stiction_envs.robots import Arm
-    from tuning.protocol.tune import Tuning
 
 THESIS_ONLY = ("frequencies", "scales", "table", "iterations", "no_scatter", "drive")
 SEARCH_ONLY = (
@@ -38,43 +36,40 @@ def add_parser(subparsers: common.Subparsers) -> None:
     common.add_robot_options(parser)
     common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)
-    parser.add_argument(
+    common.option(
+        parser,
         "--protocol",
+        "thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
+        "continuous amplitude and frequency of every joint, under constraints",
         choices=("thesis", "search"),
         default="thesis",
-        help="thesis: frequencies, then scales, then verification (thesis 4.2; default); search: "
-        "continuous amplitude and frequency of every joint, under constraints",
     )
-    parser.add_argument(
-        "--table",
-        type=Path,
-        metavar="TABLE.csv",
-        help="measured base torques, in the form of base.csv or thesis Table 4.3; the friction is "
+    common.option(
+        parser,
+        "--table TABLE.csv",
+        "measured base torques, in the form of base.csv or thesis Table 4.3; the friction is "
         "first calibrated to these torques",
     )
-    parser.add_argument(
-        "--frequencies",
-        nargs="+",
-        type=common.number(0, above=True),
-        metavar="HZ",
-        help="frequencies to try (default: the thesis's for this robot)",
+    common.option(
+        parser,
+        "--frequencies HZ ...",
+        "frequencies to try (default: the thesis's for this robot)",
     )
-    parser.add_argument(
-        "--scales",
-        nargs="+",
-        type=common.number(0, above=True),
-        metavar="X",
-        help="amplitudes to try, relative to the base torque (default: 0.8 1.0 1.2)",
+    common.option(
+        parser,
+        "--scales X ...",
+        "amplitudes to try, relative to the base torque (default: 0.8 1.0 1.2)",
+        common.number(0, above=True),
     )
     _add_search_options(parser)
     common.add_experiment_options(parser)
-    parser.add_argument(
-        "--storage",
-        metavar="URL",
-        help="database of the study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB "
+    common.option(
+        parser,
+        "--storage URL",
+        "database of the study: sqlite:///FILE, or postgresql+psycopg://USER:PASSWORD@HOST/DB "
         "to share the study between machines (default: a file in --out)",
     )
-    parser.add_argument("--study", metavar="NAME", help="name of the Optuna study")
+    common.option(parser, "--study NAME", "name of the Optuna study")
     common.add_shared_options(
         parser,
         out="output folder (default: runs/tune-ROBOT); an unfinished run of the same command is "
@@ -84,71 +79,61 @@ def add_parser(subparsers: common.Subparsers) -> None:
 
 def _add_search_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("with --protocol search")
-    group.add_argument(
+    common.option(
+        group,
         "--objective",
-        choices=OBJECTIVES,
-        help="minimise the breakaway torque of each joint (sje, default), the error left at the "
+        "minimise the breakaway torque of each joint (sje, default), the error left at the "
         "goals of a path (gte), or both (gte starts from the table of sje)",
+        choices=OBJECTIVES,
     )
-    group.add_argument(
-        "--sampler",
-        choices=SAMPLERS,
-        help="default: gp for the SJE, cmaes for the GTE",
+    common.option(
+        group, "--sampler", "default: gp for the SJE, cmaes for the GTE", choices=SAMPLERS
     )
-    group.add_argument(
-        "--evaluations",
-        type=common.whole(1),
-        metavar="N",
-        help="number of trials: per joint (SJE), of whole tables (GTE)",
+    common.option(
+        group,
+        "--evaluations N",
+        "number of trials: per joint (SJE), of whole tables (GTE)",
     )
-    group.add_argument(
-        "--pareto",
-        action="store_true",
-        help="make shaking a second objective instead of a constraint (pareto.csv)",
+    common.option(
+        group, "--pareto", "make shaking a second objective instead of a constraint (pareto.csv)"
     )
-    group.add_argument(
+    common.option(
+        group,
         "--treatment",
-        choices=TREATMENTS,
-        help="search only this treatment of friction, on paths: dither, a compensation, both "
+        "search only this treatment of friction, on paths: dither, a compensation, both "
         "observers, or all one after the other with the same budget; the report says which is best "
         "on other paths and what it needs to know",
+        choices=TREATMENTS,
     )
-    group.add_argument(
-        "--bounds",
-        type=Path,
-        metavar="FILE.toml",
-        help="[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
+    common.option(
+        group,
+        "--bounds FILE.toml",
+        "[all], [joint.N]: amplitude_nm, frequency_hz, forbidden_hz, displacement_rad; [arm]: "
         "vibration_mm, vibration_at_rest_mm",
     )
-    group.add_argument(
-        "--limit",
-        type=Path,
-        metavar="TABLE.csv",
-        help="limit the oscillation to that of this amplitude table (default: thesis Table 4.9 on "
+    common.option(
+        group,
+        "--limit TABLE.csv",
+        "limit the oscillation to that of this amplitude table (default: thesis Table 4.9 on "
         "a Panda)",
     )
-    group.add_argument(
-        "--beside",
-        type=Path,
-        nargs="+",
-        metavar="TABLE.csv",
-        help="amplitude tables to compare with, simulated in the same plant",
+    common.option(
+        group,
+        "--beside TABLE.csv ...",
+        "amplitude tables to compare with, simulated in the same plant",
     )
-    group.add_argument(
-        "--ask",
-        nargs="?",
-        type=common.whole(1),
-        const=1,
-        metavar="N",
-        help="with a real robot: write the next N settings per joint to measure (ask.csv; "
+    common.option(
+        group,
+        "--ask N",
+        "with a real robot: write the next N settings per joint to measure (ask.csv; "
         "default: 1; --out: runs/ask-ROBOT)",
+        nargs="?",
+        const=1,
     )
-    group.add_argument(
-        "--tell",
-        type=Path,
-        metavar="TABLE.csv",
-        help="read measurements (a filled-in measure.csv, or any SJE table); can be combined with "
-        "--ask",
+    common.option(
+        group,
+        "--tell TABLE.csv",
+        "read measurements (a filled-in measure.csv, or any SJE table); can be combined with --ask",
     )
 
 
@@ -156,12 +141,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     """Tune; write tables, report, plots and provenance."""
     _check_options(args)
     arm = common.read_arm(args)
-    if args.ask is not None or args.tell is not None:
-        return _beside_a_robot(args, arm)
-    tune_it = _search if args.protocol == "search" else _thesis
+    asks = args.ask is not None or args.tell is not None
+    args.out = args.out or default_folder("ask" if asks else "tune", arm.name)
+    way = _with_a_robot if asks else _search if args.protocol == "search" else _thesis
     with Progress() as progress:
-        result = tune_it(args, arm, progress)
-    return common.Answer(result=result, out=result.folder)
+        return way(args, arm, progress)
 
 
 def _check_options(args: argparse.Namespace) -> None:
@@ -170,72 +154,51 @@ def _check_options(args: argparse.Namespace) -> None:
         if getattr(args, name) not in (None, False):
             raise StictionError(f"--{name.replace('_', '-')}: not with --protocol {args.protocol}")
     if args.ask is not None or args.tell is not None:
-        for name in SEARCH_ONLY:
+        for name in (*SEARCH_ONLY, "storage", "study", "force"):
             if name not in WITH_A_ROBOT and getattr(args, name) not in (None, False):
                 raise StictionError(f"--{name.replace('_', '-')}: not with --ask or --tell")
         if args.sensing != common.IDEAL:
             raise StictionError("--sensing: not with --ask or --tell")
 
 
-def _folder(args: argparse.Namespace, arm: Arm, inputs: dict[str, Path | None]) -> OutputFolder:
-    """Check the output folder; its provenance has no password of a storage."""
-    from tuning.study.storage import parse, shown
-
-    recorded = argparse.Namespace(**vars(args))
-    recorded.storage = args.storage and shown(parse(args.storage))
-    return common.output_folder(
-        recorded, arm.name, {**common.model_files(args), **inputs}, resumable=True
-    )
-
-
 def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     """Return the options that the user gave, and those that every way of tuning has."""
-    names = (*names, "seed", "storage", "study", "friction", "threads")
+    names = (*names, "seed", "friction", "threads", "out")
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 
-def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
+def _thesis(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.protocol.tune import tune
 
     names = ("table", "frequencies", "scales", "iterations", "sensing", "drive")
-    return tune(
+    result = tune(
         arm,
-        out=_folder(args, arm, {"table": args.table}),
         scatter=not args.no_scatter,
         progress=progress.set,
-        **_given(args, *names),
+        **_given(args, *names, "storage", "study", "force"),
     )
+    return common.Answer(result=result, out=args.out)
 
 
-def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> Tuning:
+def _search(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.search.search import search
 
     def say(stage: str, done: float, total: float) -> None:
         progress.set(stage, done, total, "s simulated" if stage == "base torques" else "trials")
 
-    names = ("objective", "sampler", "pareto", "treatment", "evaluations")
-    inputs = {"bounds": args.bounds, "limit": args.limit}
-    inputs |= {f"beside {k}": path for k, path in enumerate(args.beside or ())}
-    return search(
-        arm,
-        out=_folder(args, arm, inputs),
-        progress=say,
-        **_given(args, *names, "bounds", "limit", "beside", "sensing"),
-    )
+    names = [x for x in SEARCH_ONLY if x not in ("ask", "tell")]
+    given = _given(args, *names, "sensing", "storage", "study", "force")
+    return common.Answer(result=search(arm, progress=say, **given), out=args.out)
 
 
-def _beside_a_robot(args: argparse.Namespace, arm: Arm) -> common.Answer:
-    from stiction_envs.reporting.output_folder import default_folder
+def _with_a_robot(args: argparse.Namespace, arm: Arm, progress: Progress) -> common.Answer:
     from tuning.robot.session import Session
 
-    out = args.out or default_folder("ask", arm.name)
     more = {}
-    with Progress() as progress:
-        options = _given(args, "bounds", "limit", "force")
-        options |= {"out": out, "progress": progress.set}
-        if args.tell is not None:
-            state = Session(arm, **options).tell(args.tell)
-            more = {"told": state.told}
-        if args.ask is not None:
-            state = Session(arm, **options).ask(args.ask)
-    return common.Answer(result=state, out=out, more=more)
+    options = {"progress": progress.set, **_given(args, "bounds", "limit")}
+    if args.tell is not None:
+        state = Session(arm, **options).tell(args.tell)
+        more = {"told": state.told}
+    if args.ask is not None:
+        state = Session(arm, **options).ask(args.ask)
+    return common.Answer(result=state, out=args.out, more=more)

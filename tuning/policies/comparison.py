@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -94,29 +94,28 @@ def evaluate_all(
     *,
     episodes: int = EPISODES,
     seed: int = 0,
-    options: Mapping[str, object] | None = None,
     progress: Callable[[str, float, float], None] | None = None,
 ) -> Evaluated:
-    """Evaluate every policy on the same episodes.
+    """Evaluate every policy on the same episodes; random paths are those that no training draws.
 
     Args:
         task: the environment.
         policies: one of `POLICIES`, a ``policy.zip``, an amplitude table, or a name and an agent.
         episodes: number of episodes of each.
         seed: seed of the first episode; the others have those that follow.
-        options: reset options of all episodes; random paths are those that training never draws.
         progress: called with a policy's name, episodes done and episodes in all.
     """
     progress = progress or (lambda *_: None)
     env = task.make(min(episodes, _TOGETHER))
     agents = [(p, read_agent(p, task, env)) if isinstance(p, str) else p for p in policies]
-    each = [_held_out(options, k) for k in range(episodes)]
     rows: list[dict[str, object]] = []
     for name, agent in agents:
         for start in range(0, episodes, env.num_envs):
             part = range(start, min(episodes, start + env.num_envs))
             progress(name, start, episodes)
-            found = evaluate(env, agent, [seed + k for k in part], [each[k] for k in part])
+            found = evaluate(
+                env, agent, [seed + k for k in part], [_held_out(task, k) for k in part]
+            )
             rows += [
                 {"policy": name, "episode": k, **row} for k, row in zip(part, found, strict=True)
             ]
@@ -125,12 +124,12 @@ def evaluate_all(
     return Evaluated(environment=task.name, rows=tuple(rows))
 
 
-def check(task: Task, policies: Sequence[str], options: Mapping[str, object] | None = None) -> None:
+def check(task: Task, policies: Sequence[str]) -> None:
     """Raise a StictionError if an evaluation has invalid arguments; nothing is run."""
     if len(set(policies)) < len(policies):
         raise StictionError(f"policies {', '.join(policies)}: expected each once")
     env = task.make(1)
-    env.core.check_reset([_held_out(options, 0)])
+    env.core.check_reset([_held_out(task, 0)])
     for name in policies:
         read_agent(name, task, env)
     env.close()
@@ -212,9 +211,9 @@ class _WithinBounds:
         return np.clip(action, self._low, self._high), state
 
 
-def _held_out(options: Mapping[str, object] | None, episode: int) -> dict[str, object]:
-    """Return the options of an episode; its random path is one that no training draws."""
-    out = dict(options or {})
-    if out.get("trajectory") == "random" and "path" not in out:
-        out["path"] = policy_settings().evaluation.test_paths + episode
-    return out
+def _held_out(task: Task, episode: int) -> dict[str, object]:
+    """Return the options of an episode: a random path is one that no training draws."""
+    fixed = task.arguments.get("fixed_options", {})
+    if fixed.get("trajectory") != "random" or "path" in fixed:
+        return {}
+    return {"path": policy_settings().evaluation.test_paths + episode}

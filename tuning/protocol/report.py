@@ -114,7 +114,6 @@ def write_report(
     _draw(tuner.out / "verification.png", figures.verification, tuner, verified["final"], thesis)
     worst = None
     if table is not None:
-        _draw(tuner.out / "base.png", figures.base, tuner, table)
         found = [m.mean / table.get(c.joint, c.load, c.direction) for c, m in tuner.base.items()]
         worst = float(np.max(np.abs(100 * (np.array(found) - 1))))
     write_md_and_html(
@@ -132,7 +131,6 @@ def write_report(
         choices=_choices(tuner, choices),
         servos=tuner.experiment.servos is not None,
         base=_base_table(tuner, table),
-        measured=table is not None,
         verification=_verification(tuner, verified),
     )
     return {

@@ -34,7 +34,6 @@ from stiction_envs.experiments.sje.results import sje_rows
 from stiction_envs.measured import AmplitudeRow, write_final, write_sje
 from stiction_envs.measured.csv_text import table_text
 from stiction_envs.reporting.atomic import write_text_atomic
-from stiction_envs.reporting.json_text import JsonRecord
 from tuning.protocol.rules import Choice, final_amplitude
 from tuning.settings import ThesisSettings
 from tuning.study.record import Parameters, TrialOutcome, TrialSearch
@@ -48,8 +47,6 @@ Verified = dict[str, dict[Configuration, Measurement]]
 """Measurements with the intermediate and with the final amplitudes."""
 Jobs = Callable[[int, Parameters], list[Job]]
 """Jobs of a setting of a search (given by number), one per configuration of its joint."""
-TRACE_POINTS = 150
-"""Most points kept of a trace (assumed)."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -264,7 +261,7 @@ class ThesisTuner:
 
         fill(searches, evaluate)
         return {
-            job: from_data(job, t.user_attrs[_key(job.configuration)])
+            job: _measurement(job, t.user_attrs[_key(job.configuration)])
             for k, s in enumerate(searches)
             for t in s.record.trials
             for job in jobs(k, t.params)
@@ -277,7 +274,7 @@ class ThesisTuner:
         value = float(np.mean(np.abs(taus)))
         return TrialOutcome(
             values=(value,) if np.isfinite(value) else None,
-            measures={_key(m.job.configuration): as_data(m) for m in measured},
+            measures={_key(m.job.configuration): m.tau.tolist() for m in measured},
         )
 
     def _write(self, name: str, measurements: Iterable[Measurement]) -> None:
@@ -291,33 +288,20 @@ def _key(c: Configuration) -> str:
     return f"{c.load}{c.direction}"
 
 
+def _measurement(job: Job, tau: list[float]) -> Measurement:
+    """Return the measurement of a job from its stored torques [N·m], which are all that is used."""
+    none = np.empty(0)
+    return Measurement(
+        job=job,
+        tau=np.array(tau, dtype=float),
+        start=none,
+        start_torque=none,
+        shaken_speed=none,
+        traces=(),
+        trace_dt=0.0,
+    )
+
+
 def change(m: Measurement, base: Measurement) -> float:
     """Return the change of |τ| against the base, per cent; negative is less torque."""
     return 100.0 * (abs(m.mean) / abs(base.mean) - 1.0)
-
-
-def as_data(m: Measurement) -> dict[str, object]:
-    """Return a measurement for JSON, without its job; `from_data` reads it back exactly."""
-    longest = max(len(t) for t in m.traces)
-    stride = max(1, -(-longest // TRACE_POINTS))
-    return {
-        "tau": m.tau.tolist(),
-        "start": m.start.tolist(),
-        "start_torque": m.start_torque.tolist(),
-        "shaken_speed": m.shaken_speed.tolist(),
-        "traces": [[round(float(x), 6) for x in t[stride - 1 :: stride]] for t in m.traces],
-        "trace_dt": m.trace_dt * stride,
-    }
-
-
-def from_data(job: Job, data: JsonRecord) -> Measurement:
-    """Return the measurement of a job."""
-    return Measurement(
-        job=job,
-        tau=np.array(data["tau"], dtype=float),
-        start=np.array(data["start"]),
-        start_torque=np.array(data["start_torque"]),
-        shaken_speed=np.array(data["shaken_speed"]),
-        traces=tuple(np.array(t, dtype=np.float32) for t in data["traces"]),
-        trace_dt=data["trace_dt"],
-    )

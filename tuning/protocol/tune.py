@@ -25,7 +25,6 @@ from stiction_envs.method_settings import Changes, override
 from stiction_envs.reporting.atomic import write_text_atomic
 from stiction_envs.reporting.json_text import JsonRecord
 from stiction_envs.reporting.markdown import aligned
-from stiction_envs.reporting.output_folder import OutputFolder
 from stiction_envs.reporting.provenance import Provenance
 from stiction_envs.reporting.result import Result
 from tuning.protocol.report import write_report
@@ -113,7 +112,7 @@ def tune(
     robot: Robot,
     *,
     table: str | Path | BaseTable | None = None,
-    out: str | Path | OutputFolder | None = None,
+    out: str | Path | None = None,
     force: bool = False,
     frequencies: Sequence[float] | None = None,
     scales: Sequence[float] | None = None,
@@ -183,7 +182,7 @@ def tune(
     warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
     for text in warned:
         warnings.warn(text, stacklevel=2)
-    inputs = {"table": table}
+    inputs = {"robot": robot, "friction": friction, "sensing": sensing, "table": table}
     if isinstance(table, str | Path):
         # a user's own file of the arm may name it differently
         table = read_base(table, arm.registered_name, arm.n)

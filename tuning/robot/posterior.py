@@ -16,7 +16,7 @@ one that a setting does not share with its neighbours (a sharp resonance, a drif
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +54,16 @@ class Candidates:
 
     def __len__(self) -> int:
         return len(self.frequency_hz)
+
+    def with_more(self, other: Candidates) -> Candidates:
+        """Return these candidates and others of the same joint."""
+        both = {
+            f.name: np.concatenate(
+                [getattr(self, f.name), getattr(other, f.name)], axis=int(f.name == "deviation")
+            )
+            for f in fields(self)[1:]
+        }
+        return Candidates(joint=self.joint, **both)
 
     @cached_property
     def features(self) -> Array:

@@ -6,7 +6,7 @@ reaches the displacement limit, where the best setting usually lies, and none be
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -69,25 +69,30 @@ def predict(objective: BreakawayObjective, settings: RobotSettings) -> dict[int,
                 f"joint {j}: no setting within the bounds keeps to the displacement limit of "
                 f"{limit[j - 1]:.3g} rad and frees it in simulation: expected one or more"
             )
-        mine = sorted(kept, key=_place)
-        predicted, deviation = mean_of([kept[row].ratio for row in mine])
-        out[j] = Candidates(
-            joint=j,
-            frequency_hz=np.array([row.frequency_hz for row in mine]),
-            amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in mine]),
-            predicted=predicted,
-            deviation=deviation,
-            eligible=np.ones(len(mine), dtype=bool),
-            displacement=np.stack([kept[row].oscillation.mean(axis=0) for row in mine]),
+        out[j] = candidates_of(
+            j, {row: kept[row] for row in sorted(kept, key=_place)}, limit[j - 1]
         )
     return out
 
 
-def mean_of(ratios: Sequence[Array]) -> tuple[Array, Array]:
-    """Return mean (S, 4) and deviations (K, S, 4) of ratios (K, 4) of S settings."""
-    each = np.stack(ratios, axis=1)
-    mean: Array = each.mean(axis=0)
-    return mean, each - mean
+def candidates_of(joint: int, found: Mapping[AmplitudeRow, Breakaway], limit: float) -> Candidates:
+    """Return measured settings of a joint as candidates; eligible within the displacement limit.
+
+    A setting that leaves the joint stuck in simulation is predicted to have no effect.
+    """
+    ratio = np.nan_to_num(np.stack([m.ratio for m in found.values()], axis=1), nan=1.0)
+    predicted = ratio.mean(axis=0)
+    shaken = np.stack([m.oscillation.mean(axis=0) for m in found.values()])
+    return Candidates(
+        joint=joint,
+        frequency_hz=np.array([row.frequency_hz for row in found]),
+        amplitude_nm=np.array([[row.amplitude_nm] * 4 for row in found]),
+        predicted=predicted,
+        deviation=ratio - predicted,
+        eligible=np.array([m.displacement <= limit for m in found.values()]),
+        # at least 1e-9 rad (assumed): its logarithm is an input of the posterior
+        displacement=np.maximum(shaken, 1e-9),
+    )
 
 
 def _place(row: AmplitudeRow) -> tuple[float, float]:

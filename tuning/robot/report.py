@@ -15,13 +15,13 @@ from stiction_envs.measured import AmplitudeRow, write_final
 from stiction_envs.measured.csv_text import write_lines
 from stiction_envs.measured.tables import AMPLITUDE_COLUMNS, SJE_COLUMNS
 from stiction_envs.reporting.json_text import JsonRecord
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.markdown import number, table_text
 from stiction_envs.reporting.templates import write_md_and_html
 from tuning.robot.next_setting import best_measured, chance_of_better, next_settings
 from tuning.robot.posterior import CONFIGURATIONS, Candidates, Posterior, Readings, posterior_of
 from tuning.robot.robot_study import BaseTorques, Predicted, readings
 from tuning.settings import RobotSettings
-from tuning.study.record import Record
 
 TEMPLATE = Path(__file__).parents[1] / "templates" / "ask.md.j2"
 INTERVAL = 1.96
@@ -127,13 +127,14 @@ class RobotState:
 
 def state_of(
     experiment: SingleJointExperiment,
-    record: Record,
+    study: KeptRows,
     predicted: Predicted,
     settings: RobotSettings,
     count: int,
 ) -> RobotState:
     """Return the present state of the study, and up to ``count`` settings per joint to measure."""
-    measured = readings(record, predicted, settings.same)
+    base = BaseTorques(study, predicted.base_nm)
+    measured = readings(study, base, predicted, settings.same)
     joints = []
     for j, c in sorted(predicted.candidates.items()):
         posterior = posterior_of(c, measured[j], settings)
@@ -151,7 +152,6 @@ def state_of(
                 chance=chance,
             )
         )
-    base = BaseTorques(record)
     cells = [(j, *cell) for j in sorted(predicted.candidates) for cell in CONFIGURATIONS]
     return RobotState(
         robot=experiment.sticking.arm.name,

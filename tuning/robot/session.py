@@ -9,11 +9,8 @@ Both write report.md, final.csv and final.yaml. Everything permanent is in the s
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
-
-import numpy as np
 
 from stiction_envs.errors import StictionError
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -21,18 +18,17 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import AmplitudeRow, read_amplitudes
 from stiction_envs.method_settings import Changes, override
+from stiction_envs.reporting.kept_rows import KeptRows
 from stiction_envs.reporting.provenance import sha256
 from tuning.robot.measured_table import MeasuredRow, check_measured, read_measured
-from tuning.robot.posterior import Candidates
-from tuning.robot.prediction import mean_of, predict
+from tuning.robot.prediction import candidates_of, predict
 from tuning.robot.report import RobotState, state_of, write_state
 from tuning.robot.robot_study import Predicted, add_measured, predictions, write_predictions
 from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.breakaway import BreakawayObjective
 from tuning.search.frictions import plausible
 from tuning.settings import TuningSettings, tuning_settings
-from tuning.study.record import Record
-from tuning.study.tuning_run import Progress, open_run
+from tuning.study.tuning_run import Progress, counted, open_run
 
 
 class Session:
@@ -45,10 +41,7 @@ class Session:
         bounds: str | Path | None = None,
         limit: str | Path | None = None,
         out: str | Path | None = None,
-        force: bool = False,
         seed: int = 0,
-        storage: str | None = None,
-        study: str | None = None,
         friction: Friction | None = None,
         protocol: Protocol | None = None,
         threads: int = 0,
@@ -58,8 +51,8 @@ class Session:
         """Check everything; nothing is written yet.
 
         The arguments are those of `search.search`, but for: ``limit``, an amplitude table whose
-        displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; ``force``, which
-        keeps the study of this session; ``study``, its name, None for ``ROBOT-robot``.
+        displacement may not be exceeded; ``out``, None for ``runs/ask-ROBOT``; without
+        ``force``, which would delete what was measured.
 
         Raises:
             StictionError: bad input, or a folder of another run.
@@ -80,25 +73,14 @@ class Session:
             "limits": [dataclasses.astuple(r) for r in self.limits],
             "settings": dataclasses.asdict(self.settings.robot),
         }
-        open_it = partial(
-            open_run,
+        self.folder = open_run(
             *("ask", "search --ask", e, defining),
             out=out,
-            storage=storage,
-            study=study,
+            force=False,
             settings=self.settings.shared,
-            inputs={"bounds": bounds, "limit": limit},
-        )
-        try:
-            self.run = open_it(force=False)
-        except StictionError:
-            if not force:
-                raise
-            # only now: `force` would also delete the study of this session
-            self.run = open_it(force=True)
-        self._outside = storage is not None
-        self._progress = None if progress is None else self._counting(progress)
-        self._study = study or f"{arm.name}-robot"
+            inputs={"robot": robot, "friction": friction, "bounds": bounds, "limit": limit},
+        ).folder
+        self._progress = progress or (lambda *_: None)
 
     def ask(self, count: int = 1) -> RobotState:
         """Write the next ``count`` settings of each unfinished joint: ask.csv, and measure.csv.
@@ -107,15 +89,14 @@ class Session:
         several frictions, which takes as many times longer); later calls read them from the study.
 
         Raises:
-            StictionError: bad input, or a study of another robot; nothing was written.
+            StictionError: bad input; nothing was written.
         """
         if count < 1:
             raise StictionError(f"settings to ask for: {count}: expected 1 or more")
-        self.reach()
-        with self.run.folder:
-            record, predicted = self.open()
-            state = state_of(self.experiment, record, predicted, self.settings.robot, count)
-            write_state(self.run.folder.path, state, asked=True)
+        with self.folder:
+            study, predicted = self.open()
+            state = state_of(self.experiment, study, predicted, self.settings.robot, count)
+            write_state(self.folder.path, state, asked=True)
         return state
 
     def tell(self, table: str | Path) -> RobotState:
@@ -132,59 +113,48 @@ class Session:
         jobs = {j.configuration: j for j in experiment.jobs()}
         rough = {(c.joint, c.load, c.direction): experiment.expected(j) for c, j in jobs.items()}
         check_measured(rows, self.bounds, rough, self.settings.robot)
-        self.reach()
-        with self.run.folder:
-            record, predicted = self.open()
-            predicted = self.with_measured(record, predicted, rows)
-            most = float(max(self.bounds.frequency_hz.max(), self.bounds.amplitude_nm.max()))
-            new = add_measured(record, rows, sha256(path), most, experiment.n)
-            state = state_of(experiment, record, predicted, self.settings.robot, 1)
+        with self.folder:
+            study, predicted = self.open()
+            predicted = self.with_measured(study, predicted, rows)
+            new = add_measured(study, rows, sha256(path))
+            state = state_of(experiment, study, predicted, self.settings.robot, 1)
             state = dataclasses.replace(state, told=new)
-            write_state(self.run.folder.path, state, asked=False)
+            write_state(self.folder.path, state, asked=False)
         return state
 
-    @cached_property
-    def record(self) -> Record:
-        """The study."""
-        run = self.run
-        return Record(run.storage, self._study, about=run.about, settings=run.settings)
-
-    def reach(self) -> None:
-        """Open a study outside the folder before the folder is created: it may be unavailable."""
-        if self._outside:
-            _ = self.record
-
-    def open(self) -> tuple[Record, Predicted]:
+    def open(self) -> tuple[KeptRows, Predicted]:
         """Return study and predictions; simulate the candidate settings once."""
-        record = self.record
-        predicted = predictions(record)
+        study = KeptRows(self.folder.path / "study.jsonl")
+        predicted = predictions(study)
         if predicted is None:
             objective = self._objective
-            found = predict(objective, self.settings.robot)
             base = objective.base[0].items()
             predicted = Predicted(
-                candidates=found,
+                candidates=predict(objective, self.settings.robot),
                 base_nm={(c.joint, c.load, c.direction): abs(m.mean) for c, m in base},
                 limit=objective.displacement.tolist(),
             )
-            write_predictions(record, predicted)
-        return record, predicted
+            write_predictions(study, predicted)
+        return study, predicted
 
     @cached_property
     def _objective(self) -> BreakawayObjective:
         """The simulated robot; its base torques are measured when it is first used."""
         e, s = self.experiment, self.settings.robot
+        frictions = plausible(e.sticking.parameters, s)
+        settings = s.frequencies * (s.amplitudes + 1) + 2  # roughly
+        total = settings * e.expected_seconds(e.jobs(), s.iterations) * len(frictions)
         return BreakawayObjective(
             e,
             self.bounds,
-            plausible(e.sticking.parameters, s),
+            frictions,
             iterations=s.iterations,
             limits=self.limits,
-            progress=self._progress,
+            progress=counted(self._progress, "simulate", total),
         )
 
     def with_measured(
-        self, record: Record, predicted: Predicted, rows: list[MeasuredRow]
+        self, study: KeptRows, predicted: Predicted, rows: list[MeasuredRow]
     ) -> Predicted:
         """Return the predictions, with those of settings that were measured but never proposed."""
         measured = dict.fromkeys(r.setting for r in rows if not r.is_base)
@@ -192,37 +162,11 @@ class Session:
         new = [AmplitudeRow(*t) for t in measured if predicted.find(t, same) is None]
         if not new:
             return predicted
-        found = self._objective.measure(new)
         candidates = dict(predicted.candidates)
-        for row in new:
-            c, m = candidates[row.joint], found[row]
-            # a setting that leaves the joint stuck in simulation is predicted to have no effect
-            mean, deviation = mean_of([np.nan_to_num(m.ratio, nan=1.0)])
-            shaken = m.oscillation.mean(axis=0)
-            candidates[row.joint] = Candidates(
-                joint=row.joint,
-                frequency_hz=np.append(c.frequency_hz, row.frequency_hz),
-                amplitude_nm=np.vstack([c.amplitude_nm, [row.amplitude_nm] * 4]),
-                predicted=np.vstack([c.predicted, mean]),
-                deviation=np.concatenate([c.deviation, deviation], axis=1),
-                # at least 1e-9 rad (assumed): its logarithm is an input of the posterior
-                displacement=np.vstack([c.displacement, np.maximum(shaken, 1e-9)]),
-                eligible=np.append(c.eligible, m.displacement <= predicted.limit[row.joint - 1]),
-            )
+        for row, found in self._objective.measure(new).items():
+            j = row.joint
+            more = candidates_of(j, {row: found}, predicted.limit[j - 1])
+            candidates[j] = candidates[j].with_more(more)
         out = dataclasses.replace(predicted, candidates=candidates)
-        write_predictions(record, out)
+        write_predictions(study, out)
         return out
-
-    def _counting(self, progress: Progress) -> Callable[[float], None]:
-        """Return a progress function for simulated seconds, whose total is known only roughly."""
-        s, e, done = self.settings.robot, self.experiment, 0.0
-        settings = s.frequencies * (s.amplitudes + 1) + 2
-        total = settings * e.expected_seconds(e.jobs(), s.iterations)
-        total *= len(plausible(e.sticking.parameters, s))
-
-        def report(seconds: float) -> None:
-            nonlocal done
-            done += seconds
-            progress("simulate", min(done, total), total)
-
-        return report

@@ -1,4 +1,4 @@
-"""Plots of a search: landscape, front, comparison of tables."""
+"""Plots of a search: landscape, front."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from stiction_envs.reporting.png import save_full
 from tuning.search.bounds import Bounds, Table
 from tuning.search.trials import allowed, complete, front
-from tuning.search.verify import LEFT, Verified
 from tuning.study.record import Record
 
 MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
@@ -109,34 +108,6 @@ def pareto(records: Mapping[str, Sequence[Record]], path: Path) -> None:
         )
         axis.grid(alpha=0.3)
     _legend(axes, len(group))
-    save_full(figure, path)
-
-
-def tables(verified: Verified, path: Path) -> None:
-    """Draw the error that each table leaves against its vibration, per path."""
-    figure = Figure(figsize=(20, 8), layout="constrained")
-    axes = figure.subplots(len(verified.paths), len(LEFT), squeeze=False)
-    for row, where in enumerate(verified.paths):
-        for column, part in enumerate(LEFT):
-            axis = axes[row][column]
-            for k, (name, found) in enumerate(verified.tracking.items()):
-                mean, low, high = (100 * x for x in getattr(found[where], part))
-                axis.errorbar(
-                    1e3 * found[where].vibration_at_rest_m,
-                    mean,
-                    yerr=None if np.isnan(low) else [[mean - low], [high - mean]],
-                    fmt=MARKS[k % len(MARKS)],
-                    color=COLOURS[k % len(COLOURS)],
-                    capsize=2,
-                    label=name,
-                )
-            axis.set(
-                title=f"{where}: {part.replace('resting_', 'at rest, ')}",
-                xlabel="vibration at rest, rms [mm]",
-                ylabel="error left, of no dither [%]",
-            )
-            axis.grid(alpha=0.3)
-    axes[0][0].legend(frameon=False, fontsize=8)
     save_full(figure, path)
 
 

@@ -40,8 +40,6 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         figures.landscape(found.bounds, found.records["sje"], tables, folder / "landscape.png")
     if found.options.pareto:
         figures.pareto(found.records, folder / "pareto.png")
-    if verified.tracking:
-        figures.tables(verified, folder / "comparison.png")
     met = {r.joint: found.bounds.met(r) for r in final if r.amplitude_nm}
     gains = _gains(found)
     trials = [t for group in found.records.values() for r in group for t in r.trials]
@@ -52,10 +50,6 @@ def write_search_report(found: SearchStages, folder: Path, verified: Verified) -
         "final": [{**asdict(r), "bounds_met": met.get(r.joint, [])} for r in final],
         "mean_reduction_percent": _mean_reduction(found, verified, chosen),
         "compensation": gains,
-        "comparison": {
-            name: _comparison(found, verified, name)
-            for name in dict.fromkeys([*verified.breakaway, *verified.tracking])
-        },
     }
     if found.options.treatment is not None:
         summary["treatment"] = _winner(found, verified)
@@ -92,19 +86,6 @@ def _mean_reduction(found: SearchStages, verified: Verified, name: str) -> float
     every = range(1, found.bounds.n + 1)
     each = [joints[j].reduction[0] if j in joints else 0.0 for j in every]
     return 100.0 * float(np.mean(each))
-
-
-def _comparison(found: SearchStages, verified: Verified, name: str) -> dict[str, object]:
-    """Return the summary of a table."""
-    out: dict[str, object] = {}
-    if name in verified.breakaway:
-        out["mean_reduction_percent"] = _mean_reduction(found, verified, name)
-    for path, result in verified.tracking.get(name, {}).items():
-        out[path] = {
-            **{f"{k}_left": getattr(result, k)[0] for k in LEFT},
-            **{k: getattr(result, k) for k in ("vibration_m", "vibration_at_rest_m")},
-        }
-    return out
 
 
 def _better_without_dither(verified: Verified, chosen: str) -> list[dict[str, object]]:

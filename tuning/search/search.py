@@ -24,7 +24,6 @@ from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
-from stiction_envs.reporting.output_folder import OutputFolder
 from tuning.protocol.tune import Tuning
 from tuning.search.bounds import Bounds, bounds_of, reference_tables
 from tuning.search.report import write_search_report
@@ -44,7 +43,7 @@ def search(
     bounds: str | Path | None = None,
     limit: str | Path | None = None,
     beside: Sequence[str | Path] = (),
-    out: str | Path | OutputFolder | None = None,
+    out: str | Path | None = None,
     force: bool = False,
     seed: int = 0,
     storage: str | None = None,
@@ -136,7 +135,11 @@ def search(
         storage=storage,
         study=study,
         settings=s.shared,
-        inputs={"bounds": bounds, "limit": limit},
+        inputs={
+            **{"robot": robot, "friction": friction, "sensing": sensing},
+            **{"bounds": bounds, "limit": limit},
+            **{f"beside {k}": path for k, path in enumerate(beside)},
+        },
         evaluations=evaluations,
     )
     stages = SearchStages(

@@ -32,7 +32,7 @@ from tuning.search.verify import NOTHING, PathResult, Unseen, Verified, another_
 from tuning.settings import TuningSettings
 from tuning.study.record import Parameters, Record, Space, TrialSearch
 from tuning.study.samplers import cells, sampler
-from tuning.study.tuning_run import Progress, TuningRun
+from tuning.study.tuning_run import Progress, TuningRun, counted
 from tuning.study.workers import Evaluate, fill
 
 TUNED = TRAJECTORIES[:1]
@@ -69,12 +69,10 @@ class Options:
         paths = self.objective != "sje"
         if self.sampler == "grid" and paths:
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
-        if self.pareto and self.sampler in ("gp", "cmaes"):
+        if self.pareto and self.sampler == "cmaes":
             raise StictionError(
-                f"sampler {self.sampler} with two objectives: expected nsga2, tpe, random or grid"
+                "sampler cmaes with two objectives: expected gp, tpe, random or grid"
             )
-        if self.sampler == "nsga2" and not self.pareto:
-            raise StictionError("sampler nsga2: expected pareto (two objectives)")
 
     @property
     def searched(self) -> tuple[str, ...]:
@@ -85,7 +83,7 @@ class Options:
         """Return the sampler of a stage."""
         if self.sampler is not None:
             return self.sampler
-        return "nsga2" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
+        return "tpe" if self.pareto else {"sje": "gp", "gte": "cmaes"}[objective]
 
 
 @dataclasses.dataclass(kw_only=True, eq=False)
@@ -211,13 +209,6 @@ class SearchStages:
     @cached_property
     def objective(self) -> BreakawayObjective:
         """The SJE of this search, its base torques measured."""
-        done = 0.0
-
-        def report(seconds: float) -> None:
-            nonlocal done
-            done += seconds
-            self.progress("base torques", done, max(done, 1.0))  # the total is not known
-
         out = BreakawayObjective(
             self.sje,
             self.bounds,
@@ -225,16 +216,15 @@ class SearchStages:
             iterations=self.search.iterations,
             limits=self.limits,
             pareto=self.options.pareto,
-            progress=report,
+            progress=counted(self.progress, "base torques"),  # the total is not known
         )
         out.progress = None  # from here on trials are counted
         return out
 
     def breakaway(self) -> Table:
         """Search every joint separately; return the best setting of each."""
-        s, options = self.search, self.options
-        together = options.sampler_of("sje") == "cmaes" or options.pareto
-        objective = self.objective
+        s, objective = self.search, self.objective
+        together = self.options.sampler_of("sje") == "cmaes"
         searches = [
             self._search(
                 "sje",
@@ -288,7 +278,7 @@ class SearchStages:
             objective.space(),
             seed=self.seed,
             startup=s.population,
-            population=s.population if name in ("cmaes", "nsga2") else 1,
+            population=s.population if name == "cmaes" else 1,
             evaluations=s.evaluations_gte,
             first=objective.parameters(gentle or self.limits),
         )

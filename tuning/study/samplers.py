@@ -40,19 +40,6 @@ class CmaEsFromTheStart(optuna.samplers.CmaEsSampler):
         return self._space
 
 
-class NsgaInOrder(optuna.samplers.NSGAIISampler):
-    """NSGA-II whose parents are in the order of their numbers.
-
-    The base class gives them to a generation's first child in the order of selection and to the
-    others, from a cache, by number. A process that resumes within a generation would start with
-    another order.
-    """
-
-    def select_parent(self, study: Study, generation: int) -> list[FrozenTrial]:
-        """Return the parents of a generation."""
-        return sorted(super().select_parent(study, generation), key=lambda t: t.number)
-
-
 def installed(name: str) -> str:
     """Return the sampler that runs under a name: without PyTorch ``gp`` is ``tpe``.
 
@@ -82,7 +69,7 @@ def sampler(
         space: parameters to search.
         seed: seed of all draws.
         startup: as in `SearchSettings`, as are population and step.
-        population: trials per generation of cmaes and nsga2.
+        population: trials per generation of cmaes.
         first: start of cmaes; None for the middle.
         step: initial step size of cmaes, over the range [-].
     """
@@ -108,10 +95,6 @@ def sampler(
         if used == "cmaes":
             return CmaEsFromTheStart(
                 space, seed=seed, x0=first, sigma0=step, popsize=population, n_startup_trials=0
-            )
-        if used == "nsga2":
-            return NsgaInOrder(
-                seed=seed, population_size=population, constraints_func=constraints_of
             )
         return optuna.samplers.RandomSampler(seed=seed)
 

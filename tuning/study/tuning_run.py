@@ -26,6 +26,18 @@ Progress = Callable[[str, float, float], None]
 """Called with the name of a stage, how much of it is done, and how much there is."""
 
 
+def counted(progress: Progress, stage: str, total: float = 1.0) -> Callable[[float], None]:
+    """Return a function that adds to what is done of a stage, of a roughly known total."""
+    done = 0.0
+
+    def report(more: float) -> None:
+        nonlocal done
+        done += more
+        progress(stage, done, max(done, total))
+
+    return report
+
+
 @dataclass(frozen=True, kw_only=True)
 class TuningRun:
     """Folder and studies of a run."""
@@ -65,12 +77,12 @@ def open_run(
     experiment: SingleJointExperiment,
     defining: Mapping[str, object],
     *,
-    out: str | Path | OutputFolder | None,
+    out: str | Path | None,
     force: bool,
-    storage: str | None,
-    study: str | None,
     settings: SharedSettings,
     inputs: Mapping[str, object],
+    storage: str | None = None,
+    study: str | None = None,
     database: str = "study.db",
     **others: object,
 ) -> TuningRun:
@@ -82,10 +94,10 @@ def open_run(
         experiment: the arm, its friction, its protocol and the seed.
         defining: further arguments that distinguish studies.
         out: output folder, see `OutputFolder` for ``force``.
+        settings: time limits of a shared database.
+        inputs: arguments by name, of which those that are files are recorded with their hashes.
         storage: URL; None for the SQLite file ``database`` in the folder.
         study: prefix of the studies' names; None for the arm's name.
-        settings: time limits of a shared database.
-        inputs: files by the name of their argument; a value that is no path is left out.
         others: arguments that distinguish folders, but not studies.
     """
     sticking = experiment.sticking
@@ -103,20 +115,20 @@ def open_run(
         **experiment.sensing_record,
         **defining,
     }
-    if not isinstance(out, OutputFolder):
-        files = {k: Path(v) for k, v in inputs.items() if isinstance(v, str | Path)}
-        made = {**about, **others, "storage": storage and shown(parse(storage)), "study": study}
-        out = OutputFolder(
-            default_folder(name, sticking.arm.name) if out is None else Path(out),
-            provenance("tune", made, seed=experiment.seed, inputs=files),
-            force=force,
-            resumable=True,
-        )
+    made = {**about, **others, "storage": storage and shown(parse(storage)), "study": study}
+    paths = {k: Path(v) for k, v in inputs.items() if isinstance(v, str | Path)}
+    files = {k: path for k, path in paths.items() if path.is_file()}
+    folder = OutputFolder(
+        default_folder(name, sticking.arm.name) if out is None else Path(out),
+        provenance("tune", made, seed=experiment.seed, inputs=files),
+        force=force,
+        resumable=True,
+    )
     optuna.logging.set_verbosity(optuna.logging.ERROR)
     return TuningRun(
-        folder=out,
+        folder=folder,
         about=about,
-        storage=storage or f"sqlite:///{(out.path / database).resolve()}",
+        storage=storage or f"sqlite:///{(folder.path / database).resolve()}",
         study=study or sticking.arm.name,
         settings=settings,
     )

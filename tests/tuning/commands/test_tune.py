@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from stiction_envs.control.laws import LAWS
 from tests.command_line import csv_rows
 from tests.robots.arms import chain
 from tuning import names
@@ -43,8 +42,12 @@ def test_tune_warns_of_aliases_once(cli, monkeypatch):
     assert "aliases to 50 Hz" in line
 
 
-def test_names_of_compensations_are_those_of_the_laws():
-    assert tuple(LAWS) == names.KINDS
+@pytest.mark.parametrize("option", [["--force"], ["--storage", "sqlite:///x.db"], ["--pareto"]])
+def test_what_a_session_with_a_robot_does_not_take(cli, work, two, option):
+    ran = cli("tune", two, *ROBOT, "--ask", *option)
+    assert (ran.code, len(ran.lines)) == (2, 1)
+    assert f"{option[0]}: not with --ask or --tell" in ran.lines[0]
+    assert not (work / "out").exists()
 
 
 @pytest.mark.slow  # ramps of an arm that nobody calibrated
@@ -127,10 +130,10 @@ def test_ask_tell_ask(cli, work, two):
     told = {(int(r["joint"]), float(r["frequency_hz"]), float(r["amplitude_nm"])) for r in rows}
     assert not again & told
     assert "–" not in (work / "out" / "final.csv").read_text()
-    before = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    before = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".jsonl"}
     (work / "bad.csv").write_text((work / "told.csv").read_text().replace("0.7", "700"))
     ran = cli("tune", two, *ROBOT, "--tell", "bad.csv")
     assert (ran.code, len(ran.lines)) == (2, 1)
     assert "expected up to" in ran.lines[0]
-    after = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".db"}
+    after = {p.name: p.read_bytes() for p in (work / "out").iterdir() if p.suffix != ".jsonl"}
     assert after == before

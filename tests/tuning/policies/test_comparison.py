@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,8 @@ def test_every_policy_meets_the_same_episodes(policy, tmp_path):
 
 def test_random_paths_are_those_of_no_training():
     options = {"trajectory": "random", "stiffness": (200, 20, 0)}
-    evaluated = evaluate_all(SPRINT, ["none"], episodes=2, seed=7, options=options)
+    task = replace(SPRINT, arguments={**SPRINT.arguments, "fixed_options": options})
+    evaluated = evaluate_all(task, ["none"], episodes=2, seed=7)
     assert evaluated.values("none", "path").tolist() == [1000, 1001]
     assert evaluated.values("none", "seed").tolist() == [7, 8]
     assert SPRINT.make(1).core.random_paths <= 1000

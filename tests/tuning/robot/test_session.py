@@ -11,7 +11,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from tests.command_line import csv_rows
 from tests.tuning.conftest import small
-from tuning.robot.robot_study import measured_trials
+from tuning.robot.robot_study import measured_settings
 from tuning.robot.session import Session
 
 SETTINGS = {"robot.frequencies": 3, "robot.amplitudes": 2, "robot.iterations": 1}
@@ -70,8 +70,8 @@ def contents(out):
 
 def trials(arm, options):
     one = Session(arm, **options)
-    with one.run.folder:
-        return measured_trials(one.open()[0])
+    with one.folder:
+        return measured_settings(one.open()[0])
 
 
 def test_the_first_ask_is_an_amplitude_table_and_a_form_to_fill_in(session):
@@ -152,13 +152,6 @@ def test_a_stuck_joint_is_not_asked_for_that_again(session):
     ask(arm, **options)
     after = read_amplitudes(options["out"] / "ask.csv", n_joints=2)
     assert not set(before) & set(after)
-
-
-def test_force_does_not_wipe_what_was_told(session):
-    arm, options, _ = session
-    tell(arm, fill(options["out"]), **options)
-    ask(arm, force=True, **options)
-    assert len(trials(arm, options)) == 4
 
 
 def test_torques_are_held_against_the_base_torques_of_their_day(session):
