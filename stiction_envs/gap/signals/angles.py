@@ -22,8 +22,9 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
-LEAST_LOAD = 0.5
-"""Least load that shows factor, sign and angle, root mean square [N·m]; assumed."""
+LEAST_LOAD = 0.02
+"""Least load that shows factor, sign and angle, over that of the arm's most loaded joint [-];
+assumed: 0.5 N·m on a Panda."""
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
@@ -57,6 +58,11 @@ class AngleError:
             f"the zero of joint {self.joint} is off by {self.offset:.3g} rad from the model's "
             "(encoder_offset)"
         )
+
+
+def is_loaded(load: Array) -> NDArray[np.bool_]:
+    """Return (n,) whether the load of a joint, root mean square, shows its factor and sign."""
+    return np.asarray(load > LEAST_LOAD * load.max())
 
 
 def others_of(dq: Array, ddq: Array) -> list[Array]:
@@ -101,7 +107,7 @@ def angle_error(
     x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
     left = (y - x @ np.linalg.lstsq(x, y, rcond=None)[0]).reshape(arm.n, -1).std(axis=1)
     now = np.minimum(now, np.hypot(left * now, floor))
-    loaded = load.std(axis=0) > LEAST_LOAD
+    loaded = is_loaded(load.std(axis=0))
     if not (now[loaded] > UNEXPLAINED * load[:, loaded].std(axis=0)).any():
         return None
 

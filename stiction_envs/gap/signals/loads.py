@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.signals.angles import LEAST_LOAD, AngleError, angle_error, others_of
+from stiction_envs.gap.signals.angles import AngleError, angle_error, is_loaded, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED, TRAVEL_SPAN
@@ -42,10 +42,11 @@ OFFSET = 0.05
 """Usual offset of a torque, or friction of a joint that holds, over its limit [-]; assumed."""
 ROUNDING = 1e-10
 """Part of a column's information that is added to it, against rounding [-]."""
-LEAST_NOISE = 1e-4
-"""Least error of a fit [N·m]; assumed."""
+LEAST_NOISE = 2e-5
+"""Least error of a fit, over the usual offset [-]; assumed."""
 FREE = 1e6
-"""Prior standard deviation of what is free, over its column's size [N·m]; assumed."""
+"""Prior standard deviation of what is free, over its column's size and the usual offset [-];
+assumed."""
 CLEAR = 5.0
 """Standard deviations from zero at which a coefficient has a sign [-]; assumed."""
 CORRELATED = 0.9
@@ -106,7 +107,7 @@ class Loads:
 
         None where no two joints show one, or all differ.
         """
-        sure = self.by_load & (self.needed > LEAST_LOAD)
+        sure = self.by_load & is_loaded(self.needed)
         sure &= self.width < SURE * np.abs(self.factor)
         some = np.abs(self.factor[sure])
         if len(some) < 2:
@@ -169,15 +170,15 @@ class _Fit:
 
     def __init__(self, x: Array, y: Array, offset: float, apart: float) -> None:
         size = np.maximum(_rms(x), 1e-9)
-        prior = np.r_[np.full(x.shape[1] - 1, FREE), offset]
+        prior = np.r_[np.full(x.shape[1] - 1, FREE * offset), offset]
         z, self.rows = x / size, max(len(y) * min(1.0, apart / APART), 2.0)
-        self.left = max(float(y.std()), LEAST_NOISE)
+        self.left = max(float(y.std()), LEAST_NOISE * offset)
         for _ in range(3):
             weight = self.rows / (len(y) * self.left**2)
             least = 1 / prior**2 + ROUNDING * weight * len(y)
             cov = np.linalg.inv(weight * z.T @ z + np.diag(least))
             c = cov @ (weight * z.T @ y)
-            self.left = max(float(_rms(y - z @ c)), LEAST_NOISE)
+            self.left = max(float(_rms(y - z @ c)), LEAST_NOISE * offset)
         self.c, self.cov = c / size, cov / np.outer(size, size)
 
     def clear(self, weights: Array) -> float:
@@ -238,7 +239,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
     factor, width = _factors(usual)
-    large = load.std(axis=0) > LEAST_LOAD
+    large = is_loaded(load.std(axis=0))
     moves = np.ptp(q, axis=0) > TRAVEL_SPAN
     measured = ~(silent & large & (np.abs(factor) + width < SURE))
     if not measured.all():
@@ -264,7 +265,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
     )
-    heavy = shown & ((pulls @ down).std(axis=0) > LEAST_LOAD)
+    heavy = shown & is_loaded((pulls @ down).std(axis=0))
     weighs = np.array([float(down @ f.c[:3]) for f in free])
     lacks_gravity = bool(
         heavy.any()
