@@ -66,20 +66,17 @@ class RosBag(LogFormat):
                 return _log(where, _stream(where, reader, topic, kind, wanted, "tau"), wanted)
             return _read_servo(where, reader, wanted)
 
-    def count(self, where: str, naming: Naming) -> int:
-        with _open(where) as reader:
-            if _iiwa_stack(where, reader, naming):
-                return len(iiwa_stack.JOINTS)
-            drive = _drives(reader)[0]
-            topic, kind = _topic(where, reader, None, naming, drive)
-            names, most, _ = _peek(reader, topic, kind)
-        return len(find_joints(where, names, None, naming)) if names else most
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+    def names(self, where: str, naming: Naming) -> list[str]:
         with _open(where) as reader:
             if topics := _iiwa_stack(where, reader, naming):
-                return iiwa_stack.drives_of(topics)
-            return _drives(reader)
+                return [f"{channel}{len(iiwa_stack.JOINTS)}" for channel in topics]
+            marks, n = _marks(reader), len(naming.robot) or None
+            topic, kind = _topic(
+                where, reader, n, naming, POSITION if marks == ["q_cmd1"] else TORQUE
+            )
+            names, most, _ = _peek(reader, topic, kind)
+        found = len(find_joints(where, names, n, naming)) if names else most
+        return [*(f"q{j + 1}" for j in range(found)), *marks]
 
 
 @dataclass
@@ -153,13 +150,13 @@ def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bo
     return list(names), most, torques
 
 
-def _drives(reader: AnyReader) -> tuple[str, ...]:
-    """Return the possible drives; torque if unknown, since the torque reader then raises."""
+def _marks(reader: AnyReader) -> list[str]:
+    """Return columns of the possible drives; torque's if unknown: its reader then raises."""
     known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
     position = any(x.has_commands for x in known.values())
     position = position or bool(_topics(reader, COMMAND_KINDS, commands=True))
-    return tuple(d for d, has in ((TORQUE, torque), (POSITION, position)) if has) or (TORQUE,)
+    return [x for x, has in (("tau1", torque), ("q_cmd1", position)) if has] or ["tau1"]
 
 
 def _topics(reader: AnyReader, kinds: Mapping[str, Kind], *, commands: bool) -> dict[str, Kind]:

@@ -60,11 +60,6 @@ def arms(types: Mapping[str, str]) -> dict[str, dict[str, str]]:
     return {name: topics for name, topics in found.items() if "q" in topics}
 
 
-def drives_of(topics: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the possible drives of an arm with these topics."""
-    return tuple(d for d, c in ((TORQUE, "tau"), (POSITION, "q_cmd")) if c in topics)
-
-
 def arm_of(where: str, found: dict[str, dict[str, str]], topic: str | None) -> dict[str, str]:
     """Return the topics of the only arm, or of that which has a topic."""
     if topic is not None:
