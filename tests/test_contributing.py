@@ -1,7 +1,8 @@
-"""CONTRIBUTING.md's cause, waveform and arm work from outside the package, as they are printed."""
+"""CONTRIBUTING.md's examples work from outside the package, as they are printed."""
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from stiction_envs.gap.causes import unregister
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.extended_model import extend
 from stiction_envs.gap.report.figures import draw_cause
+from stiction_envs.measured.checks.files import check
+from stiction_envs.measured.logs.formats import registry
+from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import hidden, panda
 
@@ -53,6 +57,20 @@ def test_the_waveform_shakes():
     exec(code, {"__name__": "contributed"})
     shaken = Dither(amplitude=[[1.5]], frequency=10.0, waveform="sawtooth_of_the_page")
     assert [shaken.torque(t)[0, 0] for t in (0.0, 0.02, 0.06)] == pytest.approx([0.0, 0.6, -1.2])
+
+
+def test_the_log_format_is_read_as_any_other(tmp_path, monkeypatch):
+    monkeypatch.setattr(registry, "_formats", [*registry._formats])
+    exec(block("A log format", "python"), {"__name__": "contributed"})
+    log = hidden(panda(), lambda q, dq, ddq: 0.4 * dq, seconds=3.0)
+    channels = {"time [ms]": 1e3 * log.t, "q": log.q, "torque": log.tau}
+    (tmp_path / "log.json").write_text(json.dumps({k: x.tolist() for k, x in channels.items()}))
+    (found,) = read_logs([tmp_path / "log.json"], 7)
+    np.testing.assert_allclose(found.t, log.t, atol=1e-9)
+    np.testing.assert_array_equal(found.q, log.q)
+    np.testing.assert_array_equal(found.tau, log.tau)
+    (finding,) = check(tmp_path / "log.json", robot="panda").findings[:1]
+    assert "torque1 to torque7 are tau1 to tau7" in finding.message
 
 
 def test_the_arm_has_environments(tmp_path, monkeypatch):

@@ -22,14 +22,9 @@ def mass_and_gravity(arm: Arm, q: Array) -> tuple[Array, Array]:
     return mass, gravity
 
 
-def mass_matrix(arm: Arm, q: Array) -> Array:
-    """Return (M, n, n) rigid mass matrix [kg·m²] at poses q (M, n) [rad], without rotors."""
-    return mass_and_gravity(arm, q)[0]
-
-
 def link_inertia(arm: Arm, q: Array) -> Array:
     """Return (M, n) diagonal of the rigid mass matrix [kg·m²] at poses q (M, n) [rad].
 
     The inertia that each joint moves when the others are locked, without rotors.
     """
-    return np.diagonal(mass_matrix(arm, q), axis1=1, axis2=2).copy()
+    return np.diagonal(mass_and_gravity(arm, q)[0], axis1=1, axis2=2).copy()

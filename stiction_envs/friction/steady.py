@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from stiction_envs.arrays import Array, Bools
-from stiction_envs.friction.inertia import link_inertia, mass_matrix
+from stiction_envs.friction.inertia import link_inertia, mass_and_gravity
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.robots import Arm
 
@@ -39,7 +39,7 @@ def steady(
     low, high = np.clip(arms[0].limits.position, -np.pi, np.pi).T
     poses = rng.uniform(low, high, size=(POSES, friction.n))
     poses = np.vstack([arms[0].rest, poses])
-    mass = np.concatenate([mass_matrix(arm, poses) for arm in arms])
+    mass = np.concatenate([mass_and_gravity(arm, poses)[0] for arm in arms])
     rotor, spring = friction.rotor_inertia, friction.joint_stiffness
 
     def least(elastic: Bools) -> Array:

@@ -1,17 +1,13 @@
 """Limits of an excitation: position, speed, acceleration, torque, and distances.
 
-Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0.
-Pairs that touch at rest (a foot on the floor, neighbours) are left out. Pairs that are near at rest
-keep half of their distance there. A link may have many shapes (a URDF writes a capsule as a
-cylinder and two balls), which makes hundreds of pairs: MuJoCo is called only for those whose
-bounding spheres are near.
+Distances are between the collision geometry of the arm's MJCF, and to a floor at the world's z = 0,
+by MuJoCo's collision detection with a margin. Pairs that touch at rest (a foot on the floor,
+neighbours) are left out. Pairs that are near at rest keep half of their distance there.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import combinations
 
 import mujoco
 import numpy as np
@@ -27,9 +23,8 @@ NEAR = 0.05
 """
 TOUCHING = 1e-3  # pairs that are nearer at rest touch, and are left out [m]; assumed
 FLANGE_BALL = 0.05  # radius of the ball in place of an arm without collision geometry [m]; assumed
-ROUNDING = 1e-3
-"""Distances between bounding spheres count as smaller by this [m]; assumed. It is far above what
-MuJoCo rounds, so that a pair left out could not have changed a bit."""
+MEMORY = 2**26  # bytes for contacts of all pairs of shapes
+Pair = tuple[int, int]  # Two shapes, by their numbers
 _SOLID = {"contype": 1, "conaffinity": 1}
 
 
@@ -77,100 +72,59 @@ class Clearance:
     """Distances between an arm's links, and to the floor, by MuJoCo; nothing is stepped."""
 
     def __init__(self, arm: Arm, settings: ExcitationSettings) -> None:
-        """Look for the pairs of geometry that may come close."""
+        """Look for the pairs of geometry that touch or are near at rest."""
         spec = arm.spec()
-        solid = [g for g in spec.geoms if g.contype or g.conaffinity]
-        self.own_geometry = bool(solid)
-        if not solid:
+        self.own_geometry = any(g.contype or g.conaffinity for g in spec.geoms)
+        if not self.own_geometry:
             flange = next(x for x in spec.sites if x.name == arm.end_effector)
             ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [FLANGE_BALL, 0, 0], "mass": 0}
             flange.parent.add_geom(pos=flange.pos, **ball, **_SOLID)
         floor = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [5, 5, 0.1]}
         spec.worldbody.add_geom(name="excitation_floor", **floor, **_SOLID)
+        spec.memory = MEMORY
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        pairs = self._candidates()
-        self._place(arm.rest)
-        at_rest = {p: self._distance(*p, 1.0) for p in pairs}
-        self.pairs = [p for p, d in at_rest.items() if d > TOUCHING]
-        self._one, self._two = np.array(self.pairs, dtype=np.intp).reshape(-1, 2).T
+        self._touching: set[Pair] = set()
+        at_rest = self._distances(arm.rest, NEAR)
+        self._touching |= {pair for pair, (d, _) in at_rest.items() if d <= TOUCHING}
         # neighbours keep half of their distance at rest
-        near = [p for p in self.pairs if at_rest[p] < min(NEAR, settings.clearance)]
-        self._allowed = {p: settings.clearance - at_rest[p] / 2 for p in near}
+        near = {p: d for p, (d, _) in at_rest.items() if TOUCHING < d < settings.clearance}
+        self._allowed = {p: settings.clearance - d / 2 for p, d in near.items()}
         self.notes = [
-            f"{self._link(i)} and {self._link(j)} are {1e3 * at_rest[i, j]:.0f} mm apart at rest: "
+            f"{self._link(i)} and {self._link(j)} are {1e3 * near[i, j]:.0f} mm apart at rest: "
             "half of that is kept"
-            for i, j in self._allowed
+            for i, j in near
         ]
-
-    def _candidates(self) -> list[tuple[int, int]]:
-        """Return the pairs of shapes that may touch, but for those of one link or of neighbours."""
-        m = self.model
-        parent = m.body_weldid[m.body_parentid[m.body_weldid]]
-        out = []
-        for i, j in combinations(range(m.ngeom), 2):
-            low, high = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[j])))
-            one, two = (int(m.body_weldid[x]) for x in (low, high))
-            apart = one != two and not (one and two and (parent[one] == two or parent[two] == one))
-            touch = (m.geom_contype[i] & m.geom_conaffinity[j]) | (
-                m.geom_contype[j] & m.geom_conaffinity[i]
-            )
-            if touch and apart and (low << 16) + high not in m.exclude_signature:
-                out.append((i, j))
-        return out
-
-    def _place(self, q: Array) -> None:
-        self.data.qpos[:] = q
-        mujoco.mj_kinematics(self.model, self.data)
-
-    def _distance(self, i: int, j: int, most: float, ends: Array | None = None) -> float:
-        return float(mujoco.mj_geomDistance(self.model, self.data, i, j, most, ends))
-
-    def _bounds(self, q: Array) -> Array:
-        """Return (T, P) distances of bounding spheres at poses (T, n) [m]: no pair is nearer."""
-        m, centre = self.model, np.empty((len(q), self.model.ngeom, 3))
-        normal = np.empty_like(centre)
-        for k, pose in enumerate(q):
-            self._place(pose)
-            centre[k] = self.data.geom_xpos
-            normal[k] = self.data.geom_xmat[:, 2::3]
-        apart = centre[:, self._two] - centre[:, self._one]
-        out = np.sqrt(np.einsum("tpx,tpx->tp", apart, apart))
-        for plane, sign in ((self._one, 1.0), (self._two, -1.0)):
-            flat = m.geom_type[plane] == mujoco.mjtGeom.mjGEOM_PLANE  # endless: no sphere
-            out[:, flat] = sign * np.einsum("tpx,tpx->tp", apart, normal[:, plane])[:, flat]
-        return np.asarray(out - m.geom_rbound[self._one] - m.geom_rbound[self._two] - ROUNDING)
 
     def _link(self, geometry: int) -> str:
         return str(self.model.body(int(self.model.geom_bodyid[geometry])).name)
 
-    def _close(
-        self, q: Array, most: float, *, nearest_first: bool = False
-    ) -> Iterator[tuple[int, tuple[int, int]]]:
-        """Yield poses of (T, n), the arm in place, and pairs that may be nearer than this [m]."""
-        bounds = self._bounds(q)
-        near = bounds < most
-        poses = np.flatnonzero(near.any(axis=1))
-        if nearest_first:
-            poses = np.argsort(bounds.min(axis=1, initial=most))[: len(poses)]
-        for k in poses:
-            self._place(q[k])
-            for p in np.flatnonzero(near[k]):
-                yield int(k), self.pairs[p]
+    def _distances(self, q: Array, most: float) -> dict[Pair, tuple[float, int]]:
+        """Return distances [m] below ``most`` at a pose (n,), and the contacts that show them."""
+        self.model.geom_margin[:] = self.model.body_margin[:] = most
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)  # Jacobians need it
+        mujoco.mj_collision(self.model, self.data)
+        found: dict[Pair, tuple[float, int]] = {}
+        contacts = self.data.contact
+        for k, ((i, j), d) in enumerate(zip(contacts.geom, contacts.dist, strict=True)):
+            pair = min(i, j), max(i, j)
+            if d < found.get(pair, (most, 0))[0] and pair not in self._touching:
+                found[pair] = float(d), k
+        return found
 
     def least(self, q: Array, most: float = 0.5) -> Array:
         """Return (T,) least distance at poses (T, n) [m], at most ``most``."""
-        out = np.full(len(q), most)
-        for k, pair in self._close(q, most):
-            out[k] = min(out[k], self._distance(*pair, most))
-        return out
+        every = (self._distances(pose, most).values() for pose in q)
+        return np.array([min((d for d, _ in found), default=most) for found in every])
 
     def keeps(self, q: Array, wanted: float) -> bool:
         """Return whether all links keep a distance [m] at poses (T, n); neighbours keep less."""
-        # the nearest first: one that is too near ends it
         return all(
-            self._distance(*pair, 2 * wanted) + self._allowed.get(pair, 0.0) >= wanted
-            for _, pair in self._close(q, wanted, nearest_first=True)
+            d + self._allowed.get(pair, 0.0) >= wanted
+            for pose in q
+            for pair, (d, _) in self._distances(pose, wanted).items()
         )
 
     def shortfall(self, q: Array, wanted: float) -> tuple[float, Array]:
@@ -180,21 +134,18 @@ class Clearance:
         [1/rad].
         """
         total, gradient = 0.0, np.zeros_like(q)
-        ends = np.zeros((6, 1))
         one, two = np.zeros((2, 3, self.model.nv))
-        for k, (i, j) in self._close(q, wanted):
-            d = self._distance(i, j, wanted, ends)
-            near = self._allowed.get((i, j), 0.0)
-            if d + near >= wanted:
-                continue
-            a, b = ends[:3, 0], ends[3:, 0]
-            short = 1 - (d + near) / wanted
-            total += short**2
-            if abs(d) > 1e-9:
-                mujoco.mj_comPos(self.model, self.data)  # the Jacobians need it
-                mujoco.mj_jac(self.model, self.data, one, None, a, self.model.geom_bodyid[i])
-                mujoco.mj_jac(self.model, self.data, two, None, b, self.model.geom_bodyid[j])
-                gradient[k] -= 2 * short / wanted * (((b - a) / d) @ (two - one))
+        for row, pose in zip(gradient, q, strict=True):
+            for pair, (d, k) in self._distances(pose, wanted).items():
+                short = 1 - (d + self._allowed.get(pair, 0.0)) / wanted
+                if short <= 0:
+                    continue
+                total += short**2
+                contact = self.data.contact
+                for jacobian, geometry in zip((one, two), contact.geom[k], strict=True):
+                    body = self.model.geom_bodyid[geometry]
+                    mujoco.mj_jac(self.model, self.data, jacobian, None, contact.pos[k], body)
+                row -= 2 * short / wanted * (contact.frame[k, :3] @ (two - one))
         return total, gradient
 
 

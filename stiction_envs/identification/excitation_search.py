@@ -102,11 +102,13 @@ class ExcitationProblem:
     def condition(self, state: State) -> float:
         """Return the condition number of the scaled regressor."""
         whole = self._whole(*state)[:, :, self.base.kept]
-        return _condition(whole / self.arm.limits.torque[:, None] / self.size)
+        scaled = whole / self.arm.limits.torque[:, None] / self.size
+        return float(np.linalg.cond(scaled.reshape(-1, self.base.size)))
 
     def condition_si(self, state: State) -> float:
         """Return the condition number of the regressor as it is in SI units."""
-        return _condition(self._whole(*state)[:, :, self.base.kept])
+        whole = self._whole(*state)[:, :, self.base.kept]
+        return float(np.linalg.cond(whole.reshape(-1, self.base.size)))
 
     def torque(self, state: State) -> Array:
         """Return (T, n) torque of the arm, rotors and springs of its file included [N·m]."""
@@ -264,11 +266,6 @@ class ExcitationProblem:
         value += share * short
         out[0] = out[0] + share * gradient
         return value, (out[0], out[1], out[2])
-
-
-def _condition(columns: Array) -> float:
-    s = np.linalg.svd(columns.reshape(-1, columns.shape[-1]), compute_uv=False)
-    return float(s[0] / max(s[-1], 1e-300))
 
 
 def smooth_condition(w: Array, power: float) -> tuple[float, Array]:

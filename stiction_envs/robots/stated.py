@@ -9,7 +9,7 @@ Source: MuJoCo 4, XML reference (joint, actuator, body, tendon, equality).
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,29 +24,11 @@ from stiction_envs.robots import mjcf
 # columns of actuator_biasprm and actuator_dynprm that hold LuGre friction (sources.md 3.5)
 COULOMB, STICTION, STRIBECK = 3, 4, 5
 BRISTLE_STIFFNESS = 5
-TAKEN = {
-    "joints": (
-        *("type", "pos", "axis", "range", "limited", "ref", "armature", "frictionloss"),
-        *("damping", "stiffness", "springref", "springdamper", "actfrcrange", "actfrclimited"),
-    ),
-    "actuators": (
-        *("target", "trntype", "gear", "forcerange", "forcelimited", "ctrlrange", "ctrllimited"),
-        *("armature", "damping", "type", "gaintype", "gainprm", "biastype", "biasprm", "dyntype"),
-        *("dynprm", "ctrlspec", "inheritrange", "actdim", "actearly", "actlimited", "actrange"),
-    ),
-    "bodies": (
-        *("pos", "quat", "alt", "mass", "ipos", "iquat", "ialt", "inertia", "fullinertia"),
-        *("explicitinertial", "gravcomp", "childclass", "mocap", "simple", "fuse"),
-    ),
-}
-"""Attributes of MjSpec that are used, or that the clause on actuators names."""
 _JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 DISABLING = tuple(
     f"mjDSBL_{x}" for x in ("GRAVITY", "SPRING", "DAMPER", "FRICTIONLOSS", "ACTUATION", "EQUALITY")
 )
 """Flags of MuJoCo's option that switch off what this file reads."""
-NO_PHYSICS = ("name", "info", "id", "signature", "group", "userdata", "frame", "parent", "plugin")
-"""Attributes that change no motion; a plugin's own elements do not compile without it."""
 ROTORS, DRY, DAMPING, SPRINGS = "rotors", "dry friction", "damping", "springs"
 """What a file may state of joints; gravity compensation counts as springs."""
 WITHOUT_FRICTION = ROTORS, SPRINGS
@@ -188,7 +170,6 @@ def dry_friction(
 
 
 def read_stated(
-    spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     names: Sequence[str],
     held: Collection[str],
@@ -198,8 +179,7 @@ def read_stated(
     """Return the physics that a file states of the joints ``names``, base to flange.
 
     Args:
-        spec: of the file, all its parts named; before anything is deleted.
-        model: compiled from it.
+        model: of the file, all its parts named; before anything is deleted.
         names: the arm's joints.
         held: slides that are held still between them.
         changed: clauses on numbers that were changed.
@@ -222,7 +202,12 @@ def read_stated(
             out.armature[j] += gear**2 * model.actuator_armature[a]
             out.damping[j] += gear**2 * model.actuator_damping[a]
     said = [*left, *_add_tendons(out, model, ids), *_actuators(model, actuators)]
-    said += _others(spec, names, actuators)
+    higher = {
+        "damping": (model.dof_dampingpoly[dof], model.actuator_dampingpoly[actuators]),
+        "stiffness": (model.jnt_stiffnesspoly[ids],),
+    }
+    said += [f"the higher terms of {k}" for k, parts in higher.items() if any(map(np.any, parts))]
+    said += _options(model.opt)
     own = _carried(model, ids)
     # a body that hangs on the world does not move: its compensation has no effect
     comp = {
@@ -339,48 +324,12 @@ def _actuators(model: mujoco.MjModel, mine: Sequence[int]) -> list[str]:
     return out
 
 
-def _others(spec: mujoco.MjSpec, names: Sequence[str], actuators: Sequence[int]) -> list[str]:
-    """Return clauses on attributes that differ from MuJoCo's default and are not taken."""
-    blank = mujoco.MjSpec()
-    body = blank.worldbody.add_body()
-    kinds: dict[str, tuple[Any, Iterable[Any]]] = {
-        "joints": (body.add_joint(), [j for j in spec.joints if j.name in names]),
-        "actuators": (blank.add_actuator(), [spec.actuators[a] for a in actuators]),
-        "bodies": (body, spec.bodies[1:]),
-    }
-    out = []
-    for kind, (default, items) in kinds.items():
-        found: dict[str, None] = {}
-        others = [k for k in _numbers_of(default) if k not in TAKEN[kind]]
-        for item in items:
-            found |= dict.fromkeys(k for k in others if _differs(item, default, k))
-            higher = (k for k in ("damping", "stiffness") if np.any(getattr(item, k, [0])[1:]))
-            found |= dict.fromkeys(f"the higher terms of {k}" for k in higher)
-        if found:
-            out.append(f"{', '.join(found)} of {kind}")
-    option, plain = spec.option, blank.option
-    fluid = [k for k in ("density", "viscosity", "wind") if _differs(option, plain, k)]
+def _options(option: mujoco.MjOption) -> list[str]:
+    """Return a clause on a fluid around the arm, and on physics that the file switches off."""
+    found = [k for k in ("density", "viscosity", "wind") if np.any(getattr(option, k))]
     off = (x for x in DISABLING if option.disableflags & int(getattr(mujoco.mjtDisableBit, x)))
-    fluid += [f"{x.removeprefix('mjDSBL_').lower()} off" for x in off]
-    return [*out, *(f"option {', '.join(fluid)}" for _ in fluid[:1])]
-
-
-def _numbers_of(item: object) -> list[str]:
-    """Return the attributes of an element of MjSpec that are numbers, words or choices."""
-    plain = (bool, int, float, str, np.ndarray)
-    found = ((k, getattr(item, k)) for k in dir(item) if not k.startswith("_"))
-    return [
-        k
-        for k, x in found
-        if k not in NO_PHYSICS and (isinstance(x, plain) or type(x).__name__.startswith("mjt"))
-    ]
-
-
-def _differs(item: object, default: object, key: str) -> bool:
-    one, two = getattr(item, key), getattr(default, key)
-    if isinstance(one, np.ndarray) and one.dtype.kind == "f":
-        return not np.array_equal(one, two, equal_nan=True)
-    return bool(np.any(one != two))
+    found += [f"{x.removeprefix('mjDSBL_').lower()} off" for x in off]
+    return [f"option {', '.join(found)}"] if found else []
 
 
 def _each(values: Array) -> str:

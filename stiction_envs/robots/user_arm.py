@@ -85,7 +85,7 @@ def read_user_arm(path: Path, chain: Chain | None = None) -> Table:
     locked = [whole.joint(j).name for j in range(whole.njnt) if whole.joint(j).name not in joints]
     if locked:
         changed.append(f"joints held still: {', '.join(locked)}")
-    stated = read_stated(before, whole, joints, held, changed, left)
+    stated = read_stated(whole, joints, held, changed, left)
 
     table_file = path.with_suffix(".toml")
     table = read_toml(table_file) if table_file.is_file() else {}

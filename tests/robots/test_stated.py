@@ -10,7 +10,6 @@ import pytest
 
 from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm, load_arm
-from stiction_envs.robots.stated import NO_PHYSICS
 
 LINK = '<geom type="capsule" fromto="0 0 0 0 0 0.3" size="0.03" mass="{mass}"/>'
 PARTS = {
@@ -202,94 +201,11 @@ def test_the_compiler_element_of_a_urdf_is_honoured(tmp_path: Path):
     assert load_arm(path).model().body_mass.sum() == pytest.approx(6)
 
 
-SPECIAL = {
-    "joints": {
-        "type": None,  # a slide or ball is held, or refused: tests above and of user_arm
-        "ref": None,  # refused: test_user_arm
-        "align": None,  # of free joints, which are refused
-        "axis": [0.0, 0.0, 1.0],
-        "range": [-1.0, 1.5],
-        "actfrcrange": [-3.0, 3.0],
-        "limited": mujoco.mjtLimited.mjLIMITED_FALSE,
-        "actfrclimited": None,  # without effect but together with its range
-        "springref": None,  # without effect but together with stiffness: test above
-        "springdamper": [0.5, 1.0],
-    },
-    "actuators": {
-        **dict.fromkeys(("target", "trntype", "type", "ctrlspec", "gaintype", "biastype")),
-        **dict.fromkeys(("dyntype", "forcelimited", "ctrllimited", "inheritrange", "actdim")),
-        **dict.fromkeys(("actlimited", "actrange", "actearly", "dynprm", "biasprm", "gainprm")),
-        # those of transmissions to no joint, which are counted
-        **dict.fromkeys(("cranklength", "refsite", "slidersite")),
-        "gear": [3.0, 0, 0, 0, 0, 0],
-        "forcerange": [-3.0, 3.0],
-        "ctrlrange": [-4.0, 4.0],
-    },
-    "bodies": {
-        **dict.fromkeys(("explicitinertial", "childclass", "simple", "fuse", "mocap", "ipos")),
-        **dict.fromkeys(("iquat", "inertia", "fullinertia", "mass")),  # read from the compiled body
-        "quat": [1.0, 1.0, 0.0, 0.0],
-        "sleep": mujoco.mjtSleepPolicy.mjSLEEP_NEVER,
-    },
-}
-"""Values that differ from the default; None for attributes that other words tell, or that have no
-effect by themselves."""
-
-
-def other_value(x: object) -> object:
-    """Return a value of the same kind."""
-    if isinstance(x, np.ndarray):
-        return np.nan_to_num(x) + 0.25
-    if type(x).__name__.startswith("mjt"):
-        return next(v for v in type(x).__members__.values() if v != x)
-    return {bool: True, int: 1, float: 0.25, str: "x"}[type(x)]
-
-
-def attributes() -> list[tuple[str, str]]:
-    """Return every attribute of a joint, an actuator and a body that MuJoCo's MjSpec has."""
-    spec = mujoco.MjSpec()
-    body = spec.worldbody.add_body()
-    kinds = {"joints": body.add_joint(), "actuators": spec.add_actuator(), "bodies": body}
-    plain = (bool, int, float, str, np.ndarray)
-    return [
-        (kind, key)
-        for kind, item in kinds.items()
-        for key in dir(item)
-        if not key.startswith("_") and key not in NO_PHYSICS
-        if isinstance(x := getattr(item, key), plain) or type(x).__name__.startswith("mjt")
-        if SPECIAL[kind].get(key, "") is not None
-    ]
-
-
-@pytest.mark.parametrize(("kind", "key"), attributes())
-def test_every_attribute_is_used_or_said(tmp_path: Path, kind: str, key: str):
-    def arm_with(value: object | None) -> Arm:
-        motor = '<actuator><motor joint="a" ctrlrange="-9 9"/></actuator>'
-        spec = mujoco.MjSpec.from_string(ARM.format(**PARTS | {"more": motor}))
-        items = {
-            "joints": spec.joint("a"),
-            "actuators": spec.actuators[0],
-            "bodies": spec.body("one"),
-        }
-        if value is not None:
-            setattr(items[kind], key, value)
-            if key == "delay":  # MuJoCo asks for a history
-                items[kind].nsample = 300
-        spec.compile()
-        path = tmp_path / "own.xml"
-        path.write_text(spec.to_xml(), "utf-8")
-        return load_arm(path)
-
-    default = {"joints": mujoco.MjSpec().worldbody.add_body().add_joint()}
-    default |= {"actuators": mujoco.MjSpec().add_actuator()}
-    default |= {"bodies": mujoco.MjSpec().worldbody.add_body()}
-    value = SPECIAL[kind].get(key, other_value(getattr(default[kind], key)))
-    plain, changed = arm_with(None), arm_with(value)
-    used = plain.fingerprint != changed.fingerprint or any(
-        not np.array_equal(x, getattr(changed.stated, k))
-        for k, x in vars(plain.stated).items()
-        if isinstance(x, np.ndarray)
-    )
-    used |= plain.stated.gravcomp != changed.stated.gravcomp
-    said = key in changed.stated.line()
-    assert used or said, (key, value, changed.stated.line())
+def test_physics_of_the_whole_file_that_is_left_out_is_said(tmp_path: Path):
+    more = """<option density="1.2"><flag gravity="disable" spring="disable"/></option>
+      <actuator><motor joint="a" damping="1 2"/></actuator>"""
+    b = '<joint name="b" axis="0 1 0" stiffness="25 1"/>'
+    line = arm_of(tmp_path, b=b, more=more).stated.line()
+    assert "the higher terms of damping, the higher terms of stiffness, option density" in line
+    assert "option density, gravity off, spring off" in line
+    assert "higher" not in arm_of(tmp_path).stated.line()

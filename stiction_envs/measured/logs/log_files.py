@@ -11,7 +11,7 @@ import numpy as np
 
 from stiction_envs.errors import StictionError, unknown
 from stiction_envs.measured.csv_text import refuse_pointer
-from stiction_envs.measured.logs.columns import Wanted
+from stiction_envs.measured.logs.columns import Wanted, drives_in, joints_of
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog
 from stiction_envs.measured.logs.formats.registry import format_of, log_ends
 from stiction_envs.measured.logs.joint_names import Naming, with_held
@@ -39,7 +39,7 @@ def read_raw(path: str | os.PathLike[str], wanted: Wanted) -> RawLog:
     if names.units is not None and names.units not in UNITS:
         raise unknown("units", names.units, UNITS)
     every, count = with_held(names), wanted.n_joints + len(names.held)
-    if names.held and kind.count(where, every) == count:
+    if names.held and joints_of(kind.names(where, every)) == count:
         raw = kind.read(where, replace(wanted, n_joints=count, naming=every))
         raw = _without_held(raw, names)
     else:
@@ -78,7 +78,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
     Raises:
         StictionError: a log without angles, or that cannot be read.
     """
-    found = _kind(path).count(os.fspath(path), naming or Naming())
+    found = joints_of(_kind(path).names(os.fspath(path), naming or Naming()))
     if not found:
         raise StictionError(
             f"{path}: no column q1: expected t,q1..qn,tau1..taun; columns OURS=NAME renames"
@@ -88,7 +88,7 @@ def count_joints(path: str | os.PathLike[str], naming: Naming | None = None) -> 
 
 def drives(path: str | os.PathLike[str], naming: Naming | None = None) -> tuple[str, ...]:
     """Return the possible drives of a log's joints: torque, position, both or neither."""
-    return _kind(path).drives(os.fspath(path), naming or Naming())
+    return drives_in(_kind(path).names(os.fspath(path), naming or Naming()))
 
 
 def is_log(path: Path) -> bool:

@@ -237,8 +237,8 @@ BAD_NPZ: dict[str, tuple[str, str | bytes]] = {
     ),
     "npz with deep arrays": (r"missing columns 'q1', 'q2'", _npz(q=np.ones((200, 7, 2)))),
     "npz with text": (r"column 'q1' holds <U3: expected numbers", _npz(q=np.full((200, 7), "one"))),
-    "npz with objects": (r"q\.npy: holds Python objects", _npz(q=np.full((200, 7), None))),
-    "npz that claims a terabyte": (r"q\.npy: shape \(100000000000, 7\) does not fit", _lying_npz()),
+    "npz with objects": (r"damaged .* expected numbers", _npz(q=np.full((200, 7), None))),
+    "npz that claims a terabyte": (r"damaged or no NumPy archive", _lying_npz()),
 }
 BAD_FILES = {
     **{k: (*v, "log.csv") for k, v in BAD_CSV.items()},

@@ -72,7 +72,7 @@ def test_topics_become_one_log(tmp_path: Path) -> None:
     assert log.side == "link"
     assert log.date == pytest.approx(START / 1e9)
     text = log.corrections[0].text
-    assert "/iiwa/state/JointTorque; tau is measured behind the gear" in text
+    assert "tau is /iiwa/state/JointTorque, measured behind the gear" in text
     assert "External" not in text
     assert not [x for x in check(path).findings if x.kind == "unreadable"]
 

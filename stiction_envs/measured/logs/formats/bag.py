@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError, missing_extra, unknown
 from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
@@ -30,6 +30,7 @@ from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, 
 from stiction_envs.measured.logs.formats.messages import (
     BY_TYPE,
     COMMAND_KINDS,
+    IIWA,
     Kind,
     Sample,
     is_command,
@@ -44,6 +45,7 @@ METADATA = "metadata.yaml"
 """In every folder that ROS 2 records into."""
 _PEEK = 1000  # messages that show who publishes to a topic; assumed
 MOST_REASON = 200  # most characters of another library's message, cut between words; assumed
+MOST_STEPS = 5.0  # torques further apart than this many usual steps are a gap; assumed
 _NS = 10**9
 
 
@@ -60,26 +62,23 @@ class RosBag(LogFormat):
         with _open(where) as reader:
             topics = _iiwa_stack(where, reader, wanted.naming)
             if topics:
-                return iiwa_stack.read_arm(where, reader, topics, wanted)
+                return _read_iiwa(where, reader, topics, wanted)
             if wanted.drive == TORQUE:
                 topic, kind = _topic(where, reader, wanted.n_joints, wanted.naming)
                 return _log(where, _stream(where, reader, topic, kind, wanted, "tau"), wanted)
             return _read_servo(where, reader, wanted)
 
-    def count(self, where: str, naming: Naming) -> int:
-        with _open(where) as reader:
-            if _iiwa_stack(where, reader, naming):
-                return len(iiwa_stack.JOINTS)
-            drive = _drives(reader)[0]
-            topic, kind = _topic(where, reader, None, naming, drive)
-            names, most, _ = _peek(reader, topic, kind)
-        return len(find_joints(where, names, None, naming)) if names else most
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+    def names(self, where: str, naming: Naming) -> list[str]:
         with _open(where) as reader:
             if topics := _iiwa_stack(where, reader, naming):
-                return iiwa_stack.drives_of(topics)
-            return _drives(reader)
+                return [f"{channel}7" for channel in topics]
+            marks, n = _marks(reader), len(naming.robot) or None
+            topic, kind = _topic(
+                where, reader, n, naming, POSITION if marks == ["q_cmd1"] else TORQUE
+            )
+            names, most, _ = _peek(reader, topic, kind)
+        found = len(find_joints(where, names, n, naming)) if names else most
+        return [*(f"q{j + 1}" for j in range(found)), *marks]
 
 
 @dataclass
@@ -95,6 +94,11 @@ class _Stream:
     data: dict[str, Array]
     """(T, n) by channel."""
     others: int
+
+    def keep(self, rows: Bools) -> None:
+        """Drop the other rows."""
+        self.data = {k: np.ascontiguousarray(x[rows]) for k, x in self.data.items()}
+        self.marks = self.marks[rows]
 
 
 def _iiwa_stack(where: str, reader: AnyReader, naming: Naming) -> dict[str, str]:
@@ -153,13 +157,13 @@ def _peek(reader: AnyReader, topic: str, kind: Kind) -> tuple[list[str], int, bo
     return list(names), most, torques
 
 
-def _drives(reader: AnyReader) -> tuple[str, ...]:
-    """Return the possible drives; torque if unknown, since the torque reader then raises."""
+def _marks(reader: AnyReader) -> list[str]:
+    """Return columns of the possible drives; torque's if unknown: its reader then raises."""
     known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
     position = any(x.has_commands for x in known.values())
     position = position or bool(_topics(reader, COMMAND_KINDS, commands=True))
-    return tuple(d for d, has in ((TORQUE, torque), (POSITION, position)) if has) or (TORQUE,)
+    return [x for x, has in (("tau1", torque), ("q_cmd1", position)) if has] or ["tau1"]
 
 
 def _topics(reader: AnyReader, kinds: Mapping[str, Kind], *, commands: bool) -> dict[str, Kind]:
@@ -238,14 +242,10 @@ def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
     states = _stream(where, reader, topic, kind, wanted)
     name = next(iter(told))
     commands = _stream(where, reader, name, told[name], wanted)
-    clock = 0 if states.marks[:, 0].any() and commands.marks[:, 0].any() else 1
-    order = np.argsort(commands.marks[:, clock], kind="stable")
-    last, keep = held(commands.marks[order, clock], states.marks[:, clock])
+    keep, clock = _put_beside(states, "q_cmd", commands)
     if not keep.any():
         raise StictionError(f"{where}, {name}: no command before the last state: expected some")
-    states.data["q_cmd"] = commands.data["q"][order[last]]
-    states.data = {k: np.ascontiguousarray(x[keep]) for k, x in states.data.items()}
-    states.marks = states.marks[keep]
+    states.keep(keep)
     log = _log(where, states, wanted)
     log.note(
         f"{name}: commanded positions, each holds until the next"
@@ -253,6 +253,50 @@ def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
         + ("" if commands.joints else f"; in the order of joints 1 to {n} (assumed)")
     )
     return log
+
+
+def _read_iiwa(where: str, reader: AnyReader, topics: Mapping[str, str], wanted: Wanted) -> RawLog:
+    """Return the log of an arm of iiwa_stack, whose ``topics`` are by channel."""
+    needed = "tau" if wanted.drive == TORQUE else "q_cmd"
+    if needed not in topics:
+        name = {"tau": "state/JointTorque", "q_cmd": "command/JointPosition"}[needed]
+        raise StictionError(f"{where}: no topic {name}: expected it beside {topics['q']}")
+    used = {k: v for k, v in topics.items() if k != "q_cmd" or wanted.drive == POSITION}
+    streams = {k: _stream(where, reader, topic, IIWA, wanted) for k, topic in used.items()}
+    for k in [k for k, stream in streams.items() if not len(stream.marks)]:
+        if k != "dq":
+            raise StictionError(f"{where}, {used[k]}: no messages: expected one second")
+        del streams[k]
+    states = streams.pop("q")
+    keep = np.ones(len(states.marks), bool)
+    for k, stream in streams.items():
+        keep &= _put_beside(states, k, stream)[0]
+    states.keep(keep)
+    states.kind = replace(IIWA, tau=used.get("tau", ""))
+    return _log(where, states, wanted)
+
+
+def _put_beside(states: _Stream, channel: str, other: _Stream) -> tuple[Bools, int]:
+    """Add another topic to the states, in place; return rows that have it, and its clock.
+
+    Commands hold until the next one, torques and speeds are interpolated, but not over a gap. The
+    clock is 0 for stamps, 1 for times of recording.
+    """
+    clock = 0 if states.marks[:, 0].any() and other.marks[:, 0].any() else 1
+    order = np.argsort(other.marks[:, clock], kind="stable")
+    values, stamps = other.data["q"][order], other.marks[order, clock]
+    at = states.marks[:, clock]
+    last, keep = held(stamps, at)
+    if channel == "q_cmd":
+        states.data[channel] = values[last]
+        return keep, clock
+    # float of seconds since 1970 would round by 100 ns
+    known, now = (stamps - stamps[0]).astype(float), (at - stamps[0]).astype(float)
+    states.data[channel] = np.stack([np.interp(now, known, x) for x in values.T], axis=1)
+    right = np.searchsorted(stamps, at, side="left").clip(0, len(stamps) - 1)
+    step = np.median(np.diff(known)) if len(known) > 1 else 0.0
+    keep &= (at <= stamps[-1]) & (known[right] - known[last] <= MOST_STEPS * step)
+    return keep, clock
 
 
 def _stream(

@@ -18,14 +18,7 @@ from numpy.typing import NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.aliases import OurNames, listed_names, our_names
-from stiction_envs.measured.logs.columns import (
-    TORQUE,
-    Columns,
-    Wanted,
-    drives_in,
-    joints_of,
-    sort_columns,
-)
+from stiction_envs.measured.logs.columns import Columns, Wanted, sort_columns
 from stiction_envs.measured.logs.corrections import RawLog
 from stiction_envs.measured.logs.joint_names import Naming
 
@@ -46,12 +39,8 @@ class LogFormat(ABC):
     has_units: ClassVar[bool] = False
     """Whether its reader brings angles to rad; else its angles are those of `Naming.units`."""
 
-    def matches_file(self, path: Path) -> bool:
-        """Return whether a file is of this kind, by its name."""
-        return path.name.lower().endswith(self.ends)
-
     def matches_folder(self, path: Path) -> bool:
-        """Return whether a folder is."""
+        """Return whether a folder is of this kind."""
         return False
 
     @abstractmethod
@@ -59,12 +48,8 @@ class LogFormat(ABC):
         """Read the numbers of a file; raise a StictionError for no log of such a robot."""
 
     @abstractmethod
-    def count(self, where: str, naming: Naming) -> int:
-        """Return for how many joints there are angles; 0 where there are none."""
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        """Return the possible drives of the joints: torque, position, both or neither."""
-        return (TORQUE,)
+    def names(self, where: str, naming: Naming) -> list[str]:
+        """Return our names of what it holds, as the columns of a CSV; others do not count."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,21 +92,7 @@ OUR_COLUMNS = Header(mark="t", column=str, per_second=1.0, side=None, note="")
 """``t,q1..qn,dq1..dqn,tau1..taun`` [s, rad, rad/s, N·m]."""
 
 
-class NamedColumns(LogFormat):
-    """A kind of file whose columns have names."""
-
-    @abstractmethod
-    def names(self, where: str, naming: Naming) -> list[str]:
-        """Return our names of its columns."""
-
-    def count(self, where: str, naming: Naming) -> int:
-        return joints_of(self.names(where, naming))
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
-        return drives_in(self.names(where, naming))
-
-
-class ColumnFile(NamedColumns):
+class ColumnFile(LogFormat):
     """A kind of file that holds arrays by the names of its columns."""
 
     @abstractmethod

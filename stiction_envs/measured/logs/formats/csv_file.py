@@ -27,7 +27,7 @@ from stiction_envs.measured.logs.formats.base import (
     MOST_LINE_BYTES,
     OUR_COLUMNS,
     Header,
-    NamedColumns,
+    LogFormat,
     RawLog,
     Wanted,
     check_size,
@@ -45,7 +45,7 @@ MISSING = ("", "nan", "na", "n/a", "null", "none")
 _GZIP = b"\x1f\x8b"
 
 
-class CsvFile(NamedColumns):
+class CsvFile(LogFormat):
     """Numbers between commas, semicolons, tabs or blanks below a header."""
 
     ends: ClassVar = tuple(end + gz for end in (".csv", ".tsv", ".txt") for gz in ("", ".gz"))

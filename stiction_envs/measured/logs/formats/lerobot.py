@@ -58,14 +58,14 @@ class LeRobotDataset(LogFormat):
         """Return whether lerobot recorded into it."""
         return (path / INFO).is_file()
 
-    def count(self, where: str, naming: Naming) -> int:
-        return len(naming.joints or _Features(where).motors)
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+    def names(self, where: str, naming: Naming) -> list[str]:
         features = _Features(where)
-        return tuple(
-            d for d, has in ((TORQUE, features.torque), (POSITION, features.action)) if has
-        )
+        names = [f"q{j + 1}" for j in range(len(naming.joints or features.motors))]
+        return [
+            *names,
+            *(["tau1"] if features.torque else []),
+            *(["q_cmd1"] if features.action else []),
+        ]
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         features = _Features(where)

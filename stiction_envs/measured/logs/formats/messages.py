@@ -41,6 +41,7 @@ LINK_SIDE = re.compile(r"(panda|fr3|fp3|lbr|iiwa)\d*_?")
 """Names of joints of Franka's and KUKA's arms, whose torques are measured behind the gear."""
 COMMANDS = re.compile(r"command|cmd|target|goal|reference|desired")
 """In the names of topics with commands."""
+IIWA_TYPES = tuple(f"iiwa_msgs/msg/Joint{x}" for x in ("Position", "Velocity", "Torque"))
 _NO_POSITION = re.compile(r"effort|torque|vel|current|gain|gripper")
 _ARRAY, _STATE = "std_msgs/msg/Float64MultiArray", "sensor_msgs/msg/JointState"
 
@@ -133,6 +134,13 @@ def _lbr_state(message: Message) -> Sample:
     return Sample(None, stamp, _array(message.measured_joint_position), np.zeros(0), _array(tau))
 
 
+def _iiwa(message: Message) -> Sample:
+    fields = ("position", "velocity", "torque")
+    axes = next(getattr(message, x) for x in fields if hasattr(message, x))
+    values = [getattr(axes, f"a{j}") for j in range(1, 8)]
+    return Sample(None, _stamp(message.header), _array(values), np.zeros(0), np.zeros(0))
+
+
 KINDS = (
     Kind((_STATE,), "effort", _joint_state),
     Kind(("franka_msgs/msg/FrankaState",), "tau_J", _franka_state, link_side=True),
@@ -159,6 +167,8 @@ KINDS = (
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
 COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "", _command)}
 """Types of commands under a topic of their own."""
+IIWA = Kind(IIWA_TYPES, "", _iiwa, link_side=True)
+"""One quantity of an arm, whatever it is (`iiwa_stack`)."""
 
 
 def is_command(topic: str, kind: str) -> bool:

@@ -67,4 +67,4 @@ def format_of(path: Path) -> LogFormat | None:
     _load_entry_points()
     if path.is_dir():
         return next((f for f in _formats if f.matches_folder(path)), None)
-    return next((f for f in _formats if f.matches_file(path)), None)
+    return next((f for f in _formats if path.name.lower().endswith(f.ends)), None)

@@ -47,13 +47,11 @@ class SageFolder(LogFormat):
         """Return whether both files are in it."""
         return (path / COMMANDS).is_file() and (path / STATES).is_file()
 
-    def count(self, where: str, naming: Naming) -> int:
-        return len(naming.joints) or _table(Path(where, STATES))["positions"].shape[1]
-
-    def drives(self, where: str, naming: Naming) -> tuple[str, ...]:
+    def names(self, where: str, naming: Naming) -> list[str]:
         states = _table(Path(where, STATES))
+        names = [f"q{j + 1}" for j in range(len(naming.joints) or states["positions"].shape[1])]
         signed = "torques" in states and not is_unsigned(states["torques"])
-        return (TORQUE, POSITION) if signed else (POSITION,)
+        return [*names, "q_cmd1", *(["tau1"] if signed else [])]
 
     def read(self, where: str, wanted: Wanted) -> RawLog:
         states = _table(Path(where, STATES))
