@@ -84,6 +84,10 @@ class Batches:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         return np.concatenate([core.observe(mine) for core, mine, _ in self._split(ids)])
 
+    def last_measures(self, ids: Index) -> dict[str, NDArray[np.generic]]:
+        """Measure simulations ``ids``, which are over; see `Episodes.last_measures`."""
+        return _rows([core.last_measures(mine) for core, mine, _ in self._split(ids)])
+
     def describe(self, ids: Index) -> dict[str, NDArray[np.generic]]:
         """Describe the episodes of simulations ``ids``; see `Episodes.describe`."""
         return _rows([core.describe(mine) for core, mine, _ in self._split(ids)])
