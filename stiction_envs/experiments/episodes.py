@@ -107,8 +107,6 @@ class Episodes(ABC, Generic[Case, Unit]):
     arms_per_batch: ClassVar[int] = 64
     """Most arms of a batch, see `envs.batches`. Of 1024 arms of the GTE on two cores, batches of 32
     had 0.92 of the speed of batches of 64, batches of 128 0.98, batches of 256 0.85."""
-    on_one_thread: ClassVar[bool] = False
-    """Whether the engine runs on the caller's thread alone."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""

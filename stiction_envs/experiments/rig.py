@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -115,9 +115,6 @@ FARTHEST = 0.05  # Largest distance by which scatter misses a pose [rad]; assume
 STRONGEST = 0.5  # Largest relative change of the dry friction by scatter [-]; assumed
 
 
-Share = Callable[[Sequence[Callable[[], None]]], object]  # Does tasks, in any order
-
-
 class Rig:
     """N arms that servos bring to their poses, and whose joints are dithered."""
 
@@ -154,7 +151,6 @@ class Rig:
         self.nsim, self.n = nsim, sticking.n
         self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
-        self._share: Share = _in_turn
         self.dither = Dither.none(nsim, self.columns)
         self.dither_phase = np.zeros((nsim, self.n))
         """(N, n) phase drawn for the dither of this iteration [rad]."""
@@ -171,11 +167,6 @@ class Rig:
             self._line = CommandLine(senses, nsim, self.columns, hold_steps=hold)
         self._sense_seed = np.zeros(nsim, dtype=np.uint64)
         self._servos = Servos(sticking, approach)
-
-    def share_out(self, share: Share, threads: int) -> None:
-        """Divide the arms into parts for some threads, whose tasks ``share`` does."""
-        self._share = share
-        self.plant.loop_batch.part(threads)
 
     def _servos_of(self, ids: Index, inertia: Array, mass: Array) -> tuple[Array, Array]:
         """Return stiffness [N·m/rad] and damping [N·m·s/rad] (M, n) that hold arms where they are.
@@ -262,11 +253,6 @@ class Rig:
     def _gate_speed(self) -> Array | None:
         """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
         return self.seen_velocity if self.dither.gated else None
-
-
-def _in_turn(tasks: Sequence[Callable[[], None]]) -> None:
-    for task in tasks:
-        task()
 
 
 def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.generic]]:

@@ -102,7 +102,6 @@ class GTEEpisodes(Episodes[Key, Undithered]):
     arguments = GTEArguments
     terms = ("settling", "tracking", "power", "torque_rate", "shaking")
     groups = GROUPS
-    on_one_thread = True
 
     reward_settings = staticmethod(gte_reward_settings)
 

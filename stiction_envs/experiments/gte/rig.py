@@ -7,9 +7,7 @@ The two are separate calls, so that some simulations can be brought back while o
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -27,6 +25,7 @@ from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.friction.parameters import FrictionParameters
 from stiction_envs.plant import CONTROL_DT, raise_if_stopped
+from stiction_envs.plant.loop_batch import Threads
 from stiction_envs.robots import Arm
 
 
@@ -93,9 +92,7 @@ class GTERig(Rig):
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
         self._arms = self._make_arms()
-        threads = setup.threads or os.cpu_count() or 1
-        if threads > 1:
-            self._share = TaskPool(threads).run
+        self._threads = Threads(len(self.plant.loop_batch.parts))
 
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]
@@ -161,7 +158,7 @@ class GTERig(Rig):
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
         shaking = self._shaking(steps)
-        self._share(
+        self._threads.run(
             [
                 partial(
                     follow, a, b, steps, self._arms, shaking, sampling, self._model.arrays(k), loop
@@ -236,24 +233,3 @@ def blank_sampling(
         flags=np.zeros((samples, nsim, 3), dtype=bool),
         previous=np.zeros((nsim, n)),
     )
-
-
-class TaskPool:
-    """Threads that run tasks; the first tasks start the threads."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._pool: ThreadPoolExecutor | None = None
-
-    def __reduce__(self) -> tuple[type[TaskPool], tuple[int]]:
-        return TaskPool, (self._count,)
-
-    def run(self, tasks: Sequence[Callable[[], None]]) -> None:
-        """Do tasks, in any order; the first error is raised when all are done."""
-        if len(tasks) == 1:
-            tasks[0]()
-            return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._count)
-        for done in [self._pool.submit(task) for task in tasks]:
-            done.result()
