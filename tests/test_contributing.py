@@ -1,15 +1,18 @@
-"""CONTRIBUTING.md's cause, waveform and arm work from outside the package, as they are printed."""
+"""CONTRIBUTING.md's cause, waveform, experiment and arm work from outside the package, as they are printed."""
 
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from stiction_envs.dither.dither import Dither
+from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.gap.causes import unregister
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.extended_model import extend
@@ -53,6 +56,19 @@ def test_the_waveform_shakes():
     exec(code, {"__name__": "contributed"})
     shaken = Dither(amplitude=[[1.5]], frequency=10.0, waveform="sawtooth_of_the_page")
     assert [shaken.torque(t)[0, 0] for t in (0.0, 0.02, 0.06)] == pytest.approx([0.0, 0.6, -1.2])
+
+
+def test_the_experiment_has_environments_of_every_arm(monkeypatch):
+    code = block("An experiment", "python").replace('"still"', '"pagestill"')
+    module = ModuleType("my_still")
+    monkeypatch.setitem(sys.modules, "my_still", module)
+    try:
+        exec(code, vars(module))
+        for env in (gym.make("PandaPAGESTILL-v0"), gym.make_vec("IiwaPAGESTILL-v0", num_envs=2)):
+            env.reset(seed=1)
+            assert np.all(env.step(env.action_space.low)[1] <= 0.0)
+    finally:
+        EXPERIMENTS.pop("pagestill", None)
 
 
 def test_the_arm_has_environments(tmp_path, monkeypatch):
