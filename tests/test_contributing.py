@@ -1,4 +1,4 @@
-"""CONTRIBUTING.md's cause, waveform, experiment and arm work from outside the package, as they are printed."""
+"""CONTRIBUTING.md's examples work from outside the package, as they are printed."""
 
 from __future__ import annotations
 

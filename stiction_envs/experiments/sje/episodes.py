@@ -141,7 +141,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
 
     def _make(self, a: Arguments) -> None:
         e, reward = self.experiment, self.reward_settings()
-        self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs, dither_all=True)
+        self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs)
         self.oscillation = Oscillation(
             self.num_envs,
             self.n,
