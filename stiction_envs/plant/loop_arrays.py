@@ -144,13 +144,13 @@ def _write_side(i: int, j: int, side: int, a: PlantArrays) -> None:
 
 
 @compiled
-def write_friction(ids: Index, slowly: bool, a: PlantArrays) -> None:
+def write_friction(ids: Index, period: int, a: PlantArrays) -> None:
     """Write the friction of simulations ``ids`` (M,) before a control step.
 
-    What changes slowly is written where it is due, or with ``slowly`` in any case.
+    What changes slowly is written every ``period`` control steps of a simulation.
     """
     for i in ids:
-        if slowly or a.steps[i] % SLOW_STEPS == 0:
+        if a.steps[i] % period == 0:
             write_slow(i, a)
         if a.asymmetric[0]:
             write_direction(i, a)

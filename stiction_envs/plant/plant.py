@@ -147,7 +147,7 @@ class Plant:
         self.arrays.steps[ids] = 0
         self.arrays.moving_up[ids] = True
         self.batch.forward(ids)
-        write_friction(np.asarray(ids), True, self.arrays)
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def refresh(self, ids: Index) -> None:
         """Make the engine's kinematics of simulations ``ids`` those of the present state."""
@@ -181,7 +181,7 @@ class Plant:
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
         self.arrays.asymmetric[:] = FrictionParameters(**self._p).asymmetric
-        write_friction(np.asarray(ids), True, self.arrays)
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def _write(self, name: str, ids: Index, where: tuple[Index | int, ...], values: Array) -> None:
         """Write a model field of simulations ``ids`` at indices ``where``: (M, n) values.
@@ -197,7 +197,7 @@ class Plant:
     def scale_friction(self, ids: Index, factor: Array) -> None:
         """Multiply the dry friction of simulations ``ids`` by ``factor`` (M, n) [-]."""
         self.arrays.factor[ids] = factor
-        write_friction(np.asarray(ids), True, self.arrays)
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def set_servo(
         self, ids: Index, stiffness: ArrayLike, damping: ArrayLike, setpoint: ArrayLike
@@ -247,7 +247,7 @@ class Plant:
         out = np.empty((m, k_total) if joint is not None else (m, k_total, self.n))
         k = 0
         while k < k_total:
-            write_friction(ids, False, self.arrays)
+            write_friction(ids, SLOW_STEPS, self.arrays)
             left = SLOW_STEPS - int((self.arrays.steps[ids] % SLOW_STEPS).max())
             block = 1 if self.arrays.asymmetric[0] else left
             block = min(block, k_total - k)  # no simulation passes its next update
