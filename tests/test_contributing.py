@@ -1,16 +1,19 @@
-"""CONTRIBUTING.md's examples work from outside the package, as they are printed."""
+"""The examples of CONTRIBUTING.md work from outside the package, as they are printed."""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from stiction_envs.dither.dither import Dither
+from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.gap.causes import unregister
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.extended_model import extend
@@ -71,6 +74,19 @@ def test_the_log_format_is_read_as_any_other(tmp_path, monkeypatch):
     np.testing.assert_array_equal(found.tau, log.tau)
     (finding,) = check(tmp_path / "log.json", robot="panda").findings[:1]
     assert "torque1 to torque7 are tau1 to tau7" in finding.message
+
+
+def test_the_experiment_has_environments_of_every_arm(monkeypatch):
+    code = block("An experiment", "python").replace('"still"', '"pagestill"')
+    module = ModuleType("my_still")
+    monkeypatch.setitem(sys.modules, "my_still", module)
+    try:
+        exec(code, vars(module))
+        for env in (gym.make("PandaPAGESTILL-v0"), gym.make_vec("IiwaPAGESTILL-v0", num_envs=2)):
+            env.reset(seed=1)
+            assert np.all(env.step(env.action_space.low)[1] <= 0.0)
+    finally:
+        EXPERIMENTS.pop("pagestill", None)
 
 
 def test_the_arm_has_environments(tmp_path, monkeypatch):

@@ -141,10 +141,11 @@ def to_rpy(q: Array) -> Array:
     At pitch ±π/2 only a combination of roll and yaw is defined; the result is one of them. Half
     sum and half difference of roll and yaw (Bernardes and Viollet 2022) stay exact there.
     """
-    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     a, b, c, d = w - y, x + z, w + y, z - x
     half_sum, half_difference = np.arctan2(b, a), np.arctan2(d, c)
-    pitch = 2.0 * np.arctan2(np.hypot(c, d), np.hypot(a, b)) - 0.5 * np.pi
-    out = np.stack([half_sum - half_difference, pitch, half_sum + half_difference], axis=-1)
+    out = np.empty((*q.shape[:-1], 3))
+    out[..., 0], out[..., 2] = half_sum - half_difference, half_sum + half_difference
+    out[..., 1] = 2.0 * np.arctan2(np.hypot(c, d), np.hypot(a, b)) - 0.5 * np.pi
     out[..., ::2] -= 2.0 * np.pi * np.rint(out[..., ::2] / (2.0 * np.pi))
     return out

@@ -82,9 +82,9 @@ def low_pass_gain(cutoff_hz: float, dt: float) -> float:
 class PathState(NamedTuple):
     """State of the path of N simulations of n joints."""
 
-    step: Array  # (N, n) largest change per control step [N·m]
+    step: Array  # (n,) largest change per control step [N·m]
     gain: float  # Gain of the low-pass; 1 is off [-]
-    limit: Array  # (N, n) [N·m]
+    limit: Array  # (n,) [N·m]
     limited: Array  # (N, n) torque behind the rate limit, changed [N·m]
     filtered: Array  # (N, n) torque behind the low-pass, changed [N·m]
 
@@ -92,23 +92,16 @@ class PathState(NamedTuple):
 class TorquePath:
     """The path for N simulations of n joints."""
 
-    def __init__(self, interface: TorqueInterface, nsim: int, n: int) -> None:
-        self.interface = interface
+    def __init__(self, interface: TorqueInterface, nsim: int) -> None:
+        n = len(interface.torque_limit)
         self.arrays = PathState(
-            step=np.full((nsim, n), np.inf),
+            step=interface.torque_rate / CONTROL_RATE_HZ,
             gain=interface.lowpass_gain,
-            limit=np.full((nsim, n), np.inf),
+            limit=np.array(interface.torque_limit),
             limited=np.zeros((nsim, n)),
             filtered=np.zeros((nsim, n)),
         )
         """Arrays that `pass_torque` reads and writes; always the same objects."""
-        if n == len(interface.torque_limit):
-            self.set_limits(np.arange(nsim), interface.torque_rate, interface.torque_limit)
-
-    def set_limits(self, ids: Index, torque_rate: Array, torque_limit: Array) -> None:
-        """Set limits (n,) or (M, n) [N·m/s, N·m] of simulations whose columns are other joints."""
-        self.arrays.step[ids] = torque_rate / CONTROL_RATE_HZ
-        self.arrays.limit[ids] = torque_limit
 
     def reset(self, ids: Index, torque: Array | float = 0.0) -> None:
         """Start simulations ``ids`` as if ``torque`` (M, n) [N·m] had been held for long."""
@@ -131,7 +124,7 @@ def pass_torque(i: int, command: Array, path: PathState, out: Array) -> None:
 @inlined
 def _pass_one(i: int, j: int, u: float, path: PathState) -> float:
     """Return the torque of one joint behind the path of a command u [N·m]."""
-    step, limit = path.step[i, j], path.limit[i, j]
+    step, limit = path.step[j], path.limit[j]
     # exactly the command wherever the rate allows it
     if not abs(u - path.limited[i, j]) <= 0.999 * step:
         u = between(u, path.limited[i, j] - step, path.limited[i, j] + step)

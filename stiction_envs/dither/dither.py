@@ -111,8 +111,9 @@ class Dither:
         return self._gate is not None
 
     def __repr__(self) -> str:
-        names = [b[0].name for b in self._branches]
-        return f"Dither(N={self.N}, n={self.n}, {'+'.join(names) or 'none'})"
+        codes = np.unique(self.waveform[self.amplitude > 0])
+        names = "+".join(list(WAVEFORMS)[code] for code in codes) or "none"
+        return f"Dither(N={self.N}, n={self.n}, {names})"
 
     def torque(self, t: float | Array, qd: Array | None = None) -> Array:
         """Dither torque, fresh (N, n) array in N·m, at time ``t`` [s], one number or (N,).
@@ -120,9 +121,9 @@ class Dither:
         Joint velocities ``qd`` (N, n) [rad/s] are needed only when a gate velocity is set.
         """
         shape = self.amplitude.shape
-        if self.sines is not None and isinstance(t, np.ndarray) and t.shape == shape[:1]:
-            plain = np.empty(shape)  # as in every control cycle
-            sine(*self.sines, t, plain)
+        if self.sines is not None:
+            plain = np.empty(shape)
+            sine(*self.sines, np.broadcast_to(t, shape[:1]).astype(float), plain)
             return plain
         out = self.ungated(t)
         if self._gate is not None:
@@ -136,7 +137,7 @@ class Dither:
         return out
 
     def ungated(self, t: float | Array) -> Array:
-        """Return `torque` without gates and offsets."""
+        """Return `torque` without gates and offsets, of a dither that is not `sines`."""
         shape = self.amplitude.shape
         own = isinstance(t, np.ndarray) and t.ndim == 1
         out: Array | None = None
@@ -202,7 +203,11 @@ class Dither:
         phase = self.phase + 0.0
         branches = []
         waveforms = list(WAVEFORMS.values())
-        for code in np.unique(self.waveform[driven]).tolist():
+        codes = sorted(set(self.waveform[driven].tolist()))
+        gate = 1.0 / self.gate_velocity if np.isfinite(self.gate_velocity).any() else None
+        shifted = bool(self.offset.any())
+        plain = gate is None and not shifted and all(waveforms[k].sinusoidal for k in codes)
+        for code in () if plain else codes:
             mask = driven & (self.waveform == code)
             where = None if mask.all() else np.flatnonzero(mask)
             rows = None if where is None else where // self.n
@@ -214,9 +219,6 @@ class Dither:
             branches.append(
                 (waveform, where, rows, omega[pick], phase[pick], self.amplitude[pick], drawn)
             )
-        gate = 1.0 / self.gate_velocity if np.isfinite(self.gate_velocity).any() else None
-        shifted = bool(self.offset.any())
-        plain = gate is None and not shifted and all(b[0].sinusoidal for b in branches)
         self._fill(
             _branches=tuple(branches),
             sines=(omega, phase, self.amplitude) if plain else None,
@@ -250,7 +252,8 @@ def _broadcast(name: str, array: NDArray[_Scalar], shape: tuple[int, ...]) -> ND
 
 def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
     """Raise, naming the first bad entry of (N, n) values by simulation from 0 and joint from 1."""
-    for i, j in np.argwhere(bad)[:1]:
+    if bad.any():
+        i, j = np.argwhere(bad)[0]
         raise StictionError(
             f"dither {name} of simulation {i}, joint {j + 1} is {values[i, j]}: expected {expected}"
         )

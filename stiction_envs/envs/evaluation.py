@@ -129,15 +129,17 @@ def evaluate(
         }
         for name, value in new.items():
             sums.setdefault(name, np.zeros(count))[ids] += value
-        over = step.terminated | step.truncated
-        for m in np.flatnonzero(over).tolist():
+        over = np.flatnonzero(step.terminated | step.truncated)
+        last = batches.last_measures(ids[over]) if len(over) else {}
+        for k, m in enumerate(over.tolist()):
             row, mine = rows[episode[ids[m]]], {n: float(x[ids[m]]) for n, x in sums.items()}
             steps = int(mine.pop("steps"))
             mine["power"] /= steps
             mine["torque_rate"] = float(np.sqrt(mine["torque_rate"] / steps))
             row |= {"return": mine.pop("return"), "steps": steps}
             row |= {"terminated": int(step.terminated[m]), **mine}
-            row |= core.columns({name: values[m] for name, values in step.measures.items()})
+            measures = {name: values[m] for name, values in step.measures.items()}
+            row |= core.columns(measures | {name: values[k] for name, values in last.items()})
         going[ids[over]] = False
     return rows
 

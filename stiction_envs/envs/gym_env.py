@@ -138,10 +138,10 @@ class ArmEnv(_Experiment, gymnasium.Env[Observation, Action]):
         step = self.core.step(_ONE, np.asarray(action)[None])
         terminated, truncated = bool(step.terminated[0]), bool(step.truncated[0])
         info = self._describe()
-        info |= {name: _first(step.measures[name]) for name in self.core.each}
+        info |= {name: _first(x) for name, x in step.measures.items()}
         info["reward_terms"] = {name: float(x[0]) for name, x in step.terms.items()}
         if terminated or truncated:
-            info |= {name: _first(step.measures[name]) for name in self.core.final}
+            info |= {name: _first(x) for name, x in self.core.last_measures(_ONE).items()}
         self._show()
         observation = self.core.observe(_ONE)[0]
         return observation, float(step.reward[0]), terminated, truncated, info
@@ -311,8 +311,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
 
     def _add_step(self, infos: Info, ids: Index, step: Outcome, which: NDArray[np.bool_]) -> None:
         """Add the infos of a step of environments ``ids``, of those in the mask ``which``."""
-        for name in self.core.each:
-            self._put(infos, name, ids[which], step.measures[name][which])
+        for name, values in step.measures.items():
+            self._put(infos, name, ids[which], values[which])
         terms: dict[str, NDArray[np.generic]] = {}
         for name, values in step.terms.items():
             self._put(terms, name, ids[which], values[which])
@@ -320,8 +320,8 @@ class ArmVectorEnv(_Experiment, VectorEnv[Observation, Action, NDArray[np.generi
         infos["_reward_terms"] = terms[f"_{self.core.terms[0]}"].copy()
         final = which & (step.terminated | step.truncated)
         if final.any():
-            for name in self.core.final:
-                self._put(infos, name, ids[final], step.measures[name][final])
+            for name, values in self.batches.last_measures(ids[final]).items():
+                self._put(infos, name, ids[final], values)
 
     def _put(self, infos: Info, name: str, ids: Index, values: NDArray[np.generic]) -> None:
         """Add an info of some environments and its mask, as Gymnasium's `_add_info` does."""

@@ -87,7 +87,7 @@ class Outcome:
     terminated: Bools
     truncated: Bools
     measures: dict[str, NDArray[np.generic]]
-    """By the names of `Episodes.each` and `Episodes.final`."""
+    """By the name in the info of every step."""
 
     @property
     def reward(self) -> Array:
@@ -102,17 +102,11 @@ class Episodes(ABC, Generic[Case, Unit]):
     """Arguments of the environment."""
     terms: ClassVar[tuple[str, ...]]
     """Terms of the reward, in the order in which they are summed."""
-    each: ClassVar[tuple[str, ...]]
-    """Measures that are in the info of every step."""
-    final: ClassVar[tuple[str, ...]]
-    """Measures that are in the info of an episode's last step."""
     groups: tuple[Elements, ...]
     """The observation."""
     arms_per_batch: ClassVar[int] = 64
     """Most arms of a batch, see `envs.batches`. Of 1024 arms of the GTE on two cores, batches of 32
     had 0.92 of the speed of batches of 64, batches of 128 0.98, batches of 256 0.85."""
-    on_one_thread: ClassVar[bool] = False
-    """Whether the engine runs on the caller's thread alone."""
 
     stiction: Array
     """(n,) unit of the observed torques [N·m]."""
@@ -217,6 +211,10 @@ class Episodes(ABC, Generic[Case, Unit]):
         """Return the results of the step that simulations ``ids`` have just done."""
 
     @abstractmethod
+    def last_measures(self, ids: Index) -> dict[str, NDArray[np.generic]]:
+        """Return what only an episode's last info has, of simulations ``ids``, which are over."""
+
+    @abstractmethod
     def _observed(self, ids: Index) -> dict[str, Array]:
         """Return the observations of simulations ``ids`` by group, without the dither."""
 
@@ -269,7 +267,7 @@ class Episodes(ABC, Generic[Case, Unit]):
     def step(self, ids: Index, action: ArrayLike) -> Outcome:
         """Dither simulations ``ids`` with ``action`` (M, 2n) [N·m, Hz] for one control interval."""
         self.action[ids] = self.check_step(ids, action)
-        self.rig.retune(*np.split(self.action, 2, axis=1))
+        self.rig.retune(self.action[:, : self.n], self.action[:, self.n :])
         self._advance(ids)
         self.steps[ids] += 1
         out = self._outcome(ids)
@@ -279,8 +277,8 @@ class Episodes(ABC, Generic[Case, Unit]):
     def observe(self, ids: Index) -> NDArray[np.float32]:
         """Return the observations (M, observations) of simulations ``ids``: a fresh array."""
         share = 2.0 * (self.action[ids] - self._low) / (self._high - self._low) - 1.0
-        amplitude, frequency = np.split(share, 2, axis=1)
-        seen = {**self._observed(ids), "amplitude": amplitude, "frequency": frequency}
+        seen = self._observed(ids)
+        seen["amplitude"], seen["frequency"] = share[:, : self.n], share[:, self.n :]
         columns = [np.asarray(seen[g.name], dtype=float).reshape(len(ids), -1) for g in self.groups]
         space = self.observation_space
         return np.clip(np.concatenate(columns, axis=1), space.low, space.high).astype(np.float32)
@@ -333,10 +331,10 @@ class Episodes(ABC, Generic[Case, Unit]):
         Both are means over joints: of (A / A_max)², and of the dither's (2πfA / limit)².
         """
         n = self.n
-        amplitude, frequency = np.split(self.action[ids], 2, axis=1)
+        amplitude, frequency = self.action[ids, :n], self.action[ids, n:]
         rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
         top = self._high[:n]
-        power, rates = np.mean((amplitude / top) ** 2, axis=1), np.mean(rate**2, axis=1)
+        power, rates = ((amplitude / top) ** 2).mean(axis=1), (rate**2).mean(axis=1)
         return {
             "power": -self.weights["power_weight"] * share * power,
             "torque_rate": -self.weights["torque_rate_weight"] * share * rates,

@@ -17,7 +17,7 @@ from mujoco.batch import Batch
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError
-from stiction_envs.friction.load_sensor import LoadSensor
+from stiction_envs.friction.load_sensor import load_sensor, read_loads
 from stiction_envs.friction.model import StickingModel, build
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.precomputed import store
@@ -60,7 +60,7 @@ class PoseLoads:
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         self.batch = Batch(model, _TOGETHER)
         self.sticking = sticking
-        self.sensor = LoadSensor(sticking, self.batch)
+        self.sensor = load_sensor(sticking, self.batch)
         self.floor = self.arm.on_floor and self.arm.tilt == (0.0, 0.0)
 
     def __call__(self, q: Array) -> tuple[Array, Bools]:
@@ -74,7 +74,7 @@ class PoseLoads:
             self.batch.bind("qpos")[ids] = qpos
             contacts, height = self.batch.bind("ncon"), self.batch.bind("xpos")
             self.batch.forward(ids)
-            signed[start : start + len(part)] = self.sensor.read(ids)[0]
+            signed[start : start + len(part)] = read_loads(ids, self.sensor)
             ok = contacts[ids].reshape(len(part)) == 0
             if self.floor:
                 ok &= height[ids][:, 4:, 2].min(axis=1) > FLOOR

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -115,9 +115,6 @@ FARTHEST = 0.05  # Largest distance by which scatter misses a pose [rad]; assume
 STRONGEST = 0.5  # Largest relative change of the dry friction by scatter [-]; assumed
 
 
-Share = Callable[[Sequence[Callable[[], None]]], object]  # Does tasks, in any order
-
-
 class Rig:
     """N arms that servos bring to their poses, and whose joints are dithered."""
 
@@ -128,7 +125,6 @@ class Rig:
         *,
         approach: Approach,
         parameters: FrictionParameters | None = None,
-        columns: int | None = None,
         closed_loop: bool = False,
     ) -> None:
         """Make the arms.
@@ -138,7 +134,6 @@ class Rig:
             nsim: number of arms.
             approach: numbers of the move to a pose, and of the scatter.
             parameters: friction of one arm or of each, None for the model's.
-            columns: torques and dithers of an arm; None: one per joint.
             closed_loop: whether the torque depends on the state in every control step.
         """
         sticking, self.interface = experiment.sticking, experiment.interface
@@ -148,33 +143,27 @@ class Rig:
             parameters=parameters,
             threads=experiment.threads,
             closed_loop=closed_loop,
+            senses_torque=closed_loop and not experiment.sensing.is_ideal,
         )
         self.approach_numbers = approach
         self.nsim, self.n = nsim, sticking.n
-        self.columns = self.n if columns is None else columns
         self.scatter, self.seed = experiment.scatter, experiment.seed
-        self._share: Share = _in_turn
-        self.dither = Dither.none(nsim, self.columns)
+        self.dither = Dither.none(nsim, self.n)
         self.dither_phase = np.zeros((nsim, self.n))
         """(N, n) phase drawn for the dither of this iteration [rad]."""
         self.dither_seed = np.zeros(nsim, dtype=np.uint64)
         """(N,) seed drawn for the waveform ``random``."""
         self.step = np.zeros(nsim, dtype=np.int64)  # (N,) control steps of the present stage
-        self._path = TorquePath(self.interface, nsim, self.columns)
+        self._path = TorquePath(self.interface, nsim)
         self.senses: Senses | None = None
         """Senses of the controllers; None where controllers see the plant itself."""
         self._line: CommandLine | None = None
         if not experiment.sensing.is_ideal:
             hold, senses = self.interface.hold_steps, experiment.sensing
             self.senses = Senses(senses, nsim, self.n, hold_steps=hold)
-            self._line = CommandLine(senses, nsim, self.columns, hold_steps=hold)
+            self._line = CommandLine(senses, nsim, self.n, hold_steps=hold)
         self._sense_seed = np.zeros(nsim, dtype=np.uint64)
         self._servos = Servos(sticking, approach)
-
-    def share_out(self, share: Share, threads: int) -> None:
-        """Divide the arms into parts for some threads, whose tasks ``share`` does."""
-        self._share = share
-        self.plant.loop_batch.part(threads)
 
     def _servos_of(self, ids: Index, inertia: Array, mass: Array) -> tuple[Array, Array]:
         """Return stiffness [N·m/rad] and damping [N·m·s/rad] (M, n) that hold arms where they are.
@@ -231,41 +220,32 @@ class Rig:
     ) -> None:
         """Set the dither of arms ``ids``, its phase that of the iteration.
 
-        Arguments are as in `dither.Dither`, and broadcast to (M, columns).
+        Arguments are as in `dither.Dither`, and broadcast to (M, n).
         """
         new = Dither(
-            amplitude=np.broadcast_to(amplitude, (len(ids), self.columns)),
+            amplitude=np.broadcast_to(amplitude, (len(ids), self.n)),
             frequency=frequency,
             waveform=waveform,
             offset=offset,
             gate_velocity=gate_velocity,
-            phase=self._drawn_phase(ids),
+            phase=self.dither_phase[ids],
             seed=self.dither_seed[ids],
         )
         self.dither = self.dither.set_rows(ids, new)
 
     def retune(self, amplitude: Array, frequency: Array) -> None:
-        """Change A [N·m] and f [Hz] of all arms, (N, columns), keeping each phase continuous."""
+        """Change A [N·m] and f [Hz] of all arms, (N, n), keeping each phase continuous."""
         self.dither = self.dither.retune(
             self._command_time(), amplitude=amplitude, frequency=frequency
         )
-
-    def _drawn_phase(self, ids: Index) -> Array:
-        """Return the drawn phases (M, columns) of arms ``ids`` [rad]."""
-        return self.dither_phase[ids]
 
     def _command_time(self, ahead: int = 0) -> Array:
         """Return (N,) when the command of ``ahead`` control steps from now is computed [s]."""
         return np.multiply(self.interface.tick(self.step + ahead), CONTROL_DT, dtype=np.float64)
 
     def _gate_speed(self) -> Array | None:
-        """Return the speeds (N, columns) that gate the dither [rad/s], None where none is gated."""
+        """Return the speeds (N, n) that gate the dither [rad/s], None where none is gated."""
         return self.seen_velocity if self.dither.gated else None
-
-
-def _in_turn(tasks: Sequence[Callable[[], None]]) -> None:
-    for task in tasks:
-        task()
 
 
 def dither_arrays(rows: Sequence[AmplitudeRow], n: int) -> dict[str, NDArray[np.generic]]:

@@ -12,10 +12,13 @@ library in the same order.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from itertools import pairwise
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import mujoco
 import numpy as np
@@ -27,12 +30,10 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.plant.copies import CopiedBatch
 
+T = TypeVar("T")
 Addresses = Index
 STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 """State of a simulation that a batch keeps, in this order."""
-SHARED_OUT = 0.625
-"""Share of the simulations that threads take in their first parts, and so on [-]: large parts cost
-less, small ones let threads end together (``benchmarks/speed/throughput``); assumed."""
 FEWEST = 4  # Simulations of a part [-]: in every step it costs what half a simulation does
 _ACC = int(mujoco.mjtStage.mjSTAGE_ACC)
 
@@ -109,15 +110,46 @@ def advance(i: int, steps: int, a: Loop) -> None:
     _give_fields(i, a)
 
 
-def parts_of(nsim: int, threads: int) -> list[slice]:
-    """Return parts of simulations for some threads: each has its own, smaller ones are left."""
-    if threads == 1:
-        return [slice(0, nsim)]
-    ends = [0]
-    while ends[-1] < nsim:
-        size = max(FEWEST, round(SHARED_OUT * (nsim - ends[-1]) / threads))
-        ends += [min(ends[-1] + (k + 1) * size, nsim) for k in range(threads)]
-    return [slice(a, b) for a, b in pairwise(ends) if b > a]
+class Threads:
+    """Threads that do tasks; the first tasks start them."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __reduce__(self) -> tuple[type[Threads], tuple[int]]:
+        return Threads, (self._count,)
+
+    def run(self, tasks: Sequence[Callable[[], T]]) -> list[T]:
+        """Do tasks; return their results, or raise the first task's error.
+
+        All tasks end first, even if one fails. An interrupt waits for several tasks.
+        """
+        if len(tasks) == 1:
+            return [tasks[0]()]
+        if self._pool is None:
+            self._pool = ThreadPoolExecutor(self._count)
+        with _interrupts_wait():
+            done = [self._pool.submit(task) for task in tasks]
+            wait(done)
+        return [task.result() for task in done]
+
+
+@contextmanager
+def _interrupts_wait() -> Iterator[None]:
+    """Delay an interrupt until the end, so that no task stops in the middle."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGINT) is None:
+        yield  # Python interrupts the main thread only, and only if it handles the signal
+        return
+    came: list[int] = []
+    usual = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 class LoopBatch(CopiedBatch):
@@ -126,20 +158,18 @@ class LoopBatch(CopiedBatch):
     def __init__(self, model: mujoco.MjModel, nsim: int, threads: int) -> None:
         """Make the simulations; the batch's own calls have some threads, 0 for all processors."""
         super().__init__(model, nsim, threads)
-        self._own_models: list[mujoco.MjModel] = []
-        self._own_data: list[mujoco.MjData] = []
+        size = max(FEWEST, -(-nsim // (threads or os.cpu_count() or 1)))
+        self.parts = [slice(a, min(a + size, nsim)) for a in range(0, nsim, size)]
+        """The simulations of each part."""
+        self._own_models = [self.get_model(0) for _ in self.parts]
+        self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(nsim)]
         self._loops: list[Loop] = []
         self._fields = 0
         self._begun = False
         self._going = np.ones(nsim, dtype=bool)
-        self.parts = parts_of(nsim, threads or os.cpu_count() or 1)  # The simulations of each part
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return *super().__reduce__(), {"parts": self.parts, "_going": self._going}
-
-    def part(self, threads: int) -> None:
-        """Make parts for some threads, the largest first."""
-        self.parts, self._loops = parts_of(self.nsim, threads), []
+        return *super().__reduce__(), {"_going": self._going}
 
     def step_only(self, going: Bools) -> None:
         """Leave simulations that are not ``going`` (N,) unchanged where all are stepped."""
@@ -169,12 +199,7 @@ class LoopBatch(CopiedBatch):
         fields = len(self._outputs) + len(self._inputs)
         if not self._loops or self._fields != fields:
             self._fields = fields
-            missing = len(self.parts) - len(self._own_models)
-            self._own_models += [self.get_model(0) for _ in range(missing)]
-            if not self._own_data:
-                self._own_data = [mujoco.MjData(self._own_models[0]) for _ in range(self.nsim)]
-            models = zip(self.parts, self._own_models, strict=False)
-            self._loops = [self._addresses(model) for _, model in models]
+            self._loops = [self._addresses(model) for model in self._own_models]
             self._begun = False
         if not self._begun:
             for part, loop in zip(self.parts, self._loops, strict=True):

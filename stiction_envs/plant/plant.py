@@ -13,8 +13,6 @@ Friction is native (`friction.model`). What MuJoCo's LuGre lacks is written here
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
@@ -22,15 +20,19 @@ from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import ExperimentError, StictionError
-from stiction_envs.friction.load_sensor import LoadSensor
+from stiction_envs.friction.load_sensor import load_sensor, read_loads
 from stiction_envs.friction.model import BRISTLE_DAMPING, RIPPLE, StickingModel
 from stiction_envs.friction.parameters import CONTROL_DT, QUANTITIES, FrictionParameters
 from stiction_envs.plant.copies import CopiedBatch
-from stiction_envs.plant.loop_arrays import PlantArrays, write_directions
-from stiction_envs.plant.loop_batch import LoopBatch
-from stiction_envs.robots.stated import BRISTLE_STIFFNESS, COULOMB, STICTION, STRIBECK
-
-SLOW_STEPS = 50  # Control steps between two updates of load, warm-up and offset
+from stiction_envs.plant.loop_arrays import (
+    SLOW_STEPS,
+    FrictionArrays,
+    PlantArrays,
+    read_offsets,
+    write_friction,
+)
+from stiction_envs.plant.loop_batch import Loop, LoopBatch
+from stiction_envs.robots.stated import BRISTLE_STIFFNESS
 
 
 class Plant:
@@ -44,6 +46,7 @@ class Plant:
         parameters: FrictionParameters | None = None,
         threads: int = 0,
         closed_loop: bool = False,
+        senses_torque: bool = False,
     ) -> None:
         """Make the simulations; all rest at the arm's rest pose with servos off.
 
@@ -53,6 +56,7 @@ class Plant:
             parameters: friction of one arm (n,) or of each (N, n); None takes the model's.
             threads: threads, 0 for all processors.
             closed_loop: whether compiled code steps the simulations (`loop_batch`).
+            senses_torque: whether that code uses `loop_arrays.write_joint_torque`.
         """
         if nsim < 1:
             raise StictionError(f"number of simulations {nsim}: allowed are 1 and more")
@@ -62,25 +66,17 @@ class Plant:
         kind = LoopBatch if closed_loop else CopiedBatch
         self.batch: CopiedBatch = kind(sticking.model, nsim, threads)
         """The engine's batch, to render from; stepping it elsewhere breaks the clocks."""
-        self._biasprm = self.batch.expand("actuator_biasprm")
-        self._gainprm = self.batch.expand("actuator_gainprm")
-        self._damping = self.batch.expand("dof_damping")
-        self._bias_torque = self.batch.bind("qfrc_applied")
         self._qpos, self._qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
-        self._load_sensor = LoadSensor(sticking, self.batch)
+        self._ctrl = self.batch.bind("ctrl")
         # the model adds them in two contiguous groups; slices are several times faster
         self._torque_columns = slice(sticking.torque_actuator[0], sticking.torque_actuator[-1] + 1)
         self._servo_columns = slice(sticking.servo_actuator[0], sticking.servo_actuator[-1] + 1)
         self._setpoint = np.zeros((nsim, self.n))
-        self._steps = np.zeros(nsim, dtype=np.int64)
-        self._moving_up = np.ones((nsim, self.n), dtype=bool)
-        self._level = np.empty((nsim, self.n, 2))
-        self._viscous = np.empty((nsim, self.n, 2))
-        self._asymmetric = False
-        self._factor = np.ones((nsim, self.n))
         base = sticking.parameters if parameters is None else parameters
         tiled = base.tile(nsim) if base.rotor_inertia.ndim == 1 else base
         self._p = {k: np.array(getattr(tiled, k), order="C") for k in QUANTITIES}
+        self.arrays = self._make_arrays(senses_torque)
+        """Arrays of compiled code; always the same objects."""
         self.reset(np.arange(nsim), np.broadcast_to(sticking.arm.rest, (nsim, self.n)))
         self.set_friction(np.arange(nsim), tiled)
 
@@ -113,17 +109,18 @@ class Plant:
     @property
     def load(self) -> tuple[Array, Array]:
         """(signed, absolute) transmitted torque, each (N, n) [N·m]; see `friction.load_sensor`."""
-        return self._load_sensor.read(slice(None))
+        signed = read_loads(np.arange(self.nsim), self.arrays.load)
+        return signed, np.abs(signed)
 
     @property
     def offset(self) -> Array:
         """(N, n) torque that balances the arm beyond its gravity compensation [N·m]."""
-        return self._offset(np.arange(self.nsim), self.load[0])
+        return read_offsets(self.load[0], self.arrays.friction)
 
     @property
     def stiction(self) -> Array:
         """(N, n) stiction at the present load, mean of the directions [N·m]."""
-        return self._level.mean(axis=2)
+        return self.arrays.level.mean(axis=2)
 
     @property
     def loop_batch(self) -> LoopBatch:
@@ -147,10 +144,10 @@ class Plant:
         qpos[:, self.sticking.motor] = q
         self._qpos[ids] = qpos
         self._setpoint[ids] = q
-        self._steps[ids] = 0
-        self._moving_up[ids] = True
+        self.arrays.steps[ids] = 0
+        self.arrays.moving_up[ids] = True
         self.batch.forward(ids)
-        self._write_slow(np.asarray(ids))
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def refresh(self, ids: Index) -> None:
         """Make the engine's kinematics of simulations ``ids`` those of the present state."""
@@ -168,9 +165,10 @@ class Plant:
         rows = np.asarray(ids)[:, None]
         self._write("actuator_dynprm", ids, (act, BRISTLE_STIFFNESS), parameters.bristle_stiffness)
         self._write("actuator_dynprm", ids, (act, BRISTLE_DAMPING), sigma1)
-        self._biasprm[rows, act, RIPPLE] = parameters.ripple_amplitude
-        self._biasprm[rows, act, RIPPLE + 1] = parameters.ripple_periods
-        self._biasprm[rows, act, RIPPLE + 2] = parameters.ripple_phase
+        bias = self.arrays.bias
+        bias[rows, act, RIPPLE] = parameters.ripple_amplitude
+        bias[rows, act, RIPPLE + 1] = parameters.ripple_periods
+        bias[rows, act, RIPPLE + 2] = parameters.ripple_phase
         self._write("dof_armature", ids, (s.motor,), rotor)
         elastic = s.spring >= 0
         if elastic.any():
@@ -179,11 +177,11 @@ class Plant:
             joints = s.model.dof_jntid[s.spring[elastic]]
             # with one coefficient MuJoCo keeps stiffness and damping as plain arrays
             self._write("jnt_stiffness", ids, (joints,), stiffness)
-            self._damping[rows, s.spring[elastic]] = (
+            self.arrays.damping[rows, s.spring[elastic]] = (
                 2 * ratio * np.sqrt(stiffness * rotor[:, elastic])
             )
-        self._asymmetric = FrictionParameters(**self._p).asymmetric
-        self._write_slow(np.asarray(ids))
+        self.arrays.asymmetric[:] = FrictionParameters(**self._p).asymmetric
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def _write(self, name: str, ids: Index, where: tuple[Index | int, ...], values: Array) -> None:
         """Write a model field of simulations ``ids`` at indices ``where``: (M, n) values.
@@ -198,8 +196,8 @@ class Plant:
 
     def scale_friction(self, ids: Index, factor: Array) -> None:
         """Multiply the dry friction of simulations ``ids`` by ``factor`` (M, n) [-]."""
-        self._factor[ids] = factor
-        self._write_slow(np.asarray(ids))
+        self.arrays.factor[ids] = factor
+        write_friction(np.asarray(ids), 1, self.arrays)
 
     def set_servo(
         self, ids: Index, stiffness: ArrayLike, damping: ArrayLike, setpoint: ArrayLike
@@ -209,9 +207,9 @@ class Plant:
         Stiffness [N·m/rad], 0 for a free joint, damping [N·m·s/rad] and setpoint [rad] are (M, n).
         """
         rows, act = np.asarray(ids)[:, None], self.sticking.servo_actuator
-        self._gainprm[rows, act, 0] = stiffness
-        self._biasprm[rows, act, 1] = -np.asarray(stiffness)
-        self._biasprm[rows, act, 2] = -np.asarray(damping)
+        self.batch.expand("actuator_gainprm")[rows, act, 0] = stiffness
+        self.arrays.bias[rows, act, 1] = -np.asarray(stiffness)
+        self.arrays.bias[rows, act, 2] = -np.asarray(damping)
         self._setpoint[ids] = setpoint
 
     def run(
@@ -249,14 +247,10 @@ class Plant:
         out = np.empty((m, k_total) if joint is not None else (m, k_total, self.n))
         k = 0
         while k < k_total:
-            phase = self._steps[ids] % SLOW_STEPS
-            due = phase == 0
-            if due.any():
-                self._write_slow(ids[due])
-            block = 1 if self._asymmetric else SLOW_STEPS - int(phase.max())
+            write_friction(ids, SLOW_STEPS, self.arrays)
+            left = SLOW_STEPS - int((self.arrays.steps[ids] % SLOW_STEPS).max())
+            block = 1 if self.arrays.asymmetric[0] else left
             block = min(block, k_total - k)  # no simulation passes its next update
-            if self._asymmetric:
-                write_directions(ids, self.arrays())
             part = control[:, k : k + block]
             if self._substeps > 1:
                 part = np.repeat(part, self._substeps, axis=1)
@@ -268,24 +262,18 @@ class Plant:
                 out[:, k : k + block] = s.link_position(qpos)
             else:
                 out[:, k : k + block] = s.one_link_position(qpos, joint)
-            self._steps[ids] += block
+            self.arrays.steps[ids] += block
             k += block
         raise_if_stopped(self.batch)
         return out
 
-    def arrays(self, *, senses_torque: bool = False) -> PlantArrays:
-        """Return the arrays of compiled code, valid until friction is set again.
-
-        ``senses_torque`` is whether `write_joint_torque` is used.
-        """
-        s, batch, first = self.sticking, self.batch, self.batch.state.ctypes.data
-        torque = batch.bind("ctrl")[:, self._torque_columns]
+    def _make_arrays(self, senses_torque: bool) -> PlantArrays:
+        s, batch, nsim, first = self.sticking, self.batch, self.nsim, self.batch.state.ctypes.data
+        torque = self._ctrl[:, self._torque_columns]
         nothing = np.zeros((0, 0))
         nothing.flags.writeable = False
-
-        def bind(name: str) -> Array:
-            return batch.bind(name) if senses_torque else nothing
-
+        names = "qfrc_passive", "qfrc_gravcomp", "qfrc_actuator", "qacc"
+        felt = [batch.bind(name) if senses_torque else nothing for name in names]
         return PlantArrays(
             state=batch.state,
             qpos=(self._qpos.ctypes.data - first) // 8,
@@ -294,71 +282,33 @@ class Plant:
             motor=s.motor,
             spring=s.spring,
             substeps=self._substeps,
-            asymmetric=self._asymmetric,
+            asymmetric=np.zeros(1, dtype=bool),
+            steps=np.zeros(nsim, dtype=np.int64),
+            load=load_sensor(s, batch),
+            friction=FrictionArrays(*(self._p[name] for name in FrictionArrays._fields)),
+            factor=np.ones((nsim, self.n)),
             actuator=s.torque_actuator,
-            moving_up=self._moving_up,
-            level=self._level,
-            viscous=self._viscous,
-            coulomb_ratio=self._p["coulomb_ratio"],
-            stribeck=self._p["stribeck_velocity"],
-            bias=self._biasprm,
-            damping=self._damping,
-            passive=bind("qfrc_passive"),
-            gravity=bind("qfrc_gravcomp"),
-            actuated=bind("qfrc_actuator"),
-            acceleration=bind("qacc"),
-            rotor=self._p["rotor_inertia"],
+            moving_up=np.ones((nsim, self.n), dtype=bool),
+            level=np.empty((nsim, self.n, 2)),
+            viscous=np.empty((nsim, self.n, 2)),
+            applied=batch.bind("qfrc_applied"),
+            bias=batch.expand("actuator_biasprm"),
+            damping=batch.expand("dof_damping"),
+            passive=felt[0],
+            gravity=felt[1],
+            actuated=felt[2],
+            acceleration=felt[3],
         )
 
-    def blocks(self, steps: int) -> Iterator[int]:
-        """Cut control steps of 1 ms where friction changes slowly, and write it before each block.
+    def loops(self) -> list[tuple[int, int, Loop]]:
+        """Return first arm, end and arguments of `loop_batch.advance` of each part of the arms.
 
-        All simulations have to take the steps of a block before the next is asked for. Raises an
-        ExperimentError at the end for a simulation that the engine stopped.
+        Their servos hold as set. Check the batch by `raise_if_stopped` when all are done.
         """
-        ids, k = np.arange(self.nsim), 0
-        self.batch.bind("ctrl")[:, self._servo_columns] = self._setpoint
-        while k < steps:
-            phase = self._steps % SLOW_STEPS
-            self._write_slow(ids[phase == 0])
-            # no simulation passes its next update
-            block = min(SLOW_STEPS - int(phase.max()), steps - k)
-            yield block
-            self._steps += block
-            k += block
-        raise_if_stopped(self.batch)
-
-    def _write_slow(self, ids: Index) -> None:
-        """Write the friction at the present load, warm-up and offset; symmetric levels."""
-        if len(ids) == 0:
-            return
-        p, s = self._p, self.sticking
-        signed, load = self._load_sensor.read(ids)
-        clipped = np.minimum(np.maximum(load, p["load_low"][ids]), p["load_high"][ids])
-        growth = (p["load_coefficient"][ids] * clipped)[..., None]
-        stiction = np.maximum(p["stiction"][ids] + growth, 1e-3 * p["stiction"][ids])
-        cold = np.exp(-(self._steps[ids] * CONTROL_DT)[:, None] / p["warm_up_time"][ids])
-        stiction *= (self._factor[ids] * (1.0 + p["warm_up_friction"][ids] * cold))[..., None]
-        viscous = p["viscous"][ids] * (1.0 + p["warm_up_viscous"][ids] * cold)[..., None]
-        self._level[ids], self._viscous[ids] = stiction, viscous
-        # the bias acts on the link: on both hinges of an elastic joint
-        bias = -self._offset(ids, signed)
-        rows = ids[:, None]
-        self._bias_torque[rows, s.motor] = bias
-        elastic = s.spring >= 0
-        self._bias_torque[rows, s.spring[elastic]] = bias[:, elastic]
-        if not self._asymmetric:
-            act, level = s.torque_actuator, stiction[..., 0]
-            self._biasprm[rows, act, COULOMB] = level * p["coulomb_ratio"][ids, :, 0]
-            self._biasprm[rows, act, STICTION] = level
-            self._biasprm[rows, act, STRIBECK] = p["stribeck_velocity"][ids, :, 0]
-            self._damping[rows, s.motor] = viscous[..., 0]
-
-    def _offset(self, ids: Index, signed: Array) -> Array:
-        """Return (M, n) offset [N·m]; like friction, not extrapolated past the loads measured."""
-        high = self._p["load_high"][ids]
-        clipped = np.minimum(np.maximum(signed, -high), high)
-        return self._p["offset"][ids] + self._p["gravity_error"][ids] * clipped
+        self._ctrl[:, self._servo_columns] = self._setpoint
+        batch = self.loop_batch
+        parts = zip(batch.parts, batch.loops, strict=True)
+        return [(part.start, part.stop, loop) for part, loop in parts]
 
 
 def raise_if_stopped(batch: Batch) -> None:

@@ -35,7 +35,7 @@ def sine(hz: float, amplitude: float) -> np.ndarray:
 
 def through(command: np.ndarray, **changes: object) -> np.ndarray:
     """Pass a series [N·m] on the first of two joints; the other one gets its negative."""
-    path = TorquePath(interface(**changes), 1, 2)
+    path = TorquePath(interface(**changes), 1)
     out = path.run(np.stack([command, -command], axis=1)[None], np.arange(1))[0]
     np.testing.assert_array_equal(out[:, 1], -out[:, 0])
     return out[:, 0]
@@ -52,7 +52,7 @@ def response(u: np.ndarray, y: np.ndarray, hz: float) -> tuple[float, float]:
 def test_lowpass_is_scipys_to_the_bit():
     rng = np.random.default_rng(3)
     u = rng.normal(size=(4, 150, 2)).cumsum(axis=1)
-    path = TorquePath(interface(lowpass_hz=100.0), 4, 2)
+    path = TorquePath(interface(lowpass_hz=100.0), 4)
     start = rng.normal(size=(4, 2))
     path.reset(np.arange(4), start)
     out = np.concatenate([path.run(b, np.arange(4)) for b in np.split(u, 3, axis=1)], axis=1)
@@ -101,12 +101,12 @@ def test_any_split_gives_the_same_bits(lowpass, amplitude):
     kwargs = LIMITED | {"lowpass_hz": lowpass, "torque_limit": np.array([4.0, 2.0])}
     outs = []
     for size in (40, 20, 8, 1):
-        path = TorquePath(interface(**kwargs), 3, 2)
+        path = TorquePath(interface(**kwargs), 3)
         ids = np.arange(3)
         outs.append(
             np.concatenate([path.run(u[:, k : k + size], ids) for k in range(0, 40, size)], 1)
         )
-    path, cycles = TorquePath(interface(**kwargs), 3, 2), np.empty_like(u)
+    path, cycles = TorquePath(interface(**kwargs), 3), np.empty_like(u)
     for k in range(40):
         for i in range(3):
             pass_torque(i, u[:, k], path.arrays, cycles[:, k])

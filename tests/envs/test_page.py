@@ -29,10 +29,13 @@ def words(env: type) -> str:
 
 @pytest.mark.parametrize("env", ENVS)
 def test_every_term_measure_and_argument_is_explained(env):
-    page, e = inspect.getdoc(env) or "", env.episodes
+    page, e, one = inspect.getdoc(env) or "", env.episodes, np.zeros(1, dtype=int)
+    core = e(1)
+    core.reset(one, [np.random.default_rng(0)], [None])
+    each, last = core.step(one, core.action_space.low[None]).measures, core.last_measures(one)
     for term in e.terms:
         assert f"* `{term}`" in page
-    for name in (*e.each, *e.final, *(f.name for f in fields(e.arguments))):
+    for name in (*each, *last, *(f.name for f in fields(e.arguments))):
         assert f"`{name}`" in page
     experiment = GeneratedTrajectoryExperiment("iiwa7")
     assert "| 0–6 | amplitude, joint 1 … 7 |" in page

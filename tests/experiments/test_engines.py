@@ -18,7 +18,7 @@ from stiction_envs.errors import StictionError
 from stiction_envs.experiments.conformance import STILL_SINGLE, conformance
 from stiction_envs.experiments.conformance_report import ConformanceSettings
 from stiction_envs.experiments.engines import ENGINES, Refused, base, engine_named
-from stiction_envs.experiments.engines.mujoco_c import MuJoCo
+from stiction_envs.experiments.engines.base import MuJoCo
 from stiction_envs.friction.export import plain_mjcf
 from tests.experiments.test_conformance import lugre, stock
 from tests.friction.gyro import sticking

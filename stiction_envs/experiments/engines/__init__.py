@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from stiction_envs.errors import unknown
-from stiction_envs.experiments.engines.base import Bare, Drive, Engine, Refused
+from stiction_envs.experiments.engines.base import Bare, Drive, Engine, MuJoCo, Refused
 from stiction_envs.experiments.engines.mjx import Mjx
-from stiction_envs.experiments.engines.mujoco_c import MuJoCo
 from stiction_envs.experiments.engines.newton import Newton
 from stiction_envs.experiments.engines.warp import Warp
 

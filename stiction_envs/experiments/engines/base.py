@@ -1,6 +1,6 @@
 """A physics engine as the conformance test uses it: N copies under applied torques, their angles.
 
-An engine is one file and one line in this package's ``__init__.py``.
+Another engine than MuJoCo is one file and one line in this package's ``__init__.py``.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import numpy as np
 from stiction_envs.arrays import Array, Index
 from stiction_envs.errors import StictionError, missing_extra, one_line
 from stiction_envs.friction.export import MotorInput
+from stiction_envs.plant.any_model import rollout
 
 Torque = Callable[[Array], Array]
 """Takes the (K,) times of a chunk's steps [s]; returns the chunk's (N, K, nv) torque [N·m]."""
@@ -92,6 +93,24 @@ class Engine(abc.ABC):
         (N, K, …), after it. Raise `Refused` where the engine does not take the model, and an
         ExperimentError for a simulation that it stopped.
         """
+
+
+class MuJoCo(Engine):
+    """MuJoCo in C, float64."""
+
+    name: ClassVar = "mujoco"
+    packages: ClassVar = (("mujoco", "mujoco"),)
+    single: ClassVar = False
+    keep: ClassVar = 'nothing: `mujoco.MjModel.from_xml_path("scene.xml")`'
+
+    def simulate(self, drive: Drive) -> Iterator[dict[str, Array]]:
+        """See `Engine.simulate`."""
+        torque, chunks = drive.torque, drive.chunks()
+        return rollout(
+            *(drive.bare.model, drive.qpos, torque, chunks),
+            record=drive.record,
+            threads=drive.threads,
+        )
 
 
 def silent(model: mujoco.MjModel) -> mujoco.MjModel:

@@ -101,17 +101,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
     rig: GTERig
     arguments = GTEArguments
     terms = ("settling", "tracking", "power", "torque_rate", "shaking")
-    each = ("time", "goals_reached", "vibration")
-    final = (
-        *("error", "undithered_error"),
-        *("error_left", "undithered_error_left"),
-        *("resting_error", "undithered_resting_error"),
-        *("settling_error", "tracking_error"),
-        *("shaking", "shaking_at_rest", "undithered_shaking"),
-        "duration",
-    )
     groups = GROUPS
-    on_one_thread = True
 
     reward_settings = staticmethod(gte_reward_settings)
 
@@ -271,14 +261,14 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             self.rig.seen_end_effector.read()
 
     def _outcome(self, ids: Index) -> Outcome:
-        r, rig = self.recorder, self.rig
+        r = self.recorder
         terminated = r.over[ids]
         truncated = ~terminated & (self.steps[ids] >= self.max_episode_steps)
         share = self.interval / self._base_duration[ids]
         shaking = r.step_vibration[ids] / self._shaking_unit
         left = (r.step_left[ids] / self._unit_left[ids]).sum(axis=(1, 2)) / (2 * self.goals[ids])
         self._left[ids] += left
-        tracking = np.mean(r.step_error[ids] / self._unit[ids], axis=1)
+        tracking = (r.step_error[ids] / self._unit[ids]).mean(axis=1)
         settling_weight = self.weights["settling_weight"]
         terms = {
             "settling": -settling_weight * left,
@@ -292,22 +282,29 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             truncated=truncated,
             measures={
                 "time": self._time(ids),
-                "goals_reached": rig.sequencer.index[ids],
+                "goals_reached": self.rig.sequencer.arrays.current[ids],
                 "vibration": r.step_vibration[ids],
-                "error": r.window_sum[ids],
-                "undithered_error": self._base_error[ids],
-                "error_left": r.mean_left(ids),
-                "undithered_error_left": self._base_left[ids],
-                "resting_error": r.left[ids, self.goals[ids] - 1],
-                "undithered_resting_error": self._base_resting[ids],
-                "settling_error": self._left[ids],
-                "tracking_error": self.tracking_error(ids),
-                "shaking": r.shaking[ids],
-                "shaking_at_rest": r.shaking_at_rest[ids],
-                "undithered_shaking": self._base_shaking[ids],
-                "duration": rig.sequencer.reached_at[ids, self.goals[ids] - 1],
             },
         )
+
+    def last_measures(self, ids: Index) -> dict[str, NDArray[np.generic]]:
+        """Return errors, vibration and duration of episodes that are over."""
+        r, last = self.recorder, self.goals[ids] - 1
+        left, mine = r.left[ids], np.arange(CAPACITY) <= last[:, None]
+        return {
+            "error": r.window_sum[ids],
+            "undithered_error": self._base_error[ids],
+            "error_left": np.where(mine[..., None], left, 0.0).sum(axis=1) / (last + 1)[:, None],
+            "undithered_error_left": self._base_left[ids],
+            "resting_error": left[np.arange(len(ids)), last],
+            "undithered_resting_error": self._base_resting[ids],
+            "settling_error": self._left[ids],
+            "tracking_error": (r.total_error[ids] / self._unit[ids]).mean(axis=1),
+            "shaking": r.shaking[ids],
+            "shaking_at_rest": r.shaking_at_rest[ids],
+            "undithered_shaking": self._base_shaking[ids],
+            "duration": self.rig.sequencer.arrays.reached[ids, last],
+        }
 
     @staticmethod
     def columns(measures: Mapping[str, Array]) -> dict[str, float]:
@@ -327,19 +324,15 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             "duration_s": float(measures["duration"]),
         }
 
-    def tracking_error(self, ids: Index) -> Array:
-        """Return (M,) error over the episode so far over that of a whole undithered one [-]."""
-        return np.mean(self.recorder.total_error[ids] / self._unit[ids], axis=1)
-
     def _observed(self, ids: Index) -> dict[str, Array]:
         rig, sequencer, limits = self.rig, self.rig.sequencer, self.experiment.motion
         t = np.multiply(rig.step, CONTROL_DT, dtype=np.float64)
         x, quaternion, velocity, turning = sequencer.reference(t)
         hand = rig.seen_end_effector
-        pose = np.concatenate([hand.position, to_rpy(hand.quaternion)], axis=1)
-        error = pose_error(pose, np.concatenate([x, to_rpy(quaternion)], axis=1))
-        at = np.minimum(sequencer.index, self.goals - 1)
-        since = t - sequencer.accepted_at[np.arange(rig.nsim), at]
+        poses = np.empty((2, rig.nsim, 6))
+        poses[0, :, :3], poses[1, :, :3] = hand.position, x
+        poses[..., 3:] = to_rpy(np.array([hand.quaternion, quaternion]))
+        error = pose_error(poses[0], poses[1])
         share = self._stiffness[ids, :2] / _UNIT
         return {
             "displacement": rig.seen_position[ids] - rig.start,
@@ -348,7 +341,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
             "error": error[ids] / np.repeat(self.tolerance, 3),
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
-            "remaining": np.nan_to_num(sequencer.movement.duration - since)[ids],
+            "remaining": (sequencer.movement.duration - (t - sequencer.arrays.begun))[ids],
             "goal": (sequencer.goal[0] - hand.position)[ids],
             "onward": sequencer.onward[ids],
             "goals_left": sequencer.goals_left[ids],

@@ -26,10 +26,12 @@ from stiction_envs.control.trapezoid import Goals, Movement, accept, write_sampl
 from stiction_envs.friction.model import StickingModel
 from stiction_envs.plant import CONTROL_DT
 from stiction_envs.plant.loop_arrays import (
+    SLOW_STEPS,
     PlantArrays,
     write_direction,
     write_joint_torque,
     write_links,
+    write_slow,
 )
 from stiction_envs.plant.loop_batch import Loop, advance, fwd_position, fwd_velocity, take_fields
 from stiction_envs.robots import Arm
@@ -203,54 +205,62 @@ class Arms(NamedTuple):
     movement: Movement
     goals: Goals
     impedance: Impedance
-    compensated: bool  # Whether any arm has a compensation
     compensation: Compensations
     added: Array  # (N, n) dither and compensation of the last cycle, written [N·m]
     path: PathState
     applied: Array  # (N, n) what the joints get of the command, written [N·m]
-    shaking: Shaking
-    sampling: Sampling
 
 
 @compiled
 def follow(
-    first: int, end: int, row: int, steps: int, arms: Arms, model: ModelArrays, loop: Loop
+    first: int,
+    end: int,
+    steps: int,
+    arms: Arms,
+    shaking: Shaking,
+    sampling: Sampling,
+    model: ModelArrays,
+    loop: Loop,
 ) -> None:
-    """Let some arms follow their paths, between two changes of the slow part of their friction.
+    """Let some arms follow their paths.
 
     Args:
         first: the first arm.
         end: the arm behind the last.
-        row: number of the first control step in what is recorded.
         steps: control steps.
         arms: all arms.
+        shaking: their dither.
+        sampling: what is recorded of them.
         model: the controllers' model, of these arms alone.
         loop: the physics of these arms.
     """
     # unpacked here: where a structure is taken apart or handed on, each of its arrays costs time
     plant, hand, measured, sent = arms.plant, arms.hand, arms.measured, arms.sent
     impedance, compensation, path = arms.impedance, arms.compensation, arms.path
-    shaking, movement, goals, step = arms.shaking, arms.movement, arms.goals, arms.step
+    movement, goals, step = arms.movement, arms.goals, arms.step
     position, quaternion, jacobian = arms.position, arms.quaternion, arms.jacobian
     chain, measured_hand = arms.chain, arms.measured_hand
     q, dq, missing, mass = measured.q, measured.dq, model.missing, model.mass
     applied, added, torque = arms.applied, arms.added, shaking.torque
     command, arrived, state = impedance.command, sent.arrived, plant.state
-    sampling, stride = arms.sampling, arms.sampling.stride
+    stride, kind = sampling.stride, compensation.kind
     positions, quaternions, references = sampling[1], sampling[2], sampling[3]
-    senses, compensated, detailed = arms.senses, arms.compensated, sampling.detailed
+    senses, detailed = arms.senses, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
-    asymmetric, n = plant.asymmetric, q.shape[1]
+    age, asymmetric, n = plant.steps, plant.asymmetric[0], q.shape[1]
     feeds, reads_model = compensation.feeds, compensation.reads_model
     substeps, going = plant.substeps, loop.going
     for i in range(first, end):
         if not going[i]:
             continue
         take_fields(i, loop)
-        for k in range(row, row + steps):
-            due = step[i] % hold == 0
+        for k in range(steps):
+            due, slow = step[i] % hold == 0, age[i] % SLOW_STEPS == 0
+            if slow:
+                write_slow(i, plant)
             if asymmetric:
                 write_direction(i, plant)
+            if slow or asymmetric:
                 take_fields(i, loop)
             if senses:
                 link_q, link_dq, felt = _true_state(i, plant)
@@ -280,7 +290,7 @@ def follow(
                         _feed(i, clock, jacobian[i], movement, compensation)
                 _shake(i, k, time, dq, shaking)
                 shaken = torque
-                if compensated:
+                if kind[i] >= 0:
                     pose = position, quaternion, jacobian
                     compensate(i, *pose, dq, mass, impedance, compensation)
                     for j in range(n):
@@ -307,6 +317,7 @@ def follow(
                 _record_details(i, k // stride, torque, applied, plant, impedance, sampling)
             advance(i, substeps, loop)
             step[i] += 1
+            age[i] += 1
 
 
 @compiled

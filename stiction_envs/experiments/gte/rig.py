@@ -7,9 +7,7 @@ The two are separate calls, so that some simulations can be brought back while o
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -26,7 +24,8 @@ from stiction_envs.experiments.gte.protocol import GTEProtocol
 from stiction_envs.experiments.holding_servos import Approach
 from stiction_envs.experiments.rig import Experiment, Rig, minimum_jerk
 from stiction_envs.friction.parameters import FrictionParameters
-from stiction_envs.plant import CONTROL_DT
+from stiction_envs.plant import CONTROL_DT, raise_if_stopped
+from stiction_envs.plant.loop_batch import Threads
 from stiction_envs.robots import Arm
 
 
@@ -92,9 +91,8 @@ class GTERig(Rig):
         """(N, n) torque on the joints in the last control step, overwritten [N·m]."""
         self.dither_torque = np.zeros((nsim, self.n))
         """(N, n) dither torque of the last controller cycle, overwritten by the next [N·m]."""
-        threads = setup.threads or os.cpu_count() or 1
-        if threads > 1:
-            self._share = TaskPool(threads).run
+        self._arms = self._make_arms()
+        self._threads = Threads(len(self.plant.loop_batch.parts))
 
     def begin(
         self, ids: Index, paths: Sequence[Path], stiffness: Array, keys: Sequence[tuple[int, ...]]
@@ -159,24 +157,25 @@ class GTERig(Rig):
     def advance(self, steps: int, sampling: Sampling | None = None) -> None:
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
-        arms, row, batch = self._arms(steps, sampling), 0, self.plant.loop_batch
-        loops = [
-            (part.start, part.stop, self._model.arrays(k), loop)
-            for k, (part, loop) in enumerate(zip(batch.parts, batch.loops, strict=True))
-        ]
-        for block in self.plant.blocks(steps):
-            self._share([partial(follow, a, b, row, block, arms, m, c) for a, b, m, c in loops])
-            row += block
+        shaking = self._shaking(steps)
+        self._threads.run(
+            [
+                partial(
+                    follow, a, b, steps, self._arms, shaking, sampling, self._model.arrays(k), loop
+                )
+                for k, (a, b, loop) in enumerate(self.plant.loops())
+            ]
+        )
+        raise_if_stopped(self.plant.batch)
 
-    def _arms(self, steps: int, sampling: Sampling) -> Arms:
-        """Return the arrays of compiled code for some control steps."""
+    def _make_arms(self) -> Arms:
         pose, motion = self.seen_end_effector, self.motion
         return Arms(
             step=self.step,
             hold=self.interface.hold_steps,
             model_period=self.protocol.model_steps,
             goal_period=round(1.0 / (motion.publish_rate_hz * CONTROL_DT)),
-            plant=self.plant.arrays(senses_torque=self.senses is not None),
+            plant=self.plant.arrays,
             hand=self.end_effector.arrays,
             senses=self.senses is not None,
             measured=self._measured.arrays,
@@ -189,13 +188,10 @@ class GTERig(Rig):
             movement=self.sequencer.movement,
             goals=self.sequencer.arrays,
             impedance=self.controller.arrays,
-            compensated=bool((self.compensator.arrays.kind >= 0).any()),
             compensation=self.compensator.arrays,
             added=self._added,
             path=self._path.arrays,
             applied=self.applied,
-            shaking=self._shaking(steps),
-            sampling=sampling,
         )
 
     def _shaking(self, steps: int) -> Shaking:
@@ -237,24 +233,3 @@ def blank_sampling(
         flags=np.zeros((samples, nsim, 3), dtype=bool),
         previous=np.zeros((nsim, n)),
     )
-
-
-class TaskPool:
-    """Threads that run tasks; the first tasks start the threads."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._pool: ThreadPoolExecutor | None = None
-
-    def __reduce__(self) -> tuple[type[TaskPool], tuple[int]]:
-        return TaskPool, (self._count,)
-
-    def run(self, tasks: Sequence[Callable[[], None]]) -> None:
-        """Do tasks, in any order; the first error is raised when all are done."""
-        if len(tasks) == 1:
-            tasks[0]()
-            return
-        if self._pool is None:
-            self._pool = ThreadPoolExecutor(self._count)
-        for done in [self._pool.submit(task) for task in tasks]:
-            done.result()

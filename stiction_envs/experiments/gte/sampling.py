@@ -230,15 +230,10 @@ class Recorder(Accumulator):
     def advance(self) -> None:
         """Let all arms follow for one environment step."""
         s = self._sampler.advance()
-        sequencer, before = self._rig.sequencer, np.isfinite(self.settling[..., :1])
-        self.feed(s.error, s.mean_square, sequencer.accepted_at, sequencer.reached_at)
-        left = self.left
-        self.step_left = np.where(np.isfinite(left) & ~before, left, 0.0)
+        goals, before = self._rig.sequencer.arrays, np.isfinite(self.settling[..., 0])
+        self.feed(s.error, s.mean_square, goals.accepted, goals.reached)
+        new = np.isfinite(self.settling[..., 0]) & ~before
+        self.step_left[:] = 0.0
+        if new.any():
+            self.step_left[new] = self.left[new]
         self.step_vibration = np.sqrt(s.mean_square.mean(axis=-1).sum(axis=-1))
-
-    def mean_left(self, ids: Index) -> Array:
-        """Return (M, 2) error left at the goals of arms ``ids``, mean over goals; NaN while one of
-        them is not over [m, rad]."""
-        mine = np.arange(self.settling.shape[1]) < self._goals[ids, None]
-        left = np.where(mine[..., None], self.left[ids], 0.0).sum(axis=1)
-        return left / self._goals[ids, None]

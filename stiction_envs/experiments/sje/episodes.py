@@ -123,8 +123,6 @@ class SJEEpisodes(Episodes[Configuration, float]):
     experiment: SingleJointExperiment
     rig: SJERig
     terms = ("breakaway", "torque", "power", "torque_rate", "shaking")
-    each = ("torque", "displacement", "time", "vibration")
-    final = ("shaking", "tau_sje", "tau_base", "reduction")
     groups = GROUPS
     # one after the other runs a whole block: only its arrays have to fit; 64 had 0.95 of the speed
     arms_per_batch = 256
@@ -143,7 +141,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
 
     def _make(self, a: Arguments) -> None:
         e, reward = self.experiment, self.reward_settings()
-        self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs, dither_all=True)
+        self.rig = e.replace(threads=self._engine_threads).rig(self.num_envs)
         self.oscillation = Oscillation(
             self.num_envs,
             self.n,
@@ -218,7 +216,7 @@ class SJEEpisodes(Episodes[Configuration, float]):
 
     def _outcome(self, ids: Index) -> Outcome:
         rig = self.rig
-        tau, base = rig.tau[ids].copy(), np.abs(self.tau_base[ids])
+        tau, base = rig.tau[ids], np.abs(self.tau_base[ids])
         running = rig.stage[ids] == RAMP
         terminated = ~running & np.isfinite(tau)
         truncated = ~terminated & (~running | (self.steps[ids] >= self.max_episode_steps))
@@ -234,7 +232,6 @@ class SJEEpisodes(Episodes[Configuration, float]):
             "shaking": -shaking_weight * share * square / rig.protocol.threshold**2,
         }
         self._level[ids] = level
-        tau[~terminated] = np.nan
         return Outcome(
             terms=terms,
             terminated=terminated,
@@ -244,12 +241,18 @@ class SJEEpisodes(Episodes[Configuration, float]):
                 "displacement": rig.displacement()[ids],
                 "time": self._time(ids),
                 "vibration": np.sqrt(square),
-                "shaking": self.oscillation.episode_rms(ids),
-                "tau_sje": tau,
-                "tau_base": self.tau_base[ids].copy(),
-                "reduction": 1.0 - np.abs(tau) / base,
             },
         )
+
+    def last_measures(self, ids: Index) -> dict[str, NDArray[np.generic]]:
+        """Return shaking and torques of episodes that are over; NaN for a joint that is stuck."""
+        tau, base = self.rig.tau[ids], self.tau_base[ids]
+        return {
+            "shaking": self.oscillation.episode_rms(ids),
+            "tau_sje": tau,
+            "tau_base": base,
+            "reduction": 1.0 - np.abs(tau) / np.abs(base),
+        }
 
     @staticmethod
     def columns(measures: Mapping[str, Array]) -> dict[str, float]:

@@ -183,11 +183,11 @@ class SingleJointExperiment(SJESetup):
             raise StictionError(f"{where}: dithers {has}, but the joints tested are {asked}")
         return chosen
 
-    def rig(self, nsim: int, *, dither_all: bool = False) -> SJERig:
+    def rig(self, nsim: int) -> SJERig:
         """Return the machine that runs ``nsim`` simulations of this experiment; see `SJERig`."""
         if self.servos is not None:
-            return ServoRig(self, nsim, self.servos, dither_all=dither_all)
-        return SJERig(self, nsim, dither_all=dither_all)
+            return ServoRig(self, nsim, self.servos)
+        return SJERig(self, nsim)
 
     @property
     def drive_record(self) -> dict[str, object]:
@@ -315,13 +315,14 @@ class SingleJointExperiment(SJESetup):
             for i, j in zip(ids, jobs, strict=True)
         ]
         rig.approach(ids, keys)
+        tested = np.eye(self.n)[rig.joint[ids]]
         rig.set_dither(
             ids,
-            amplitude=np.array([[j.amplitude_nm] for j in jobs]),
-            frequency=np.array([[j.frequency_hz] for j in jobs]),
-            waveform=np.array([[j.waveform] for j in jobs]),
-            offset=np.array([[j.offset_nm] for j in jobs]),
-            gate_velocity=np.array([[j.gate_velocity] for j in jobs]),
+            amplitude=tested * [[j.amplitude_nm] for j in jobs],
+            frequency=[[j.frequency_hz] for j in jobs],
+            waveform=[[j.waveform] for j in jobs],
+            offset=tested * [[j.offset_nm] for j in jobs],
+            gate_velocity=[[j.gate_velocity] for j in jobs],
         )
 
     @staticmethod

@@ -43,12 +43,9 @@ class SJESetup(Experiment):
 class SJERig(Rig):
     """N simulations of the experiment on one plant."""
 
-    def __init__(self, setup: SJESetup, nsim: int, *, dither_all: bool = False) -> None:
-        """Make the rig; all ``nsim`` simulations are idle.
-
-        With ``dither_all`` every joint is dithered (the environments), else the tested one.
-        """
-        super().__init__(setup, nsim, approach=setup.protocol, columns=None if dither_all else 1)
+    def __init__(self, setup: SJESetup, nsim: int) -> None:
+        """Make the rig; all ``nsim`` simulations are idle."""
+        super().__init__(setup, nsim, approach=setup.protocol)
         self.protocol, self.poses = protocol, poses = setup.protocol, setup.poses
         # of every pose, joint by joint, load before no load
         self._inertia = self._servos.inertia(poses.q.reshape(-1, self.n))
@@ -69,7 +66,7 @@ class SJERig(Rig):
         """(N,) root mean square speed of the joint under test before it broke away, without what is
         slow against the dither [rad/s]."""
         self._speeds = np.zeros((nsim, 4))  # of `_add_squares`
-        self._read_speed = np.zeros((nsim, self.columns))
+        self._read_speed = np.zeros((nsim, self.n))
         self.watch: Callable[[Index, Array], None] | None = None
         """Called with each block of ramps: simulations (M,), angles (M, K, n) [rad]."""
         self._origin = np.zeros((nsim, self.n))
@@ -93,9 +90,6 @@ class SJERig(Rig):
         here = (x[2 * joint + load] for x in self._inertia)
         self._hold[ids], self._hold_damping[ids] = self._servos_of(ids, *here)
         self.stage[ids] = IDLE
-        if self.columns == 1:
-            limits = self.interface.torque_rate, self.interface.torque_limit
-            self._path.set_limits(ids, *(x[joint][:, None] for x in limits))
 
     def approach(self, ids: Index, keys: Sequence[tuple[int, ...]]) -> None:
         """Move arms back to their pose; ``keys`` seed the scatter of this iteration."""
@@ -118,20 +112,6 @@ class SJERig(Rig):
         self.plant.set_servo(ids, self._hold[ids], self._hold_damping[ids], self._origin[ids])
         self.stage[ids], self.step[ids] = APPROACH, 0
         self.tau[ids] = np.nan
-
-    def _drawn_phase(self, ids: Index) -> Array:
-        phase = self.dither_phase[ids]
-        return phase if self.columns > 1 else phase[np.arange(len(ids)), self.joint[ids]][:, None]
-
-    def _column(self, ids: Index) -> Index:
-        """Return (M,) the column of the joint under test among torques and dithers."""
-        return self.joint[ids] if self.columns > 1 else np.zeros(len(ids), dtype=np.int64)
-
-    def _gate_speed(self) -> Array | None:
-        speed = super()._gate_speed()
-        if speed is None or self.columns > 1:
-            return speed
-        return speed[np.arange(self.nsim), self.joint][:, None]
 
     def _held_gate_speed(self, ids: Index, step: Index) -> Array | None:
         """Return the speed that the controller of each arm read at the cycle it is in.
@@ -215,7 +195,7 @@ class SJERig(Rig):
 
     def _add_speeds(self, ids: Index, angle: Array) -> None:
         """Add the speeds of ramps whose joint is still near where it stuck; angles (M, K + 1)."""
-        corner = HIGHPASS * self.dither.frequency[ids, self._column(ids)]
+        corner = HIGHPASS * self.dither.frequency[ids, self.joint[ids]]
         gain, far = 1 / (1 + 2 * np.pi * corner * CONTROL_DT), STICKING * self.protocol.threshold
         sums = self._speeds[ids]
         _add_squares(angle, self.start_angle[ids], far, gain, sums)
@@ -227,8 +207,8 @@ class SJERig(Rig):
         ``ahead`` control steps of the block came before these.
         """
         length = step.shape[1]
-        command = np.zeros((len(ids), length, self.columns))
-        command[np.arange(len(ids)), :, self._column(ids)] = self.ramp_torque(ids, step)
+        command = np.zeros((len(ids), length, self.n))
+        command[np.arange(len(ids)), :, self.joint[ids]] = self.ramp_torque(ids, step)
         if self.dither.sines is not None:
             time = np.multiply(self.interface.tick(step), CONTROL_DT, dtype=np.float64)
             add_sines(*self.dither.sines, time, ids, command)
@@ -239,11 +219,7 @@ class SJERig(Rig):
                 command[:, k : k + self._cycle] += shaken[:, None]
         if self._line is not None:
             self._line.send_block(ids, step, command)
-        out = self._path.run(command, ids)
-        if self.columns > 1:
-            torque[rows] = out
-        else:
-            torque[rows, :, self.joint[ids]] = out[:, :, 0]
+        torque[rows] = self._path.run(command, ids)
 
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
         """Return (M, K, n) setpoints [rad] of a minimum-jerk move back; None where all are held."""
@@ -284,8 +260,8 @@ class SJERig(Rig):
         stiction = self.plant.stiction[ids][rows, joint]
         self._give_up[ids] = p.give_up_factor * (stiction + np.abs(offset))
         self._release(ids, joint, offset)
-        start = np.zeros((len(ids), self.columns))
-        start[rows, self._column(ids)] = self.start_torque[ids]
+        start = np.zeros((len(ids), self.n))
+        start[rows, joint] = self.start_torque[ids]
         self._path.reset(ids, start)
         if self._line is not None:
             self._line.reset(ids, self._sense_seed[ids], start)

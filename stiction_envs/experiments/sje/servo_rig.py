@@ -30,11 +30,9 @@ assumed."""
 class ServoRig(SJERig):
     """N simulations of the experiment under position servos."""
 
-    def __init__(
-        self, setup: SJESetup, nsim: int, servos: PositionServos, *, dither_all: bool = False
-    ) -> None:
+    def __init__(self, setup: SJESetup, nsim: int, servos: PositionServos) -> None:
         """Make the rig; see `SJERig`. The setup's model is one of `put_under_servos`."""
-        super().__init__(setup, nsim, dither_all=dither_all)
+        super().__init__(setup, nsim)
         self.drive = ServoDrive(servos, self.plant)
         self._servos.torque_limit = np.array(servos.torque_limit)
         self._sag = np.zeros((nsim, self.n))  # of the pose [rad]
@@ -107,7 +105,7 @@ class ServoRig(SJERig):
         moved = angle - self.start_angle[ids][:, None]
         stiffness = self.drive.servos.stiffness[joint]
         lead = self.sign[ids][:, None] * (torque - stiffness[:, None] * moved - grown)
-        mine = self.dither.frequency[ids, self._column(ids)]
+        mine = self.dither.frequency[ids, joint]
         shaken = self.dither.amplitude[ids].any(axis=1)
         gain = np.ones(len(ids))
         x = 2 * np.pi * HIGHPASS * mine[shaken] * CONTROL_DT

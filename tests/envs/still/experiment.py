@@ -53,8 +53,6 @@ class StillEpisodes(Episodes):
     """Episodes of a tenth of a second."""
 
     terms = ("still", "power", "torque_rate")
-    each = ("moved",)
-    final = ()
     groups = (
         Elements("displacement", -1.0, 1.0, "rad", "from rest", per_joint=True),
         Elements("velocity", -9.0, 9.0, "rad/s", "of the links", per_joint=True),
@@ -107,6 +105,9 @@ class StillEpisodes(Episodes):
             truncated=np.zeros(len(ids), dtype=bool),
             measures={"moved": moved},
         )
+
+    def last_measures(self, ids):
+        return {}
 
     def _observed(self, ids):
         return {
