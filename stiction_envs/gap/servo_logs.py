@@ -11,7 +11,7 @@ from stiction_envs.arrays import Array
 from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.gap.servo.questions import Servo
 from stiction_envs.gap.servo.servo_mjcf import read_servo
-from stiction_envs.gap.servo.servo_parameters import PARAMETERS
+from stiction_envs.gap.servo.servo_parameters import INDEX, LOW, PARAMETERS
 from stiction_envs.measured.logs.joint_names import Naming
 from stiction_envs.measured.logs.reader import read_servo_logs
 from stiction_envs.measured.logs.robot_log import JointLog, ServoLog
@@ -60,10 +60,11 @@ def servo_of(
 def _each(values: Sequence[float] | None, name: str, n: int) -> Array | None:
     if values is None:
         return None
-    p, what = PARAMETERS[name], f"servo {name}"
+    least, what = LOW[INDEX[name]], f"servo {name}"
     out = checked_array(values, what, (n,), expected=f"1 number, or {n}", fill=True)
-    if not ((out >= p.low) & (out <= p.high)).all():
-        raise StictionError(f"{what} {out.tolist()}: expected {p.low:g} to {p.high:g} {p.unit}")
+    if not (out >= least).all():
+        known = "more than 0" if least > 0 else "0 or more"
+        raise StictionError(f"{what} {out.tolist()}: expected {known} {PARAMETERS[name].unit}")
     return out
 
 

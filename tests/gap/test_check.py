@@ -163,7 +163,7 @@ def test_torques_are_inverted_as_the_diagnosed_ones_were(two):
     turned = replace(log, tau=-log.tau)
     d = found(two, turned)
     assert any(c.kind == "sign" for c in d.logs[0].corrections)
-    t, q, dq, ddq = motion(2, seed=7, size=0.07)
+    t, q, dq, ddq = motion(2, seed=7, size=0.005)
     q = q + two.rest
     tau = inverse_dynamics(two.pinocchio(), q, dq, ddq)
     rng = np.random.default_rng(0)

@@ -29,7 +29,7 @@ def _log(path: Path, *, torque: bool = False, joints: int = 2) -> Path:
         ({"torque": "link"}, "torque: expected joint logs"),
         ({"cutoff_hz": 5.0}, "cutoff: expected joint logs"),
         ({"servo_stiffness": [1.0, 2.0, 3.0]}, "expected 1 number, or 2"),
-        ({"servo_stiffness": [-1.0]}, "expected 0.05 to 20000 N·m/rad"),
+        ({"servo_stiffness": [-1.0]}, "expected more than 0 N·m/rad"),
         ({"servo_damping": [1.0]}, "servo damping: expected with a servo stiffness"),
         ({"nominal": "shipped"}, "servo logs expect rigid, file, or the model.toml"),
         ({"drive": "magic"}, "unknown drive"),

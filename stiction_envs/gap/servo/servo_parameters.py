@@ -85,7 +85,8 @@ INDEX = {name: i for i, name in enumerate(NAMES)}
 OF_TORQUE = np.array([p.unit.startswith(("N·m", "kg·m²")) for p in PARAMETERS.values()])
 """(P,) whether a parameter grows with the size of the arm."""
 _LOW, _HIGH = (np.array([getattr(p, end) for p in PARAMETERS.values()]) for end in ("low", "high"))
-LOW, HIGH = np.where(OF_TORQUE, 0.0, _LOW), np.where(OF_TORQUE, np.inf, _HIGH)
+LOW = np.where(OF_TORQUE, np.minimum(_LOW, 1e-9), _LOW)
+HIGH = np.where(OF_TORQUE, np.inf, _HIGH)
 """(P,) bounds of an arm of any size."""
 LIMITS = tuple(name for name, p in PARAMETERS.items() if p.absent == FAR)
 """Parameters that a joint shows where it reaches them."""

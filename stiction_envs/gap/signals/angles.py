@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
@@ -22,9 +23,9 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
-LEAST_LOAD = 0.02
-"""Least load that shows factor, sign and angle, over that of the arm's most loaded joint [-];
-assumed: 0.5 N·m on a Panda."""
+LEAST_LOAD = 0.0025
+"""Least load that shows factor, sign and angle, root mean square, over the arm's weight at its
+reach [-]; assumed: 0.5 N·m on a Panda, 0.006 N·m on an SO-101, 90 N·m on a KR 300."""
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
@@ -60,9 +61,10 @@ class AngleError:
         )
 
 
-def is_loaded(load: Array) -> NDArray[np.bool_]:
-    """Return (n,) whether the load of a joint, root mean square, shows its factor and sign."""
-    return np.asarray(load > LEAST_LOAD * load.max())
+def least_load(model: pin.Model) -> float:
+    """Return the least load of a joint that shows its factor and sign, root mean square [N·m]."""
+    reach = sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
+    return LEAST_LOAD * reach * 9.81 * sum(x.mass for x in model.inertias)
 
 
 def others_of(dq: Array, ddq: Array) -> list[Array]:
@@ -107,7 +109,7 @@ def angle_error(
     x, y = np.column_stack([block_diag(*blocks), shared]), (tau * weight).T.ravel()
     left = (y - x @ np.linalg.lstsq(x, y, rcond=None)[0]).reshape(arm.n, -1).std(axis=1)
     now = np.minimum(now, np.hypot(left * now, floor))
-    loaded = is_loaded(load.std(axis=0))
+    loaded = load.std(axis=0) > least_load(model)
     if not (now[loaded] > UNEXPLAINED * load[:, loaded].std(axis=0)).any():
         return None
 

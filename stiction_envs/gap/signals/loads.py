@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stiction_envs.gap.signals.angles import AngleError, angle_error, is_loaded, others_of
+from stiction_envs.gap.signals.angles import AngleError, angle_error, least_load, others_of
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import gravity_torque, inverse_dynamics, passive_torque
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED, TRAVEL_SPAN
@@ -107,7 +107,7 @@ class Loads:
 
         None where no two joints show one, or all differ.
         """
-        sure = self.by_load & is_loaded(self.needed)
+        sure = self.by_load & (self.needed > least_load(self.arm.pinocchio()))
         sure &= self.width < SURE * np.abs(self.factor)
         some = np.abs(self.factor[sure])
         if len(some) < 2:
@@ -239,7 +239,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         [f.left**2 > (1 - SILENT) * x.var() for f, x in zip(free, tau.T, strict=True)]
     )
     factor, width = _factors(usual)
-    large = is_loaded(load.std(axis=0))
+    large = load.std(axis=0) > least_load(model)
     moves = np.ptp(q, axis=0) > TRAVEL_SPAN
     measured = ~(silent & large & (np.abs(factor) + width < SURE))
     if not measured.all():
@@ -265,7 +265,7 @@ def _loads(rows: tuple[Array, Array, Array, Array, float], arm: Arm) -> Loads:
         and (ks := np.array([f.c[0] for f in there])[shown] * side[shown]).min() > 0
         and ks.max() < OTHER_UNIT * ks.min()
     )
-    heavy = shown & is_loaded((pulls @ down).std(axis=0))
+    heavy = shown & ((pulls @ down).std(axis=0) > least_load(model))
     weighs = np.array([float(down @ f.c[:3]) for f in free])
     lacks_gravity = bool(
         heavy.any()

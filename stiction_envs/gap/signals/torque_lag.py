@@ -26,7 +26,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize
 from scipy.signal import lfilter
 
-from stiction_envs.gap.signals.angles import is_loaded
+from stiction_envs.gap.signals.angles import least_load
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
 from stiction_envs.gap.signals.torque_sign import OF_CHANNELS, correct_sign
@@ -228,7 +228,7 @@ def _loads(signals: Signals, arm: Arm) -> tuple[list[slice], Array, NDArray[np.i
         rigid[x] = inverse_dynamics(model, q, signals.dq[x], signals.ddq[x])
         rigid[x] += passive_torque(arm, q)
     load = np.concatenate([rigid[x] for x in parts]).std(axis=0)
-    return parts, rigid, np.flatnonzero(is_loaded(load))
+    return parts, rigid, np.flatnonzero(load > least_load(model))
 
 
 def _runs(
