@@ -133,8 +133,8 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
     own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
     ran = cli("gte", "panda", *own, "--out", "a", "--json")
     assert ran.code == 1
-    assert len(ran.lines) == 1
-    assert "1 iterations never reached their last goal" in ran.lines[0]
+    (line,) = [x for x in ran.lines if not x.startswith("gte: ")]  # a slow run shows its progress
+    assert "1 iterations never reached their last goal" in line
     assert json.loads(ran.out)["runs"][0]["unfinished"] == 1
     assert (work / "a" / "errors.csv").is_file()
 
