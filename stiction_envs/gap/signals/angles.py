@@ -23,9 +23,9 @@ from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
 
 Array = NDArray[np.float64]
-LEAST_LOAD = 0.0025
+LEAST_LOAD = 0.001
 """Least load that shows factor, sign and angle, root mean square, over the arm's weight at its
-reach [-]; assumed: 0.5 N·m on a Panda, 0.006 N·m on an SO-101, 90 N·m on a KR 300."""
+reach [-]; assumed: 0.5 N·m on a UR10, 0.2 N·m on a Panda, 0.002 N·m on an SO-101."""
 MOST_ROWS = 200
 """Rows that are used, evenly spaced [-]; assumed, to limit the time."""
 STEP = np.pi / 8
