@@ -1,6 +1,6 @@
 """Names that users type; commands have them without loading what they stand for."""
 
-from stiction_envs.cli.gte import COMPENSATIONS
+from stiction_envs.control import COMPENSATIONS
 
 SAMPLERS = ("gp", "tpe", "cmaes", "random", "grid")
 OBJECTIVES = ("sje", "gte", "both")

@@ -7,14 +7,11 @@ from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
+from stiction_envs.control import COMPENSATIONS
 from stiction_envs.errors import StictionError, unknown
 
-# as the packages have them; written out, so that --help does not load the engine
+# as the package has them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
-COMPENSATIONS = (
-    *("feedforward", "push", "smooth_sign", "partial"),
-    *("lugre_observer", "momentum_observer"),
-)
 
 
 def add_parser(subparsers: common.Subparsers) -> None:

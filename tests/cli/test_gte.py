@@ -9,7 +9,7 @@ from functools import partial
 import pytest
 
 from stiction_envs.cli import gte
-from stiction_envs.control import compensation
+from stiction_envs.control import COMPENSATIONS, compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import experiment
@@ -141,4 +141,4 @@ def test_unfinished_runs_fail(cli, work, path, monkeypatch):
 
 def test_names_are_those_of_the_packages():
     assert gte.TRAJECTORIES == gte_protocol.TRAJECTORIES
-    assert gte.COMPENSATIONS == compensation.KINDS
+    assert COMPENSATIONS == compensation.KINDS

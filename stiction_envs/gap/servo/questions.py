@@ -35,7 +35,7 @@ every model [-]; assumed."""
 BRISTLES = 0.5
 """Usual error of the logarithm of a bristle's stiffness, which no data sheet has [-]; assumed."""
 CALM_ROWS, LEAST_CALM = 9, 20
-"""Bools for which a command rests where noise is measured, and their least number; assumed."""
+"""Rows for which a command rests where noise is measured, and their least number; assumed."""
 MOVES = 5.0
 """Least range of a joint's command over the resolution for it to be diagnosed [-]; assumed."""
 PASSED = 3

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 from scipy.optimize import minimize_scalar
 
 from stiction_envs.gap.judge.search import NAMED
-from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque
+from stiction_envs.gap.signals.rigid_body import inverse_dynamics, passive_torque, reach_of
 from stiction_envs.measured.motion_thresholds import REVERSAL_SPEED
 from stiction_envs.robots import Arm
 from stiction_envs.robots.regressor import torque_regressor
@@ -63,8 +63,7 @@ class AngleError:
 
 def least_load(model: pin.Model) -> float:
     """Return the least load of a joint that shows its factor and sign, root mean square [N·m]."""
-    reach = sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
-    return LEAST_LOAD * reach * 9.81 * sum(x.mass for x in model.inertias)
+    return LEAST_LOAD * reach_of(model) * 9.81 * sum(x.mass for x in model.inertias)
 
 
 def others_of(dq: Array, ddq: Array) -> list[Array]:

@@ -22,7 +22,7 @@ from stiction_envs.gap.signals.friction_state import (
 )
 from stiction_envs.gap.signals.prepare import Signals
 from stiction_envs.gap.signals.recording import Recording, join
-from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque
+from stiction_envs.gap.signals.rigid_body import mass_matrices, passive_torque, reach_of
 from stiction_envs.robots import Arm
 
 Array = NDArray[np.float64]
@@ -173,9 +173,7 @@ class Data:
     @cached_property
     def lift(self) -> float:
         """Mass that the strongest joint can hold at the arm's reach [kg]."""
-        model = self.pinocchio
-        reach = sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
-        return float(self.strength.max() / (9.81 * max(reach, 0.1)))
+        return float(self.strength.max() / (9.81 * max(reach_of(self.pinocchio), 0.1)))
 
     def carrying(
         self, torque: Array, gravity: tuple[float, ...] = (), arm: Arm | None = None

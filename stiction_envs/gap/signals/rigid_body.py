@@ -11,6 +11,11 @@ from stiction_envs.robots import Arm
 Array = NDArray[np.float64]
 
 
+def reach_of(model: pin.Model) -> float:
+    """Return the length of the chain of joints, which no pose exceeds [m]."""
+    return sum(float(np.linalg.norm(x.translation)) for x in model.jointPlacements)
+
+
 def inverse_dynamics(model: pin.Model, q: Array, dq: Array, ddq: Array) -> Array:
     """Return (T, n) torque of M(q)q̈ + C(q, q̇)q̇ + g(q) [N·m] (pinocchio's RNEA)."""
     data = model.createData()

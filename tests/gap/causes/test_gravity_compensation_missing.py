@@ -23,6 +23,18 @@ def lacking(share: float, true: Arm | None = None) -> JointLog:
     return hidden(panda(), add, true=true, noise=0.02)
 
 
+@pytest.mark.parametrize("share", [0.03, 1.0])
+def test_a_missing_share_is_found_with_friction(share: float) -> None:
+    found = diagnose_logs([lacking(share)], "panda")
+    named = {c.name: c for c in found.causes}
+    assert set(named) == {"coulomb_friction", "gravity_compensation_missing"}
+    mine = named["gravity_compensation_missing"].parameters[0]["share"]
+    assert mine.value == pytest.approx(share, rel=0.02)
+    assert mine.ci95[0] <= share <= mine.ci95[1]
+    assert not mine.on_bound
+    assert ("all of it" in named["gravity_compensation_missing"].evidence) == (share == 1.0)
+
+
 PARTLY = pytest.mark.xfail(strict=True, reason="the verdict comes out as partly explained")
 
 

@@ -117,6 +117,16 @@ def test_the_cutoff_fits_the_noise(q_noise: float, tau_noise: float) -> None:
     assert acceleration_error(log, 4 * signals.cutoff) > 2 * acceleration_error(log, None)
 
 
+@pytest.mark.parametrize("cutoff", [None, 3.0, 30.0])
+@pytest.mark.parametrize("size", [0.01, 0.3])
+def test_noise_of_the_torque_is_right_to_20_per_cent(cutoff: float | None, size: float) -> None:
+    """White noise of known size behind the filter, under a signal with jumps."""
+    log, clean = noisy(1e-5, size), noisy(1e-5, 0.0)
+    signals = prepare([log], cutoff_hz=cutoff)
+    left = only(signals).tau - only(prepare([clean], cutoff_hz=signals.cutoff)).tau
+    assert signals.noise_tau == pytest.approx(np.std(left, axis=0), rel=0.2)
+
+
 def test_filtered_torques_are_told() -> None:
     clean = noisy(1e-5, 0.0)
     smooth = np.round(lowpass(clean.tau, 1000.0, 20.0), 4)
