@@ -90,6 +90,21 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
     assert [c.name for c in diagnose_logs(logs, arm, nominal=model_of(found)).causes] == []
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_noise_of_coarse_angles_is_no_delay_and_no_spring(seed) -> None:
+    """16 bits a turn beside a good torque sensor: accelerations, not torques, are what is noisy."""
+    log = hidden(panda(), lambda q, dq, ddq: 2 * sliding(q) + dq, noise=0.1, seconds=30, seed=seed)
+    turn = 2 * np.pi / 2**16
+    found = diagnose_logs([replace(log, q=turn * np.round(log.q / turn))], "panda")
+    assert {c.name for c in found.causes + found.minor} == {"coulomb_friction", "viscous_friction"}
+    for cause in found.causes:
+        for each in cause.parameters.values():
+            (key,) = set(each) & {"coulomb_nm", "viscous_nms"}
+            assert each[key].value == pytest.approx(
+                {"coulomb_nm": 2.0, "viscous_nms": 1.0}[key], rel=0.1
+            )
+
+
 @pytest.mark.parametrize(("slope", "little"), [(0.05, True), (1.0, False)])
 def test_what_helps_little_is_listed_apart(slope, little) -> None:
     """Beside a newton metre of friction on all joints, a slope of one is no reason to mend it."""

@@ -11,7 +11,8 @@ The cutoff comes from the spectra, each of which stops falling where noise takes
 - Torque: above its own point it has no further information, except that dry friction jumps at each
   reversal and so reaches to high harmonics of the motion.
 - Angle: above its point the acceleration is noise. This is harmless while the noise of the
-  filtered acceleration, √(S (2π)⁴ f⁵/5) for white noise S of the angle, stays small.
+  filtered acceleration, √(S (2π)⁴ f⁵/5) for white noise S of the angle, stays small: the model's
+  inertial torque has it, and a delay or a spring would be named because it smooths that torque.
 """
 
 from __future__ import annotations

@@ -22,17 +22,17 @@ from stiction_envs.measured.logs.reader import JointLog
 from stiction_envs.measured.motion_thresholds import MOVER_RATIO
 
 Array = NDArray[np.float64]
-ACCURATE_ABSOLUTE = 0.05
-"""Least acceleration of an arm that accelerates [rad/s²]; assumed: 0.05 N·m at 1 kg·m²."""
 PERIODS = 6.0
 """Least length of a segment in periods of the cutoff [-]; assumed."""
 MOST_ROWS = 300000
 """Most rows of all logs that are used [-]; assumed, to limit the time for long logs."""
 HARMONICS = 10.0
-"""Harmonic of the motion that the band of the torque contains at least [-], because dry friction
-jumps at each reversal; assumed."""
-ACCURATE = 0.01
-"""Allowed noise of the acceleration as a share of its root mean square [-]; assumed."""
+"""Harmonic of the motion that the band contains at least [-], because dry friction jumps at each
+reversal; assumed."""
+ACCURATE = 0.003
+"""Allowed noise of the acceleration as a share of its root mean square [-]; assumed: inertia needs
+a tenth of usual torques, so that its noise is a tenth of what good sensors have. More looks like a
+delay of 5 ms or a soft spring, which smooth it."""
 HIGHEST = 0.1
 """Largest cutoff as a share of the rate of new values [-]; assumed."""
 WIDE, GAP_VALUES = 0.01, 2.5
@@ -109,7 +109,7 @@ class Spectra:
         f_tau = float(np.median([self.knee_tau[j] for j in self.movers]))
         lowest = max(LOWEST, min(PERIODS / self.longest, highest))
         limits = {
-            "the angles' noise begins there": max(f_q, f_ddq),
+            "the angles' noise begins there": max(f_q, f_ddq, HARMONICS * self.motion_hz),
             "the torques' noise begins there": max(f_tau, HARMONICS * self.motion_hz),
             f"{HIGHEST:g} of the {self.effective:.4g} new values a second": highest,
         }
@@ -165,10 +165,10 @@ class Spectra:
         """Return the cutoff [Hz] with the allowed noise of a joint's RMS acceleration [rad/s²]."""
         above = (self.f >= self.knee_q[joint]) & (self.f <= 0.95 * self.f[-1])
         noise = float(np.median(self.q[above, joint])) if above.any() else 0.0
-        most = max(ACCURATE * acceleration, ACCURATE_ABSOLUTE)
         if noise <= 0:
             return float(self.f[-1])
-        return float(min((5 * most**2 / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
+        square = (ACCURATE * acceleration) ** 2
+        return float(min((5 * square / noise / (2 * np.pi) ** 4) ** 0.2, self.f[-1]))
 
     def _knee(self, spectrum: Array, start: float) -> float:
         """Return the frequency, at least ``start``, above which the spectrum does not fall [Hz]."""
