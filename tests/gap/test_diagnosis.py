@@ -12,8 +12,12 @@ from stiction_envs.gap.causes import cause_named
 from stiction_envs.gap.diagnosis import Diagnosis, diagnose_logs, model_of
 from stiction_envs.gap.judge.judgement import NamedCause
 from stiction_envs.gap.model_file import with_causes
+from stiction_envs.gap.signals.bristle import bristles
 from stiction_envs.hidden.hidden_logs import HiddenLogs, make_case
 from tests.gap.small_logs import hidden, panda, sliding
+
+TURN = 2 * np.pi / 2**16
+"""Step of an encoder of 16 bits [rad]."""
 
 
 def solved(case: HiddenLogs) -> Diagnosis:
@@ -94,8 +98,7 @@ def test_torques_behind_a_filter_have_their_friction_behind_it_too() -> None:
 def test_noise_of_coarse_angles_is_no_delay_and_no_spring(seed) -> None:
     """16 bits a turn beside a good torque sensor: accelerations, not torques, are what is noisy."""
     log = hidden(panda(), lambda q, dq, ddq: 2 * sliding(q) + dq, noise=0.1, seconds=30, seed=seed)
-    turn = 2 * np.pi / 2**16
-    found = diagnose_logs([replace(log, q=turn * np.round(log.q / turn))], "panda")
+    found = diagnose_logs([replace(log, q=TURN * np.round(log.q / TURN))], "panda")
     assert {c.name for c in found.causes + found.minor} == {"coulomb_friction", "viscous_friction"}
     for cause in found.causes:
         for each in cause.parameters.values():
@@ -103,6 +106,25 @@ def test_noise_of_coarse_angles_is_no_delay_and_no_spring(seed) -> None:
             assert each[key].value == pytest.approx(
                 {"coulomb_nm": 2.0, "viscous_nms": 1.0}[key], rel=0.1
             )
+
+
+@pytest.mark.parametrize(
+    ("seed", "distance", "mass"), [(1, 5e-4, 2.5), (2, 5e-4, 2.5), (2, 3e-4, 1.2), (3, 3e-4, 2.5)]
+)
+def test_friction_turns_as_it_does_once_the_payload_is_known(seed, distance, mass) -> None:
+    """Presliding distances that were measured beside an unknown load named a second bristle."""
+    level = np.array([2, 6, 2, 4, 0.6, 0.6, 0.3])
+
+    def friction(q, dq, ddq):
+        zeta = bristles(q, [slice(0, len(q))], np.full((7, 1), distance))[..., 0]
+        return level * (zeta + 0.6 * dq)
+
+    loaded = panda(payload=(mass, 0.02, -0.01, 0.06))
+    log = hidden(panda(), friction, true=loaded, noise=0.05, seconds=30, seed=seed)
+    found = diagnose_logs([replace(log, q=TURN * np.round(log.q / TURN))], "panda")
+    assert {c.name for c in found.causes} == {"payload", "coulomb_friction", "viscous_friction"}
+    (named,) = (c.parameters[0]["mass_kg"] for c in found.causes if c.name == "payload")
+    assert named.value == pytest.approx(mass, abs=0.01)
 
 
 @pytest.mark.parametrize(("slope", "little"), [(0.05, True), (1.0, False)])

@@ -80,6 +80,8 @@ class Prior:
     """Log odds against it, beside those of one among all hypotheses [nats]."""
     everywhere: bool = False
     """Whether it is no surprise anywhere: only `odds` are against it."""
+    least: Array | float = 0.0
+    """(k,) part of these sizes that remains at least where a tenth of them is tried [-]."""
     usual: float = 0.0
     """Standard deviation of its coefficients in an arm without a fault. It is a small error then,
     until it is named; 0 for none."""

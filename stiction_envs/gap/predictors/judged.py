@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 from stiction_envs.gap.causes import Cause
 from stiction_envs.gap.causes.base import DRY, FRICTION, GRAVITY, OF_ARM
 from stiction_envs.gap.causes.body.bodies import leaned
+from stiction_envs.gap.causes.friction.presliding_hysteresis import PreslidingHysteresis
 from stiction_envs.gap.causes.log.actuator_delay import ActuatorDelay
 from stiction_envs.gap.causes.log.torque_scale import TorqueScale
 from stiction_envs.gap.doubt import Draws
@@ -263,7 +264,9 @@ def _given(
     lengths = [float(shares[t][0]) for t in terms if isinstance(own[t.cause], ActuatorDelay)]
     given = [x.acting_on(late, lengths) if isinstance(x, ActuatorDelay) else x for x in causes]
     if not data.has_friction:
-        dry = [t for t in terms if own[t.cause].adds_to == DRY]
+        # a bristle beside dry friction may only make up for a wrong presliding distance
+        bristle = PreslidingHysteresis.name
+        dry = [t for t in terms if own[t.cause].adds_to == DRY or t.cause == bristle]
         rest = np.sum([x for t, x in torques.items() if t not in dry], axis=0)
         data = data.with_presliding(presliding_distances(data.recording, data.residual - rest))
     after = TorquePredictor(data, given, torques)

@@ -235,7 +235,7 @@ class TorquePredictor:
         each = [term._replace(part=x) for x in (PARTS if cause.is_linear else PARTS[:1])]
         problem.add(each[0], columns, size, (low[:k], high[:k]), odds)
         for other in each[1:]:
-            problem.share(other, each[0], other.part * size)
+            problem.share(other, each[0], np.maximum(other.part, prior.least) * size)
         usual, small = prior.usual, Term(term.cause, term.joint, (), True)
         if usual and small not in problem.numbers:
             problem.share(small, each[0], np.full(k, usual))

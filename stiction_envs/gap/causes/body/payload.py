@@ -33,6 +33,8 @@ USUAL_SHARE = 0.3
 """Mass of usual tools over what the arm can lift at its reach [-]; assumed."""
 USUAL_CENTRE = 0.1
 """Distance of their centre from the flange, and twice their radius of gyration [m]; assumed."""
+LEAST_PARTS = np.array([1.0, *[0.3] * 3, *[0.0] * 6])
+"""Parts of these sizes of a body that is close to the flange, whatever its mass [-]; assumed."""
 LEAST_INERTIA = 0.001
 """Least eigenvalue of the inertia about the centre, of a payload or of the rest of a link, over the
 mean of a small sphere's or of the link's [-]; assumed: far below any body's, far above rounding."""
@@ -76,7 +78,7 @@ class Payload(Cause):
         high = np.array([*[np.inf] * 4, *[MOST_INERTIA] * 6])
         low = -high
         low[0] = self._least(data)
-        return Prior(size, low, high, odds=1.0, everywhere=True)
+        return Prior(size, low, high, odds=1.0, everywhere=True, least=LEAST_PARTS)
 
     def _least(self, data: Data) -> float:
         """Return the least mass that leaves a last link [kg]."""
