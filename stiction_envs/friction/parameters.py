@@ -91,13 +91,13 @@ class FrictionParameters:
 
     def __post_init__(self) -> None:
         for name, quantity in QUANTITIES.items():
-            value = np.array(getattr(self, name), dtype=np.float64)
-            ok = (value >= quantity.low) & (value <= quantity.high)  # not of NaN
-            if not ok.all():
-                raise StictionError(
-                    f"friction parameter {name}: {value[~ok].flat[0]} {quantity.unit} is outside "
-                    f"[{quantity.low}, {quantity.high}]"
-                )
+            value = checked_array(
+                *(getattr(self, name), f"friction parameter {name}"),
+                finite=False,
+                low=quantity.low,
+                high=quantity.high,
+                unit=quantity.unit,
+            )
             value.flags.writeable = False
             object.__setattr__(self, name, value)
 

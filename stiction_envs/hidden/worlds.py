@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import checked_array
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
@@ -194,8 +194,7 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
     (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
     """
-    if not 0 <= scatter <= MOST:
-        raise StictionError(f"scatter {scatter:g}: expected 0 to {MOST:g}")
+    checked_array(scatter, "scatter", (), low=0, high=MOST)
     before = np.asarray(phi, dtype=np.float64)
     n = len(before)
     mass = 1 + scatter * rng.normal(size=n)

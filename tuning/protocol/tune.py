@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.dither.dither import check_frequency
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -42,9 +40,7 @@ def _check(
         raise StictionError("at least one frequency and one scale are needed")
     if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
         raise StictionError("frequencies and scales must not repeat: expected each once")
-    for scale in scales:
-        if not (np.isfinite(scale) and 0 < scale <= most):
-            raise StictionError(f"scale {scale}: expected above 0 up to {most:g}")
+    checked_array(scales, "scale", above=0, high=most)
     return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
 
 

@@ -237,7 +237,8 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
                     f"controller's rate, {half_rate:g} Hz"
                 )
         if "displacement_rad" in mine:
-            displacement[j] = _positive(mine["displacement_rad"], f"{where}displacement_rad")
+            size = mine["displacement_rad"]
+            displacement[j] = checked_array(size, f"{where}displacement_rad", (), above=0)
         if "forbidden_hz" in mine:
             bands = mine["forbidden_hz"]
             if not isinstance(bands, list):
@@ -246,7 +247,7 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
                 )
             forbidden[j] = tuple(_pair(band, f"{where}forbidden_hz") for band in bands)
     moving, resting = (
-        _positive(arm[key], f"{file}: {key}") / 1e3 if key in arm else now
+        float(checked_array(arm[key], f"{file}: {key}", (), above=0)) / 1e3 if key in arm else now
         for key, now in zip(WHOLE_ARM, bounds.vibration_m, strict=True)
     )
     return dataclasses.replace(
@@ -265,13 +266,6 @@ def _check_names(table: object, where: str, kind: str, known: Sequence[str]) -> 
     for name in table:
         if name not in known:
             raise StictionError(f"{where}{unknown(kind, name, known)}")
-
-
-def _positive(value: object, where: str) -> float:
-    number = float(checked_array(value, where, ()))
-    if number <= 0:
-        raise StictionError(f"{where} is {number:g}: expected more than 0")
-    return number
 
 
 def _pair(value: object, where: str) -> tuple[float, float]:

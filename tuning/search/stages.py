@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.laws import LAWS
-from stiction_envs.errors import ExperimentError, StictionError, unknown
+from stiction_envs.errors import ExperimentError, StictionError, checked_array, unknown
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
@@ -64,8 +64,8 @@ class Options:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
         if self.treatment is not None and self.objective != "gte":
             raise StictionError("treatment: expected objective gte")
-        if self.evaluations is not None and self.evaluations < 1:
-            raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
+        if self.evaluations is not None:
+            checked_array(self.evaluations, "evaluations", (), low=1)
         paths = self.objective != "sje"
         if self.sampler == "grid" and paths:
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
