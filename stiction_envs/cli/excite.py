@@ -47,10 +47,11 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     from stiction_envs.identification.excitation import excite
     from stiction_envs.identification.settings import excitation_settings
+    from stiction_envs.method_settings import override
     from stiction_envs.robots.registry import robot_files
 
     given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
-    settings = excitation_settings().replace(**given)
+    settings = override(excitation_settings(), given)
     folder = common.output_folder(args, arm.name, robot_files(args.robot))
     with common.working(), Progress("per cent") as progress:
         motion = excite(

@@ -152,7 +152,7 @@ def test_bad_tables_say_what_and_where(table, says):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (None, "No such file"),
+        (None, "no such file"),
         (b"[stiction\n", "not a TOML file"),
         (b"[stiction]\nvalue = " + b"9" * 5000, "not a TOML file"),
         (b"\xff\xfe", "not a TOML file"),
