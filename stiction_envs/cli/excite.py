@@ -10,15 +10,12 @@ from stiction_envs.cli.progress import Progress
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "excite",
-        summary="Find a motion within all limits that excites an arm's dynamics well.",
-        example="stiction excite panda --sweeps --out runs/excite-panda",
-        run=run,
-    )
+SUMMARY = "Find a motion within all limits that excites an arm's dynamics well."
+EXAMPLE = "stiction excite panda --sweeps --out runs/excite-panda"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser, friction=False)
     common.option(
         parser,

@@ -11,15 +11,12 @@ from stiction_envs.errors import StictionError
 KINDS = ("dcmotor", "frictionloss")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "export",
-        summary="Write the arm with its friction as plain MJCF that sticks in stock MuJoCo.",
-        example="stiction export panda --out runs/panda-model",
-        run=run,
-    )
+SUMMARY = "Write the arm with its friction as plain MJCF that sticks in stock MuJoCo."
+EXAMPLE = "stiction export panda --out runs/panda-model"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser, friction=False)
     common.option(
         parser,

@@ -14,17 +14,16 @@ from stiction_envs.errors import StictionError, unknown
 TRAJECTORIES = ("triangle", "pentagon")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "gte",
-        summary="Follow a path under Cartesian impedance control, with and without dither or "
-        "friction compensation.",
-        example="stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv",
-        interrupted="nothing was written; run the same command again",
-        run=run,
-    )
+SUMMARY = (
+    "Follow a path under Cartesian impedance control, with and without dither or "
+    "friction compensation."
+)
+EXAMPLE = "stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv"
+INTERRUPTED = "nothing was written; run the same command again"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
     names = "|".join(TRAJECTORIES)

@@ -275,23 +275,18 @@ def identify(
         read += read_logs([log], arm.n, limits=arm.limits, naming=naming)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
-    file = naming.calibration
-    calibration = {} if file is None else {"calibration": Path(file)}
     made = provenance(
         "identify",
         {
             "robot": arm.name,
             "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
             "torque": side,
-            "joints": list(naming.joints),
-            "topic": naming.topic,
-            "units": naming.units,
-            "columns": list(naming.columns),
+            **naming.record,
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
         },
         seed=0,
-        inputs=sources.files | calibration,
+        inputs=sources.files | naming.files,
     )
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
     turned, signals = correct_sign(read, signals, arm)

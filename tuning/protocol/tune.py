@@ -32,18 +32,6 @@ from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.tuning_run import Progress, open_run
 
 
-def _check(
-    frequencies: tuple[float, ...], scales: tuple[float, ...], most: float, rate_hz: float
-) -> list[str]:
-    """Return warnings about frequencies above half the controller's rate; raise on bad ones."""
-    if not frequencies or not scales:
-        raise StictionError("at least one frequency and one scale are needed")
-    if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
-        raise StictionError("frequencies and scales must not repeat: expected each once")
-    checked_array(scales, "scale", above=0, high=most)
-    return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Tuning(Result):
     """Result of a tuning; its files are in `folder`."""
@@ -175,7 +163,14 @@ def tune(
     s = chosen.thesis
     tried = frequencies_of(arm.registered_name, s) if frequencies is None else tuple(frequencies)
     sizes = tuple(s.scales if scales is None else scales)
-    warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
+    for given in (tried, sizes):
+        if not given or len(set(given)) < len(given):
+            raise StictionError(
+                "frequencies and scales must not repeat: expected at least one of each, once"
+            )
+    checked_array(sizes, "scale", above=0, high=s.most_scale)
+    rate = experiment.interface.controller_rate_hz
+    warned = [text for f in tried if (text := check_frequency(f, rate)) is not None]
     for text in warned:
         warnings.warn(text, stacklevel=2)
     inputs = {"robot": robot, "friction": friction, "sensing": sensing, "table": table}
@@ -219,21 +214,16 @@ def tune(
             progress=progress,
             settings=s,
         )
-        return run_protocol(tuner, table, warned)
-
-
-def run_protocol(tuner: ThesisTuner, table: BaseTable | None, warned: list[str]) -> Tuning:
-    """Run the protocol and write its report; ``table`` has the measured base torques."""
-    tuner.measure_base()
-    tuner.measure_grid()
-    choices = tuner.choose()
-    verified = tuner.verify(choices)
-    return Tuning(
-        summary=write_report(tuner, choices, verified, table=table, warnings=warned),
-        final=tuple(c.row for c in choices),
-        folder=tuner.out,
-        provenance=tuner.run.folder.provenance,
-    )
+        tuner.measure_base()
+        tuner.measure_grid()
+        choices = tuner.choose()
+        verified = tuner.verify(choices)
+        return Tuning(
+            summary=write_report(tuner, choices, verified, table=table, warnings=warned),
+            final=tuple(c.row for c in choices),
+            folder=path,
+            provenance=run.folder.provenance,
+        )
 
 
 def _calibrated(

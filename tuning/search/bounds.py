@@ -16,7 +16,7 @@ import numpy as np
 from optuna.distributions import BaseDistribution, FloatDistribution
 
 from stiction_envs.arrays import Array
-from stiction_envs.dither.tables import HERE
+from stiction_envs.dither.tables import shipped_table
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -194,8 +194,7 @@ def reference_tables(
     robot, out = experiment.sticking.arm.registered_name, {}
     if robot in thesis_robots("4.9"):
         out["Table 4.9"] = thesis_final_dither()
-    shipped = HERE / f"{robot}.csv"
-    if shipped.exists():
+    if (shipped := shipped_table(robot)) is not None:
         out["make tune"] = tuple(read_amplitudes(shipped, n_joints=experiment.n))
     if not out:
         frequency = sorted(frequencies_of(robot, settings.thesis))[:2][-1]
