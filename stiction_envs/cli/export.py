@@ -53,10 +53,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     args.friction, args.kind = _friction(args.friction)
     arm = common.read_arm(args)
     motor = ENGINES[args.engine].motor
-    if args.kind == "dcmotor" and motor is None:
-        raise StictionError(
-            f"engine {args.engine} has no dcmotor: expected --friction frictionloss"
-        )
     if args.source is not None:
         if args.friction is not None:
             raise StictionError("--from and --friction both name the friction: expected one")

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.control import COMPENSATIONS
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 
 # as the package has them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
@@ -87,7 +86,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
 
     own = read_trajectory(args.trajectory)
-    _check_compensation(args)
+    if args.compensation_table is not None and (not args.compensation or compensation_file(args)):
+        raise StictionError(
+            "--compensation-table: needs --compensation KIND; not with --compensation FILE, which "
+            "has gains"
+        )
     dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {**common.model_files(args), "dither": args.dither}
     inputs["compensation"] = compensation_file(args)
@@ -135,18 +138,3 @@ def compensation_file(args: argparse.Namespace) -> Path | None:
 
     given = args.compensation
     return Path(given) if given is not None and is_file(given) else None
-
-
-def _check_compensation(args: argparse.Namespace) -> None:
-    """Raise unless ``--compensation`` is a kind, or a file without another table."""
-    from stiction_envs.control.compensation_files import is_file
-
-    given, table = args.compensation, args.compensation_table
-    if given is None and table is not None:
-        raise StictionError("--compensation-table: needs --compensation KIND")
-    if given is None or given in COMPENSATIONS:
-        return
-    if not is_file(given):
-        raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
-    if table is not None:
-        raise StictionError("--compensation-table: not with --compensation FILE, which has gains")

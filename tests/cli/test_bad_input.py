@@ -146,7 +146,7 @@ BAD = {
         "panda --friction stribeck": "expected one of dcmotor, frictionloss, or a path to a .toml",
         "panda --friction dcmotor --friction frictionloss": "one kind and one .toml at most",
         "panda --engine bullet": "expected one of mujoco, warp, mjx, newton",
-        "panda --engine mjx --friction dcmotor": "engine mjx has no dcmotor",
+        "panda --engine mjx --friction dcmotor": "engine has no dcmotor",
     },
     "conformance": {
         "atlas": "no such file, and no robot of that name",

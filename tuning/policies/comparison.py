@@ -210,4 +210,4 @@ def _held_out(task: Task, episode: int) -> dict[str, object]:
     fixed = task.arguments.get("fixed_options", {})
     if fixed.get("trajectory") != "random" or "path" in fixed:
         return {}
-    return {"path": policy_settings().evaluation.test_paths + episode}
+    return {"path": policy_settings().run.test_paths + episode}
