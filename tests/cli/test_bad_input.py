@@ -63,7 +63,7 @@ BAD = {
         "--speed 3": "--speed",
         "--iter 3": "--iter",
         "--payload nan 0 0 0": "finite",
-        "--payload -1 0 0 0": "negative",
+        "--payload -1 0 0 0": "from 0 kg",
         "--payload 1": "4 arguments",
         "--friction {no.toml}": "not a TOML file",
         "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",

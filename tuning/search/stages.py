@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -146,7 +145,12 @@ class SearchStages:
         self._write(folder, Treatment(dither=self.final, compensation=self.compensation))
         if len(tables) > 1:
             write_amplitudes(folder / "sje_table.csv", tables["search sje"])
-        return self.verify({**tables, **self.others}, tracking)
+        breakaway = self._unseen.breakaway(
+            self.sje.replace(seed=self.seed + 1),
+            # a ramp takes long: if only paths were searched, the table found is enough
+            {**tables, **self.others} if "search sje" in tables else tables,
+        )
+        return Verified(breakaway=breakaway, tracking=tracking)
 
     def _write(self, folder: Path, found: Treatment) -> None:
         """Write the files that are handed over, if anything was found."""
@@ -364,17 +368,6 @@ class SearchStages:
             kept=KeptRows(self.run.folder.path / "verified.jsonl"),
             progress=partial(self.progress, "verification"),
         )
-
-    def verify(
-        self, tables: Mapping[str, Table], tracking: dict[str, dict[str, PathResult]]
-    ) -> Verified:
-        """Measure tables again in the SJE, under frictions and seeds not seen; add paths."""
-        breakaway = self._unseen.breakaway(
-            self.sje.replace(seed=self.seed + 1),
-            # a ramp takes long: if only paths were searched, the table found is enough
-            tables if "search sje" in tables else self.tables,
-        )
-        return Verified(breakaway=breakaway, tracking=tracking)
 
 
 def _study(kind: str) -> str:

@@ -169,10 +169,8 @@ def plan(
     else:
         assert isinstance(own, LogDiagnosis)
         hidden = [c for c in registered() if causes is None or c.name in causes]
-        subject, jobs = (
-            HiddenTorques(replay=replay_of(own.diagnosis)),
-            jobs_of(own.diagnosis, hidden),
-        )
+        subject = HiddenTorques(replay=replay_of(own.diagnosis))
+        jobs = jobs_of(own.diagnosis, hidden)
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)
