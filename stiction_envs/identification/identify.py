@@ -47,8 +47,6 @@ from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 from stiction_envs.robots.stated import WITHOUT_FRICTION
 
-__all__ = ["Identification", "identify"]
-
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
 """Samples of all logs together; assumed. Longer logs are thinned out after the filter."""

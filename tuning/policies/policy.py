@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.errors import StictionError, checked_array
+from stiction_envs.errors import StictionError, checked_array, opening
 from stiction_envs.method_settings import Positive
 from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.reporting.json_text import JsonRecord
@@ -177,9 +177,10 @@ def _unpacked(path: Path) -> bytes:
     Raises:
         StictionError: no such file, no such zip, or too large a content.
     """
-    expected = "expected a policy.zip of `stiction train`"
+    wanted = "a policy.zip of `stiction train`"
+    expected = f"expected {wanted}"
     try:
-        with zipfile.ZipFile(path) as file:
+        with opening(path, wanted), zipfile.ZipFile(path) as file:
             names = set(file.namelist())
             if names & _SB3:
                 raise StictionError(
@@ -193,9 +194,6 @@ def _unpacked(path: Path) -> bytes:
             if (size := file.getinfo(ENTRY).file_size) > MOST_BYTES:
                 raise StictionError(f"{path}: {size} bytes unpacked: expected up to {MOST_BYTES}")
             return file.read(ENTRY)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise StictionError(f"{path}: {reason}: {expected}") from None
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
         raise StictionError(f"{path}: not a zip: {error}: {expected}") from None
 

@@ -47,8 +47,6 @@ from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
 
-__all__ = ["Plan", "plan", "rehearse"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
