@@ -239,12 +239,10 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
             size = mine["displacement_rad"]
             displacement[j] = checked_array(size, f"{where}displacement_rad", (), above=0)
         if "forbidden_hz" in mine:
-            bands = mine["forbidden_hz"]
+            bands, place = mine["forbidden_hz"], f"{where}forbidden_hz"
             if not isinstance(bands, list):
-                raise StictionError(
-                    f"{where}forbidden_hz is {bands!r}: expected a list of [low, high]"
-                )
-            forbidden[j] = tuple(_pair(band, f"{where}forbidden_hz") for band in bands)
+                raise StictionError(f"{place} is {bands!r}: expected a list of [low, high]")
+            forbidden[j] = tuple(_pair(band, place) for band in bands)
     moving, resting = (
         float(checked_array(arm[key], f"{file}: {key}", (), above=0)) / 1e3 if key in arm else now
         for key, now in zip(WHOLE_ARM, bounds.vibration_m, strict=True)
