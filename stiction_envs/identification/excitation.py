@@ -237,7 +237,7 @@ def excite(
         periods=s.periods,
         sweeps=slow,
         condition=problem.condition(fine),
-        condition_si=problem.condition_si(fine),
+        condition_si=problem.condition(fine, scaled=False),
         random_condition=np.array(conditions),
         columns=problem.base.expressions(),
         used=used(check, problem.torque(check), problem.bounds),
