@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -66,23 +67,38 @@ def checked_array(
     expected: str = "",
     fill: bool = False,
     finite: bool = True,
+    low: float = -math.inf,
+    above: float = -math.inf,
+    high: float = math.inf,
+    unit: str = "",
 ) -> NDArray[np.float64]:
-    """Return numbers as a new float64 array in C order.
+    """Return numbers as a new float64 array in C order: the check of all numbers from outside.
+
+    Text of tables becomes numbers in `csv_text.Line`, that of options in `cli.common.number`;
+    settings are checked by `method_settings`.
 
     Args:
         value: the numbers, as a caller or a file gives them.
         what: name of the numbers, for the message.
         shape: shape that they must have; None for any.
-        expected: text of the message; "" for finite numbers of that shape.
+        expected: text of the message; "" for finite numbers of that shape and range.
         fill: whether numbers of another shape are broadcast.
-        finite: whether inf and NaN are refused.
+        finite: whether inf and NaN are refused; NaN is in no range.
+        low: least number.
+        above: number that all others must be above.
+        high: largest number.
+        unit: for the message.
     """
     import numpy as np  # the commands' help does without
 
     def refuse(found: str) -> StictionError:
-        numbers = "finite numbers" if finite else "numbers"
-        of_shape = "" if shape is None else f" of shape {shape}"
-        return StictionError(f"{what} {found}: expected {expected or numbers + of_shape}")
+        words = "finite numbers" if finite else "numbers"
+        if shape is not None:
+            words += f" of shape {shape}" if shape else ", one"
+        for word, bound in (("from", low), ("above", above), ("to", high)):
+            words += f" {word} {bound:g}" if math.isfinite(bound) else ""
+        words += f" {unit}" if unit not in ("", "1") else ""
+        return StictionError(f"{what} {found}: expected {expected or words}")
 
     try:
         out = np.array(value, dtype=np.float64, order="C")
@@ -98,4 +114,7 @@ def checked_array(
         out = filled.copy(order="C")
     if finite and not np.isfinite(out).all():
         raise refuse(f"is {out[~np.isfinite(out)].flat[0]}")
+    inside = (out >= low) & (out > above) & (out <= high)
+    if (low, above, high) != (-math.inf, -math.inf, math.inf) and not inside.all():
+        raise refuse(f"is {out[~inside].flat[0]:g}")
     return out

@@ -32,7 +32,7 @@ from typing import Annotated, Any, ClassVar, Protocol, TypeVar, get_type_hints
 
 import msgspec
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, opening
 
 
 class Dataclass(Protocol):
@@ -61,7 +61,7 @@ def load_settings(cls: type[T], path: Path, table: str = "") -> T:
         path: the file.
         table: dotted name of the table that holds ``cls``; its nested dataclasses are tables in it.
     """
-    node: object = _read(path)
+    node: object = read_toml(path)
     for part in filter(None, table.split(".")):
         node = node.get(part) if isinstance(node, dict) else None
     if not isinstance(node, dict):
@@ -89,7 +89,7 @@ def override(settings: T, changes: T | Changes | None) -> T:
     if isinstance(changes, Mapping):
         where, given = "settings: ", changes
     elif isinstance(changes, str | os.PathLike):
-        where, given = f"{os.fspath(changes)}: ", _read(Path(changes))
+        where, given = f"{os.fspath(changes)}: ", read_toml(Path(changes))
     else:
         expected = f"names and values, a TOML file, or {type(settings).__name__}"
         raise StictionError(f"settings {changes!r}: expected {expected}")
@@ -111,12 +111,13 @@ def flat(
             yield f"{above}{name}", value
 
 
-def _read(path: Path) -> dict[str, object]:
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file; StictionError if it cannot be read."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise StictionError(f"{path}: {reason}: expected a TOML file of settings") from None
+        with opening(path, "a TOML file"):
+            return tomllib.loads(path.read_text(encoding="utf-8"))
+    except StictionError:
+        raise
     except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
         raise StictionError(f"{path}: not a TOML file: {error}") from None
 

@@ -16,6 +16,8 @@ CHECKPOINT_EVERY = 20_000
 """Steps between two checkpoints of a training."""
 POLICIES = ("none", "gated", "random")
 """Policies that need no file."""
+GATED = "_gated"
+"""End of the name of a shipped table with gates."""
 EPISODES = 32
 """Episodes on which a policy is evaluated."""
 PATHS = ("triangle", "pentagon", "random")

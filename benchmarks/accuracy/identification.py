@@ -5,6 +5,7 @@ python -m benchmarks.accuracy.identification [--quick]
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from typing import Any
 
@@ -190,7 +191,7 @@ def main() -> None:
     start = time.perf_counter()
     settings = excitation_settings()
     if options.quick:
-        settings = settings.replace(iterations=15, starts=1, randoms=5)
+        settings = dataclasses.replace(settings, iterations=15, starts=1, randoms=5)
     motions = {}
     for name in ("panda", "iiwa7", "iiwa14"):
         began = time.perf_counter()

@@ -18,17 +18,16 @@ GAP = "gap"
 """The target that is no table or figure of the thesis."""
 
 
-def add_parser(subparsers: Any) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "reproduce",
-        summary="Simulate the thesis's tables and figures beside the measured ones; explain the "
-        "difference.",
-        example="python -m benchmarks.thesis --only 4.6 F.1 --out runs/some",
-        interrupted="run the same command again; gap goes on with the models that it had fitted",
-        run=run,
-    )
+NAME = "reproduce"
+SUMMARY = (
+    "Simulate the thesis's tables and figures beside the measured ones; explain the difference."
+)
+EXAMPLE = "python -m benchmarks.thesis --only 4.6 F.1 --out runs/some"
+INTERRUPTED = "run the same command again; gap goes on with the models that it had fitted"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     parser.prog = "python -m benchmarks.thesis"
     parser.add_argument(
         "target",

@@ -7,17 +7,13 @@ import argparse
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 
+SUMMARY = "Identify an arm's joint friction from its measured base torques."
+EXAMPLE = "stiction calibrate panda base.csv --out my_panda.toml"
+INTERRUPTED = "nothing was written; run the same command again"
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "calibrate",
-        summary="Identify an arm's joint friction from its measured base torques.",
-        example="stiction calibrate panda base.csv --out my_panda.toml",
-        interrupted="nothing was written; run the same command again",
-        run=run,
-    )
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.option(
         parser,

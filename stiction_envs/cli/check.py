@@ -8,16 +8,12 @@ from dataclasses import asdict, replace
 from stiction_envs.cli import common, log_options
 from stiction_envs.errors import StictionError
 
+SUMMARY = "Show what a log is and what it can show; list what is wrong in logs and tables."
+EXAMPLE = "stiction check base.csv log.csv --robot panda"
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "check",
-        summary="Show what a log is and what it can show; list what is wrong in logs and tables.",
-        example="stiction check base.csv log.csv --robot panda",
-        run=run,
-    )
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     parser.epilog = (
         f"{parser.epilog}\n"
         "exit codes of check: 0 nothing wrong (remarks do not count), 1 defects found,\n"

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NoReturn, Protocol
 
 from stiction_envs.errors import ExperimentError, StictionError
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 _NEGATIVE = re.compile(r"^-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$|^-(inf|nan)$", re.IGNORECASE)
 IDEAL = "ideal"
 """Default of the option ``--sensing``."""
-Subparsers: TypeAlias = "argparse._SubParsersAction[Parser]"
-"""Subparsers of the main parser; argparse has no public name for the class."""
 
 
 class Printed(Protocol):
@@ -146,23 +144,6 @@ def option(
     elif name.startswith("--") and "choices" not in more:
         more["action"] = "store_true"
     parser.add_argument(name, help=help_text, **more)
-
-
-def add_command(
-    subparsers: Subparsers,
-    name: str,
-    *,
-    summary: str,
-    example: str,
-    run: Callable[[argparse.Namespace], Answer],
-    interrupted: str = "run the same command again",
-) -> Parser:
-    """Add a command's parser; ``interrupted`` says what Ctrl-C leaves, and how to go on."""
-    parser = subparsers.add_parser(
-        name, help=summary, description=summary, epilog=f"example:\n  {example}"
-    )
-    parser.set_defaults(interrupted=interrupted, run=run)
-    return parser
 
 
 def robot_help() -> str:

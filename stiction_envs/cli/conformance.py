@@ -7,17 +7,15 @@ import argparse
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
 
+SUMMARY = (
+    "Test that each joint holds below its stiction for a minute and moves above it; "
+    "exit code 1 if one does not."
+)
+EXAMPLE = "stiction conformance panda"
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "conformance",
-        summary="Test that each joint holds below its stiction for a minute and moves above it; "
-        "exit code 1 if one does not.",
-        example="stiction conformance panda",
-        run=run,
-    )
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.option(
         parser,
         "robot ROBOT",

@@ -14,16 +14,15 @@ if TYPE_CHECKING:
     from stiction_envs.gap.diagnose import LogOptions
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "diagnose",
-        summary="Name what a simulation gets wrong about measured joint logs, servo logs or torque "
-        "tables, and correct it.",
-        example="stiction diagnose log.csv --robot panda --torque link --out runs/why",
-        run=run,
-    )
+SUMMARY = (
+    "Name what a simulation gets wrong about measured joint logs, servo logs or torque "
+    "tables, and correct it."
+)
+EXAMPLE = "stiction diagnose log.csv --robot panda --torque link --out runs/why"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     log_options.add_log_options(parser, logs="*", metavar="LOG|TABLE")
     common.option(
         parser,

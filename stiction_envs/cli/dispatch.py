@@ -23,7 +23,7 @@ from stiction_envs.cli import (
     sje,
     view,
 )
-from stiction_envs.cli.common import Answer, Parser, Subparsers, note_robot
+from stiction_envs.cli.common import Answer, Parser, note_robot
 from stiction_envs.cli.progress import interruptible
 from stiction_envs.errors import ExperimentError, StictionError, one_line
 from stiction_envs.reporting.atomic import naming
@@ -34,10 +34,17 @@ DONE, FAILED, BAD_INPUT = 0, 1, 2
 
 
 class Command(Protocol):
-    """Interface of a command's module."""
+    """Interface of a command's module, which has the command's name or a ``NAME``.
 
-    def add_parser(self, subparsers: Subparsers) -> None:
-        """Add the command's parser."""
+    An ``INTERRUPTED`` says what Ctrl-C leaves, and how to go on.
+    """
+
+    __name__: str
+    SUMMARY: str
+    EXAMPLE: str
+
+    def add_options(self, parser: Parser) -> None:
+        """Add the command's options."""
 
     def run(self, args: argparse.Namespace) -> Answer:
         """Do the work; return what is printed."""
@@ -68,7 +75,15 @@ def build_parser(commands: Iterable[Command]) -> Parser:
         dest="command", metavar="COMMAND", required=True, parser_class=Parser
     )
     for module in commands:
-        module.add_parser(subparsers)
+        own = subparsers.add_parser(
+            getattr(module, "NAME", module.__name__.rpartition(".")[2]),
+            help=module.SUMMARY,
+            description=module.SUMMARY,
+            epilog=f"example:\n  {module.EXAMPLE}",
+        )
+        interrupted = getattr(module, "INTERRUPTED", "run the same command again")
+        own.set_defaults(interrupted=interrupted, run=module.run)
+        module.add_options(own)
     return parser
 
 

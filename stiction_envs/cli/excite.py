@@ -10,15 +10,12 @@ from stiction_envs.cli.progress import Progress
 OPTIONS = ("base_frequency", "harmonics", "periods", "clearance")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "excite",
-        summary="Find a motion within all limits that excites an arm's dynamics well.",
-        example="stiction excite panda --sweeps --out runs/excite-panda",
-        run=run,
-    )
+SUMMARY = "Find a motion within all limits that excites an arm's dynamics well."
+EXAMPLE = "stiction excite panda --sweeps --out runs/excite-panda"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser, friction=False)
     common.option(
         parser,
@@ -47,10 +44,11 @@ def run(args: argparse.Namespace) -> common.Answer:
 
     from stiction_envs.identification.excitation import excite
     from stiction_envs.identification.settings import excitation_settings
+    from stiction_envs.method_settings import override
     from stiction_envs.robots.registry import robot_files
 
     given = {k: getattr(args, k) for k in OPTIONS if getattr(args, k) is not None}
-    settings = excitation_settings().replace(**given)
+    settings = override(excitation_settings(), given)
     folder = common.output_folder(args, arm.name, robot_files(args.robot))
     with common.working(), Progress("per cent") as progress:
         motion = excite(

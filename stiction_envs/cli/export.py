@@ -11,15 +11,12 @@ from stiction_envs.errors import StictionError
 KINDS = ("dcmotor", "frictionloss")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "export",
-        summary="Write the arm with its friction as plain MJCF that sticks in stock MuJoCo.",
-        example="stiction export panda --out runs/panda-model",
-        run=run,
-    )
+SUMMARY = "Write the arm with its friction as plain MJCF that sticks in stock MuJoCo."
+EXAMPLE = "stiction export panda --out runs/panda-model"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser, friction=False)
     common.option(
         parser,
@@ -56,10 +53,6 @@ def run(args: argparse.Namespace) -> common.Answer:
     args.friction, args.kind = _friction(args.friction)
     arm = common.read_arm(args)
     motor = ENGINES[args.engine].motor
-    if args.kind == "dcmotor" and motor is None:
-        raise StictionError(
-            f"engine {args.engine} has no dcmotor: expected --friction frictionloss"
-        )
     if args.source is not None:
         if args.friction is not None:
             raise StictionError("--from and --friction both name the friction: expected one")

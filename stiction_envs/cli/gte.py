@@ -7,24 +7,22 @@ from pathlib import Path
 
 from stiction_envs.cli import common
 from stiction_envs.cli.progress import Progress
-from stiction_envs.control import COMPENSATIONS
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 
 # as the package has them; written out, so that --help does not load the engine
 TRAJECTORIES = ("triangle", "pentagon")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "gte",
-        summary="Follow a path under Cartesian impedance control, with and without dither or "
-        "friction compensation.",
-        example="stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv",
-        interrupted="nothing was written; run the same command again",
-        run=run,
-    )
+SUMMARY = (
+    "Follow a path under Cartesian impedance control, with and without dither or "
+    "friction compensation."
+)
+EXAMPLE = "stiction gte panda --trajectory triangle --stiffness 200 20 0 --dither final.csv"
+INTERRUPTED = "nothing was written; run the same command again"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.add_sensing_option(parser)
     names = "|".join(TRAJECTORIES)
@@ -88,7 +86,11 @@ def run(args: argparse.Namespace) -> common.Answer:
     )
 
     own = read_trajectory(args.trajectory)
-    _check_compensation(args)
+    if args.compensation_table is not None and (not args.compensation or compensation_file(args)):
+        raise StictionError(
+            "--compensation-table: needs --compensation KIND; not with --compensation FILE, which "
+            "has gains"
+        )
     dither = () if args.dither is None else read_dither(args.dither, arm)
     inputs = {**common.model_files(args), "dither": args.dither}
     inputs["compensation"] = compensation_file(args)
@@ -136,18 +138,3 @@ def compensation_file(args: argparse.Namespace) -> Path | None:
 
     given = args.compensation
     return Path(given) if given is not None and is_file(given) else None
-
-
-def _check_compensation(args: argparse.Namespace) -> None:
-    """Raise unless ``--compensation`` is a kind, or a file without another table."""
-    from stiction_envs.control.compensation_files import is_file
-
-    given, table = args.compensation, args.compensation_table
-    if given is None and table is not None:
-        raise StictionError("--compensation-table: needs --compensation KIND")
-    if given is None or given in COMPENSATIONS:
-        return
-    if not is_file(given):
-        raise unknown("compensation", given, [*COMPENSATIONS, "a .csv or .yaml"])
-    if table is not None:
-        raise StictionError("--compensation-table: not with --compensation FILE, which has gains")

@@ -7,16 +7,12 @@ import argparse
 from stiction_envs.cli import common, log_options
 from stiction_envs.cli.progress import Progress
 
+SUMMARY = "Identify an arm's links and friction from logs of an exciting motion."
+EXAMPLE = "stiction identify log.csv --robot panda --torque link --out runs/links"
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "identify",
-        summary="Identify an arm's links and friction from logs of an exciting motion.",
-        example="stiction identify log.csv --robot panda --torque link --out runs/links",
-        run=run,
-    )
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     log_options.add_log_options(parser, logs="+")
     common.add_shared_options(parser, out="output folder (default: runs/identify-ROBOT)")
 

@@ -11,16 +11,13 @@ from stiction_envs.errors import ExperimentError
 LOADS, DIRECTIONS = ("load", "no_load"), ("+", "-")
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "sje",
-        summary="Measure the torque at which joints break away, with and without dither.",
-        example="stiction sje panda --joint 7 --dither final.csv --out runs/joint7",
-        interrupted="nothing was written; run the same command again",
-        run=run,
-    )
+SUMMARY = "Measure the torque at which joints break away, with and without dither."
+EXAMPLE = "stiction sje panda --joint 7 --dither final.csv --out runs/joint7"
+INTERRUPTED = "nothing was written; run the same command again"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)

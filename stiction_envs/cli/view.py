@@ -16,16 +16,13 @@ MOST = 0.5
 """Largest amplitude of an arm without a table, over its torque limit [-]; assumed."""
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "view",
-        summary="Push a sticking joint of an arm, and switch its dither on, in MuJoCo's viewer.",
-        example="stiction view panda --joint 7",
-        interrupted="the window was closed",
-        run=run,
-    )
+SUMMARY = "Push a sticking joint of an arm, and switch its dither on, in MuJoCo's viewer."
+EXAMPLE = "stiction view panda --joint 7"
+INTERRUPTED = "the window was closed"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.option(
         parser,
@@ -69,13 +66,12 @@ def run(args: argparse.Namespace) -> common.Answer:
 
 def usual_dither(sticking: StickingModel) -> list[AmplitudeRow]:
     """Return the arm's table that is shipped, else dither in proportion to the stiction at rest."""
-    from stiction_envs.dither.tables import HERE
+    from stiction_envs.dither.tables import shipped_table
     from stiction_envs.envs.agents import proportional_table
     from stiction_envs.measured import read_amplitudes
 
     arm = sticking.arm
-    shipped = HERE / f"{arm.registered_name}.csv"
-    if shipped.is_file():
+    if (shipped := shipped_table(arm.registered_name)) is not None:
         return read_amplitudes(shipped, n_joints=arm.n)
     p = sticking.parameters
     stiction = p.stiction_at(p.load_low).mean(axis=-1)

@@ -242,7 +242,7 @@ def export(
     if kind is None:
         kind = "frictionloss" if motor is None else "dcmotor"
     if kind == "dcmotor" and motor is None:
-        raise StictionError("friction dcmotor: that engine has none: expected frictionloss")
+        raise StictionError("the engine has no dcmotor: expected friction frictionloss")
     motor = motor or "ff"
     sticking = sticking_model(robot, friction)
     origin = friction_origin(robot, friction)

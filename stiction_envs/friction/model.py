@@ -109,7 +109,7 @@ def build(
             that would chatter at this step (sources.md 3.5).
     """
     if not 0 < timestep <= CONTROL_DT:
-        raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= 0.001")
+        raise StictionError(f"timestep {timestep} s: expected 0 < timestep <= {CONTROL_DT:g}")
     if parameters is None:
         parameters = own_friction(arm)
     if parameters.n != arm.n:

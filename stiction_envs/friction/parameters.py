@@ -91,13 +91,13 @@ class FrictionParameters:
 
     def __post_init__(self) -> None:
         for name, quantity in QUANTITIES.items():
-            value = np.array(getattr(self, name), dtype=np.float64)
-            ok = (value >= quantity.low) & (value <= quantity.high)  # not of NaN
-            if not ok.all():
-                raise StictionError(
-                    f"friction parameter {name}: {value[~ok].flat[0]} {quantity.unit} is outside "
-                    f"[{quantity.low}, {quantity.high}]"
-                )
+            value = checked_array(
+                *(getattr(self, name), f"friction parameter {name}"),
+                finite=False,
+                low=quantity.low,
+                high=quantity.high,
+                unit=quantity.unit,
+            )
             value.flags.writeable = False
             object.__setattr__(self, name, value)
 
@@ -240,14 +240,6 @@ def friction_path(robot: str | Path | None) -> Path:
     return known.friction if known is not None and known.friction.exists() else GENERIC
 
 
-def friction_text(robot: str | Path | None) -> Table:
-    """Return the parsed TOML, with its sources; raise a StictionError if it cannot be read."""
-    try:
-        return read_toml(friction_path(robot))
-    except StictionError as error:
-        raise StictionError(f"friction file {error}") from None
-
-
 def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dict[str, str], Table]:
     """Return the source of each quantity of a friction, and the ``[meta]`` of its TOML.
 
@@ -260,9 +252,10 @@ def friction_sources(given: str | Path | FrictionParameters | None) -> tuple[dic
             if not np.array_equal(getattr(given, k), getattr(generic, k)):
                 sources[k] = "the robot's file, or parameters in memory"
         return sources, {}
-    table, name = friction_text(given), friction_path(given).name
+    path = friction_path(given)
+    table = read_toml(path)
     sources = {
-        k: str(table[k].get("source", "assumed")) if k in table else f"assumed: not in {name}"
+        k: str(table[k].get("source", "assumed")) if k in table else f"assumed: not in {path.name}"
         for k in QUANTITIES
     }
     return sources, table.get("meta", {})
@@ -274,7 +267,8 @@ def load_friction(robot: str | Path | None, n: int = 7) -> FrictionParameters:
     An arm without its own TOML gets the first n joints of `generic.toml` (all assumed). Raise a
     StictionError for an unreadable file, missing table, wrong shape, or value out of bounds.
     """
-    path, table = friction_path(robot), friction_text(robot)
+    path = friction_path(robot)
+    table = read_toml(path)
     if path == GENERIC:
         for entry in table.values():
             if isinstance(entry.get("value"), list):

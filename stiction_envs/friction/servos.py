@@ -30,20 +30,15 @@ class PositionServos:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = np.array(getattr(self, field.name), dtype=np.float64)
-            if field.name == "delay":
-                good, expected = value <= LONGEST_DELAY, f"up to {LONGEST_DELAY:g} s"
-            elif field.name == "dead_zone":
-                good, expected = value >= 0, "from 0"
-            else:
-                good, expected = value > 0, "above 0"
-            if value.ndim != 1 or not (good & np.isfinite(value)).all():
-                raise StictionError(
-                    f"servo {field.name} {value.tolist()}: expected numbers {expected}, "
-                    "one per joint"
-                )
+            name = field.name
+            value = checked_array(
+                *(getattr(self, name), f"servo {name}"),
+                low=0.0 if name == "dead_zone" else -np.inf,
+                above=-np.inf if name in ("delay", "dead_zone") else 0.0,
+                high=LONGEST_DELAY if name == "delay" else np.inf,
+            )
             value.flags.writeable = False
-            object.__setattr__(self, field.name, value)
+            object.__setattr__(self, name, value)
 
 
 def read_servos(path: str | Path, n: int) -> PositionServos | None:

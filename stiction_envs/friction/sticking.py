@@ -62,11 +62,8 @@ def friction_of(arm: Arm, given: Friction | None = None) -> FrictionParameters:
 
     Raise a StictionError for an unreadable file, or one of another number of joints.
     """
-    if isinstance(given, FrictionParameters):
-        return given
-    if given is None:
-        return own_friction(arm)
-    return load_friction(friction_file(arm, given), arm.n)
+    origin = friction_origin(arm, given)
+    return origin if isinstance(origin, FrictionParameters) else load_friction(origin, arm.n)
 
 
 def arm_of(robot: Robot) -> Arm:

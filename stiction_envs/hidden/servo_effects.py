@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 from stiction_envs.arrays import Array
-from stiction_envs.gap.servo.causes import ServoLag
+from stiction_envs.gap.servo.causes import ServoLag, servo_cause
 from stiction_envs.gap.servo.servo_parameters import FAR, INDEX
 from stiction_envs.hidden.rehearsal.jobs import Hideable
 
@@ -116,6 +117,16 @@ def _nothing(joint: ServoJoint, size: float) -> dict[str, float]:
     return {}
 
 
+def _effect(
+    name: str, what_to_record: str, size: tuple[str, str] | None = None, **rest: Any
+) -> ServoEffect:
+    """Return an effect; its ``size`` is called, with its unit, as its cause's first parameter."""
+    if size is None:
+        first = servo_cause(name).parameters[0]
+        size = first.name, first.unit
+    return ServoEffect(name, *size, what_to_record, **rest)
+
+
 _FREQUENCIES = "commands of several frequencies, up to where the joint hardly follows"
 _SLOW = "slow motion through several poses, both ways, with rests"
 _VERY_SLOW = "very slow motion, both ways, with rests"
@@ -128,51 +139,51 @@ _REVERSALS = "many slow reversals of a few mrad to some tens of mrad"
 _CURRENT = "motion whose ends differ, with the current logged"
 _LAG, _DRY = (ServoLag.name,), ("coulomb_friction",)
 _EFFECTS = (
-    ServoEffect(
-        *("servo_stiffness", "stiffness_nm_per_rad", "N·m/rad", _RESTS),
+    _effect(
+        *("servo_stiffness", _RESTS),
         law=lambda joint, size: {"stiffness": joint["stiffness"] / (1.0 + size)},
         largest=4.0,
         usual=lambda joint: 2 / 3,
         under_gravity=True,
     ),
-    ServoEffect(
-        *("damping", "damping_nms", "N·m·s/rad", _FREQUENCIES),
+    _effect(
+        *("damping", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"damping": joint["damping"] + size * joint["stiffness"]},
         largest=0.5,
         usual=lambda joint: 1.5 * joint["damping"] / joint["stiffness"],
     ),
-    ServoEffect(
-        *("delay", "delay_s", "s", _FREQUENCIES),
+    _effect(
+        *("delay", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"delay": joint["delay"] + size},
         largest=0.15,
         usual=lambda joint: 0.03,
     ),
-    ServoEffect(
-        *("armature", "armature_kgm2", "kg·m²", _FREQUENCIES),
+    _effect(
+        *("armature", _FREQUENCIES),
         part_of=_LAG,
         law=lambda joint, size: {"armature": joint["armature"] + size * joint["stiffness"]},
         largest=0.02,
         usual=lambda joint: 3.0 * joint.inertia / joint["stiffness"],
     ),
-    ServoEffect(
-        *("coulomb_friction", "coulomb_nm", "N·m", _SLOW),
+    _effect(
+        *("coulomb_friction", _SLOW),
         law=lambda joint, size: {"stiction": joint["stiction"] + size * joint["stiffness"]},
         shown_as=_sliding,
         largest=0.3,
         usual=lambda joint: 0.02,
     ),
-    ServoEffect(
-        *("stribeck_friction", "stiction_nm", "N·m", _VERY_SLOW),
+    _effect(
+        *("stribeck_friction", _VERY_SLOW),
         expected=_DRY,
         law=_stribeck,
         shown_as=_extra_stiction,
         largest=3.0,
         usual=lambda joint: 1.0,
     ),
-    ServoEffect(
-        *("load_dependent_friction", "load_coefficient", "1", _SLOW),
+    _effect(
+        *("load_dependent_friction", _SLOW),
         expected=_DRY,
         law=lambda joint, size: {"load": joint["load"] + size},
         shown_as=lambda joint, size: size,
@@ -181,57 +192,57 @@ _EFFECTS = (
         under_gravity=True,
         dry=0.006,
     ),
-    ServoEffect(
-        *("torque_limit", "limit_nm", "N·m", _LARGE),
+    _effect(
+        *("torque_limit", _LARGE),
         law=lambda joint, size: {
             "torque_limit": max(_limit(joint.torque, size), CARRIES * joint.gravity)
         },
         largest=1.0,
         usual=lambda joint: DEEPEST / 1.02,
     ),
-    ServoEffect(
-        *("speed_limit", "limit_rad_s", "rad/s", _FAST),
+    _effect(
+        *("speed_limit", _FAST),
         law=lambda joint, size: {"speed_limit": _limit(joint.speed, size)},
         largest=1.0,
         usual=lambda joint: DEEPEST / 0.6,
     ),
-    ServoEffect(
-        *("encoder_offset", "offset_rad", "rad", _BOTH_SIDES),
+    _effect(
+        *("encoder_offset", _BOTH_SIDES),
         law=lambda joint, size: {"offset": size},
         largest=0.25,
         usual=lambda joint: 0.15,
         under_gravity=True,
     ),
-    ServoEffect(
-        *("dead_zone", "width_rad", "rad", _SMALL),
+    _effect(
+        *("dead_zone", _SMALL),
         law=lambda joint, size: {"dead_zone": joint["dead_zone"] + size},
         shown_as=lambda joint, size: 2.0 * size,
         largest=0.05,
         usual=lambda joint: 0.02,
     ),
-    ServoEffect(
-        *("payload", "mass_kg", "kg", _ALL_JOINTS),
+    _effect(
+        *("payload", _ALL_JOINTS),
         arm_wide=True,
         law=_nothing,  # the arm is another
         largest=20.0,
     ),
-    ServoEffect(
-        *("presliding_hysteresis", "bristle_stiffness", "N·m/rad", _REVERSALS),
+    _effect(
+        *("presliding_hysteresis", _REVERSALS),
         expected=_DRY,
         law=lambda joint, size: {"bristle": joint["bristle"] + size},
         shown_as=lambda joint, size: joint.friction / (joint["bristle"] + size),
         largest=0.05,
         usual=lambda joint: 0.015,
     ),
-    ServoEffect(
-        *("gravity_compensation_missing", "share", "1", _SLOW),
+    _effect(
+        *("gravity_compensation_missing", _SLOW),
         law=lambda joint, size: {"compensation": size},
         largest=1.0,
         usual=lambda joint: 0.5,
         under_gravity=True,
     ),
-    ServoEffect(
-        *("external_contact", "depth_rad", "rad", _CURRENT),
+    _effect(
+        *("external_contact", _CURRENT, ("depth_rad", "rad")),
         law=_nothing,  # the angle stops at a wall, so far below the top of its motion
         shown_as=lambda joint, size: min(size, joint.above),
         largest=1.0,

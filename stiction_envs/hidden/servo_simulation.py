@@ -19,10 +19,9 @@ from stiction_envs.arrays import Array
 from stiction_envs.compiled import compiled
 from stiction_envs.errors import ExperimentError
 from stiction_envs.gap.servo.servo_parameters import INDEX
-from stiction_envs.hidden.worlds import add_to_flange
+from stiction_envs.hidden.worlds import STEP, add_to_flange
 from stiction_envs.robots import Arm
 
-STEP = 1e-3  # step of the simulation [s]; assumed
 LIGHTEST = 1e-4
 """Least inertia of a joint over its servo's stiffness [s²]: a rotor makes up for lighter links;
 assumed."""

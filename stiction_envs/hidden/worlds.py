@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import checked_array
+from stiction_envs.friction.parameters import CONTROL_DT
 from stiction_envs.robots import Arm, load_arm
 from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import from_pseudo_inertia, inertial_parameters, pseudo_inertia
@@ -21,7 +22,7 @@ CENTRE = np.array([0.0, -0.4, 0.0, -1.9, 0.0, 1.9, 0.5])
 REACH = np.array([0.9, 0.6, 0.9, 0.6, 0.9, 0.7, 0.9])
 """How far the poses lie from the centre [rad]; assumed: within the Panda's limits, with room for
 the motion."""
-STEP = 1e-3  # step of the simulation [s]; assumed
+STEP = CONTROL_DT  # step of the simulation [s]
 PRESLIDING_DISTANCE = 1e-4
 """Presliding distance of joints without visible presliding [rad]; assumed."""
 RADIUS = 0.03  # radius of a payload, a solid sphere [m]; assumed
@@ -194,8 +195,7 @@ def scattered(phi: ArrayLike, scatter: float, rng: np.random.Generator) -> Array
     J' = (m'/m) T J Tᵀ with T the affine map of all this, which keeps J positive definite
     (`pseudo_inertia`). s is ``scatter``; one out of range is refused.
     """
-    if not 0 <= scatter <= MOST:
-        raise StictionError(f"scatter {scatter:g}: expected 0 to {MOST:g}")
+    checked_array(scatter, "scatter", (), low=0, high=MOST)
     before = np.asarray(phi, dtype=np.float64)
     n = len(before)
     mass = 1 + scatter * rng.normal(size=n)

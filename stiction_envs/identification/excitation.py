@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from stiction_envs.arrays import Array
-from stiction_envs.errors import ExperimentError, StictionError
+from stiction_envs.errors import ExperimentError, checked_array
 from stiction_envs.friction.sticking import Robot, arm_of
 from stiction_envs.identification.excitation_limits import acceleration_limits, used
 from stiction_envs.identification.excitation_motion import FourierSeries, State, Sweeps, sweeps_from
@@ -91,7 +91,7 @@ class Excitation(Result):
 
     def times(self, rate_hz: float) -> Array:
         """Return (T,) times of samples from start to end [s]; the rate must be positive."""
-        _check_rate(rate_hz)
+        checked_array(rate_hz, "rate", (), above=0, unit="Hz")
         return np.asarray(np.arange(int(np.floor(self.duration * rate_hz + 1e-9)) + 1) / rate_hz)
 
     def to_csv(self, path: str | os.PathLike[str], rate_hz: float = 1000.0) -> None:
@@ -188,7 +188,7 @@ def excite(
     say = progress or (lambda *_: None)
     arm = arm_of(robot)
     rate = float(arm.controller_rate_hz) if rate_hz is None else rate_hz
-    _check_rate(rate)
+    checked_array(rate, "rate", (), above=0, unit="Hz")
     s = override(excitation_settings(), settings)
     rng = np.random.default_rng(seed)
     problem = ExcitationProblem(arm, s, rng)
@@ -237,7 +237,7 @@ def excite(
         periods=s.periods,
         sweeps=slow,
         condition=problem.condition(fine),
-        condition_si=problem.condition_si(fine),
+        condition_si=problem.condition(fine, scaled=False),
         random_condition=np.array(conditions),
         columns=problem.base.expressions(),
         used=used(check, problem.torque(check), problem.bounds),
@@ -246,11 +246,6 @@ def excite(
         rate_hz=rate,
         provenance=provenance("excite", made, seed=seed),
     )
-
-
-def _check_rate(hz: float) -> None:
-    if not (np.isfinite(hz) and hz > 0):
-        raise StictionError(f"rate {hz} Hz: expected a number above 0")
 
 
 def _sweeps(problem: ExcitationProblem, start: Array) -> tuple[Sweeps, State]:

@@ -99,15 +99,11 @@ class ExcitationProblem:
         links = torque_regressor(self.model, q, dq, ddq)
         return np.concatenate([links, friction.reshape(len(q), n, 3 * n)], axis=2)
 
-    def condition(self, state: State) -> float:
-        """Return the condition number of the scaled regressor."""
+    def condition(self, state: State, *, scaled: bool = True) -> float:
+        """Return the condition number of the scaled regressor, or as it is in SI units."""
         whole = self._whole(*state)[:, :, self.base.kept]
-        scaled = whole / self.arm.limits.torque[:, None] / self.size
-        return float(np.linalg.cond(scaled.reshape(-1, self.base.size)))
-
-    def condition_si(self, state: State) -> float:
-        """Return the condition number of the regressor as it is in SI units."""
-        whole = self._whole(*state)[:, :, self.base.kept]
+        if scaled:
+            whole = whole / self.arm.limits.torque[:, None] / self.size
         return float(np.linalg.cond(whole.reshape(-1, self.base.size)))
 
     def torque(self, state: State) -> Array:

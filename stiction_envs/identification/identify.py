@@ -47,8 +47,6 @@ from stiction_envs.robots.inertias import with_inertias
 from stiction_envs.robots.regressor import PARAMETERS, BaseSet, pseudo_inertia
 from stiction_envs.robots.stated import WITHOUT_FRICTION
 
-__all__ = ["Identification", "identify"]
-
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
 MOST_SAMPLES = 20_000
 """Samples of all logs together; assumed. Longer logs are thinned out after the filter."""
@@ -275,23 +273,18 @@ def identify(
         read += read_logs([log], arm.n, limits=arm.limits, naming=naming)
         say("reading", len(read) / len(given))
     side = torque_side(torque, read)
-    file = naming.calibration
-    calibration = {} if file is None else {"calibration": Path(file)}
     made = provenance(
         "identify",
         {
             "robot": arm.name,
             "arm_sha256": hashlib.sha256(arm.xml.encode()).hexdigest(),
             "torque": side,
-            "joints": list(naming.joints),
-            "topic": naming.topic,
-            "units": naming.units,
-            "columns": list(naming.columns),
+            **naming.record,
             "cutoff": cutoff_hz,
             "logs": sources.in_memory,
         },
         seed=0,
-        inputs=sources.files | calibration,
+        inputs=sources.files | naming.files,
     )
     signals = prepare(read, cutoff_hz=cutoff_hz, most_samples=MOST_SAMPLES)
     turned, signals = correct_sign(read, signals, arm)

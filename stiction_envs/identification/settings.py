@@ -5,16 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Annotated
 
-from stiction_envs.errors import StictionError
-from stiction_envs.method_settings import (
-    Count,
-    NotNegative,
-    Positive,
-    Share,
-    load_settings,
-    override,
-)
+import msgspec
+
+from stiction_envs.method_settings import Count, NotNegative, Positive, Share, load_settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,7 +18,7 @@ class ExcitationSettings:
 
     base_frequency: Positive
     """Base frequency of the Fourier series [Hz]."""
-    harmonics: Count
+    harmonics: Annotated[int, msgspec.Meta(ge=2)]
     """Number of harmonics of the base frequency."""
     periods: Count
     """Number of periods of the series."""
@@ -46,18 +41,10 @@ class ExcitationSettings:
     randoms: Count
     """Number of random motions for comparison."""
 
-    def __post_init__(self) -> None:
-        if self.harmonics < 2:
-            raise StictionError(f"harmonics is {self.harmonics}: expected whole numbers from 2")
-
     @property
     def period(self) -> float:
         """Period of the series [s]."""
         return 1.0 / self.base_frequency
-
-    def replace(self, **changes: float) -> ExcitationSettings:
-        """Return a copy with some numbers changed."""
-        return override(self, changes)
 
 
 @cache

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 from stiction_envs.errors import StictionError
@@ -37,12 +36,9 @@ def file_kind(path: str | os.PathLike[str]) -> str:
     mark = known_header(header).mark
     if not header or mark != OUR_COLUMNS.mark or any(map(column_of, header)):
         return LOG
+    text = ",".join(header)
+    shown = text if len(text) <= 80 else f"{text[:80].rpartition(',')[0]} …"
     raise StictionError(
-        f"{path}: neither a torque table nor a joint log, its columns are {_short(header)}: "
+        f"{path}: neither a torque table nor a joint log, its columns are {shown}: "
         f"expected {','.join(SJE_COLUMNS)} or t,q1..qn with tau1..taun or q_cmd1..q_cmdn"
     )
-
-
-def _short(header: Sequence[str]) -> str:
-    text = ",".join(header)
-    return text if len(text) <= 80 else f"{text[:80].rpartition(',')[0]} …"

@@ -65,18 +65,18 @@ class OutputFolder:
         if path.exists() and not path.is_dir():
             raise StictionError(f"output {path}: is a file: expected a folder")
         check_place(path)
-        there = self._names()
-        before = self._read()
+        there, before = self._files(), self._read()
         same = before.get("arguments_sha256") == found["arguments_sha256"]
         self.resumed = bool(resumable and same and not force)
         if there and not force and not self.resumed:
             what = f"a run of stiction {before['command']}" if before.get("command") else "files"
             raise StictionError(f"output {path}: holds {what}: choose another folder, or force")
-        if self.resumed:
-            self._foreign = set(before.get("kept", []))
-        else:
-            self._old = self._run_files(before, there)
-            self._foreign = there - {n.split("/")[0] for n in self._old} - {NAME}
+        kept = set(before.get("kept", ()))
+        if before.get("finished"):
+            self._old = there & set(before.get("files", ()))
+        else:  # a run that was interrupted: all but what it found there
+            self._old = there - kept if "kept" in before else set()
+        self._foreign = kept if self.resumed else there - self._old
 
     def __enter__(self) -> Self:
         self._made = not self.path.exists()
@@ -88,8 +88,9 @@ class OutputFolder:
                 self._unmake()
                 raise
             # only then: on a full disk the other run's files stay
-            self._remove(self._old)
-        self._before = self._names()
+            for name in self._old:
+                self._remove(self.path / name)
+        self._before = self._files()
         return self
 
     def __exit__(
@@ -101,7 +102,7 @@ class OutputFolder:
         if kind is None:
             # of killed processes; not earlier, since a running process may refuse this one
             remove_parts(self.path)
-            files = self._below(self._names() - self._foreign - {NAME})
+            files = sorted(self._files() - self._foreign)
             self._write({"finished": True, "kept": sorted(self._foreign), "files": files})
         elif not self.wrote and not self.resumed:
             with suppress(OSError):  # the first error matters more
@@ -111,7 +112,7 @@ class OutputFolder:
     @property
     def wrote(self) -> bool:
         """True if the run has put a file into the folder."""
-        return bool(self._names() - self._before - {NAME})
+        return bool(self._files() - self._before)
 
     def _unmake(self) -> None:
         """Remove the folder if it is ours and empty."""
@@ -119,26 +120,17 @@ class OutputFolder:
             with suppress(OSError):
                 self.path.rmdir()
 
-    def _names(self) -> set[str]:
-        there = self.path.iterdir() if self.path.is_dir() else ()
-        return {p.name for p in there if not is_part(p)}
+    def _files(self) -> set[str]:
+        """Return the files in the folder and below, but the provenance, by their paths there."""
+        there = (p for p in self.path.rglob("*") if not p.is_dir() and not is_part(p))
+        return {p.relative_to(self.path).as_posix() for p in there} - {NAME}
 
-    def _below(self, names: set[str]) -> list[str]:
-        """Return the files of these names, and those in the folders of these names."""
-        found = []
-        for name in names:
-            top = self.path / name
-            files = [p for p in top.rglob("*") if p.is_file()] if top.is_dir() else [top]
-            found += [p.relative_to(self.path).as_posix() for p in files]
-        return sorted(found)
-
-    def _remove(self, files: list[str]) -> None:
-        for name in files:
-            file = self.path / name
-            file.unlink(missing_ok=True)
-            for folder in file.relative_to(self.path).parents[:-1]:
-                if not any((self.path / folder).iterdir()):
-                    (self.path / folder).rmdir()
+    def _remove(self, file: Path) -> None:
+        """Remove a file, and the folders that are empty then."""
+        file.unlink(missing_ok=True)
+        for folder in file.relative_to(self.path).parents[:-1]:
+            if not any((self.path / folder).iterdir()):
+                (self.path / folder).rmdir()
 
     def _read(self) -> JsonRecord:
         try:
@@ -146,17 +138,6 @@ class OutputFolder:
         except (OSError, ValueError):
             return {}
         return found if isinstance(found, dict) else {}
-
-    def _run_files(self, before: JsonRecord, there: set[str]) -> list[str]:
-        """Return the files of an earlier run: those it listed, or all but what it found there."""
-        if before.get("finished"):
-            here = self.path.resolve()
-            return [
-                name
-                for name in before.get("files", [])
-                if (here / name).is_file() and (here / name).resolve().is_relative_to(here)
-            ]
-        return self._below(there - set(before["kept"]) - {NAME}) if "kept" in before else []
 
     def _write(self, state: dict[str, object]) -> None:
         text = json.dumps(

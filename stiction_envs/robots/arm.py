@@ -203,8 +203,7 @@ def load_arm(
     if payload is not None:
         expected = "4 finite numbers, mass in kg, centre of mass x y z in m"
         mass, x, y, z = checked_array(payload, "payload", (4,), expected=expected).tolist()
-        if mass < 0:
-            raise StictionError(f"payload mass {mass:g} kg: must not be negative")
+        checked_array(mass, "payload mass", low=0, unit="kg")
         load = mass, x, y, z
     expected = "2 finite numbers, roll and pitch in rad"
     roll, pitch = checked_array(tilt, "tilt", (2,), expected=expected).tolist()

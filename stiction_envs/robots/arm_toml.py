@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from functools import cache
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array, Bools
 from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.method_settings import read_toml as read_toml
 
 MOUNTINGS = ("floor", "free")
 PLACEHOLDER = 0.2  # no arm has so low a limit of speed or torque [rad/s, N·m]; assumed
@@ -57,16 +57,6 @@ class Limits:
             array = np.array(getattr(self, field.name), dtype=np.float64)
             array.flags.writeable = False
             object.__setattr__(self, field.name, array)
-
-
-def read_toml(path: Path) -> Table:
-    """Return the tables of a TOML file; StictionError if it cannot be read."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StictionError(f"{path}: {error.strerror}") from None
-    except ValueError as error:  # TOML, UTF-8, or a whole number of thousands of digits
-        raise StictionError(f"{path}: not a TOML file: {error}") from None
 
 
 @cache

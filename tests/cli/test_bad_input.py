@@ -63,7 +63,7 @@ BAD = {
         "--speed 3": "--speed",
         "--iter 3": "--iter",
         "--payload nan 0 0 0": "finite",
-        "--payload -1 0 0 0": "negative",
+        "--payload -1 0 0 0": "from 0 kg",
         "--payload 1": "4 arguments",
         "--friction {no.toml}": "not a TOML file",
         "--sensing {senses.toml}": "angle_noise is -1e-05: expected 0 or above",
@@ -146,7 +146,7 @@ BAD = {
         "panda --friction stribeck": "expected one of dcmotor, frictionloss, or a path to a .toml",
         "panda --friction dcmotor --friction frictionloss": "one kind and one .toml at most",
         "panda --engine bullet": "expected one of mujoco, warp, mjx, newton",
-        "panda --engine mjx --friction dcmotor": "engine mjx has no dcmotor",
+        "panda --engine mjx --friction dcmotor": "engine has no dcmotor",
     },
     "conformance": {
         "atlas": "no such file, and no robot of that name",

@@ -67,7 +67,7 @@ def test_what_the_servo_follows_is_limited_in_speed(tmp_path):
         ("stiffness = [80.0, 30.0]", "stiffness = [80.0]", r"numbers of shape \(2,\)"),
         ("stiffness = [80.0, 30.0]", "stiffness = [80.0, 0.0]", "above 0"),
         ("delay = [0.0, 0.0]", "delay = [0.0, nan]", "delay"),
-        ("delay = [0.0, 0.0]", "delay = [0.0, 5.0]", "up to 1 s"),
+        ("delay = [0.0, 0.0]", "delay = [0.0, 5.0]", "numbers to 1"),
         ("delay = [0.0, 0.0]", "", "delay"),
         ("dead_zone = [0.0, 0.0]", "dead_zone = [-1.0, 0.0]", "from 0"),
     ],

@@ -22,7 +22,7 @@ from stiction_envs.robots import Arm, load_arm
 from tests.robots.test_overlapping_links import ARM
 
 DEFAULTS = excitation_settings()
-QUICK = DEFAULTS.replace(iterations=30, starts=1, randoms=6)
+QUICK = dataclasses.replace(DEFAULTS, iterations=30, starts=1, randoms=6)
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_gradient_of_the_objective(panda):
 
 
 def test_same_seed_same_motion_and_progress_rises_to_one(panda):
-    few = QUICK.replace(iterations=3, randoms=2)
+    few = dataclasses.replace(QUICK, iterations=3, randoms=2)
     seen: list[tuple[str, float]] = []
     one, same = (excite(panda, few, seed=5) for _ in range(2))
     other = excite(panda, few, seed=6, progress=lambda *x: seen.append(x))

@@ -28,7 +28,7 @@ DAMPING = np.array([1.5, 0.8, 0.4])  # [N·m·s/rad]
 DRY = np.array([2.0, 1.5, 0.6])  # [N·m]
 SPRINGS, REST = np.array([0.0, 30.0, 6.0]), np.array([0.0, 0.4, -0.3])  # [N·m/rad], [rad]
 RATE, NOISE = 200.0, 0.02  # [Hz], [N·m]
-QUICK = excitation_settings().replace(iterations=30, starts=1, randoms=6)
+QUICK = replace(excitation_settings(), iterations=30, starts=1, randoms=6)
 
 FILE = """<mujoco model="stated"><compiler angle="radian" autolimits="true"/>
 <worldbody><body name="one" pos="0 0 0.3" gravcomp="0.6">

@@ -12,23 +12,19 @@ from stiction_envs.cli.gte import compensation_file
 from stiction_envs.cli.progress import Progress
 from stiction_envs.envs.registration import EXPERIMENTS
 from stiction_envs.errors import StictionError
-from tuning.names import EPISODES, PATHS, POLICIES
+from tuning.names import EPISODES, GATED, PATHS, POLICIES
 
 if TYPE_CHECKING:
     from tuning.policies.task import Task
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "evaluate",
-        summary="Evaluate policies, amplitude tables and rules on the same episodes of an "
-        "environment.",
-        example="stiction evaluate panda gte --policy none gated runs/train-panda/policy.zip",
-        interrupted="nothing was written; run the same command again",
-        run=run,
-    )
+SUMMARY = "Evaluate policies, amplitude tables and rules on the same episodes of an environment."
+EXAMPLE = "stiction evaluate panda gte --policy none gated runs/train-panda/policy.zip"
+INTERRUPTED = "nothing was written; run the same command again"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     add_task_options(parser)
     common.option(
         parser,
@@ -147,8 +143,8 @@ def run(args: argparse.Namespace) -> common.Answer:
 
 def policy_files(robot: str, policies: list[str]) -> dict[str, Path]:
     """Return the policies that are files, by unique names."""
-    from tuning.policies.comparison import gated_file
+    from stiction_envs.dither.tables import shipped_table
 
     files = {f"policy {k}": Path(p) for k, p in enumerate(policies, 1) if p not in POLICIES}
-    shipped = gated_file(robot) if "gated" in policies else None
+    shipped = shipped_table(robot, GATED) if "gated" in policies else None
     return files if shipped is None else {**files, "gated": shipped}

@@ -11,17 +11,13 @@ from stiction_envs.cli.progress import Progress
 from tuning.commands import evaluate
 from tuning.names import ALGORITHMS, CHECKPOINT_EVERY
 
+SUMMARY = "Train a policy that dithers (Stable-Baselines3, extra rl), and evaluate it."
+EXAMPLE = "stiction train panda gte --algo ppo --steps 300000 --out runs/train-panda"
+INTERRUPTED = "the last checkpoint is kept; run the same command again to go on from it"
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "train",
-        summary="Train a policy that dithers (Stable-Baselines3, extra rl), and evaluate it.",
-        example="stiction train panda gte --algo ppo --steps 300000 --out runs/train-panda",
-        interrupted="the last checkpoint is kept; run the same command again to go on from it",
-        run=run,
-    )
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     evaluate.add_task_options(parser)
     common.option(parser, f"--algo {'|'.join(ALGORITHMS)}", "learning algorithm", required=True)
     common.option(

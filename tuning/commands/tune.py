@@ -23,16 +23,13 @@ WITH_A_ROBOT = ("ask", "tell", "bounds", "limit")
 """Options of the search that tuning on a real robot has too."""
 
 
-def add_parser(subparsers: common.Subparsers) -> None:
-    """Add the command."""
-    parser = common.add_command(
-        subparsers,
-        "tune",
-        summary="Find frequency and amplitude of the dither of every joint, and verify them.",
-        example="stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda",
-        interrupted="what was measured is kept; run the same command again to go on",
-        run=run,
-    )
+SUMMARY = "Find frequency and amplitude of the dither of every joint, and verify them."
+EXAMPLE = "stiction tune panda --protocol thesis --table base.csv --out runs/tune-panda"
+INTERRUPTED = "what was measured is kept; run the same command again to go on"
+
+
+def add_options(parser: common.Parser) -> None:
+    """Add the options."""
     common.add_robot_options(parser)
     common.add_drive_option(parser, common.SERVO_DRIVE)
     common.add_sensing_option(parser)

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from stiction_envs.dither.tables import HERE
+from stiction_envs.dither.tables import shipped_table
 from stiction_envs.envs.agents import AGENTS, ConstantTable, GatedTable
 from stiction_envs.envs.evaluation import PolicyLike, evaluate, write_rows
 from stiction_envs.envs.gym_env import ArmVectorEnv
 from stiction_envs.errors import StictionError
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.reporting.markdown import aligned, number
-from tuning.names import EPISODES, POLICIES
+from tuning.names import EPISODES, GATED, POLICIES
 from tuning.policies.policy import Policy
 from tuning.policies.settings import policy_settings
 from tuning.policies.task import Task
@@ -173,7 +173,7 @@ def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
     The Panda's is the best of 1600 tables with one common gate (``benchmarks/learning/search.md``).
     An arm without one gets `agents.usual_table` with the default gate.
     """
-    path = gated_file(robot)
+    path = shipped_table(robot, GATED)
     if path is None:
         return GatedTable(env)
     core = env.unwrapped.core
@@ -184,12 +184,6 @@ def best_gated(robot: str, env: ArmVectorEnv) -> GatedTable:
         for row in read_amplitudes(path, n_joints=core.n)
     ]
     return GatedTable(env, rows, speed=np.inf)
-
-
-def gated_file(robot: str) -> Path | None:
-    """Return the best gated table shipped for an arm, None if there is none."""
-    path = HERE / f"{robot}_gated.csv"
-    return path if path.is_file() else None
 
 
 class _WithinBounds:
@@ -216,4 +210,4 @@ def _held_out(task: Task, episode: int) -> dict[str, object]:
     fixed = task.arguments.get("fixed_options", {})
     if fixed.get("trajectory") != "random" or "path" in fixed:
         return {}
-    return {"path": policy_settings().evaluation.test_paths + episode}
+    return {"path": policy_settings().run.test_paths + episode}

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.compiled import compiled
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array, opening
 from stiction_envs.method_settings import Positive
 from stiction_envs.reporting.atomic import write_bytes_atomic
 from stiction_envs.reporting.json_text import JsonRecord
@@ -27,8 +27,6 @@ MOST_BYTES = 2**26
 """Largest unpacked size of a ``policy.zip`` [B] (assumed): a hundred times a usual network's."""
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest date of the zip format
 _SB3 = {"_stable_baselines3_version", "policy.pth", "data"}
-_FORMAT = "stiction-envs policy 2"
-_Numbers = tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,27 +50,14 @@ class Card:
     """Origin: algorithm, steps, seed, versions and other facts; for information only."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Content:
-    """``policy.json``; JSON has no number that is not finite."""
-
-    format: Literal["stiction-envs policy 2"]
-    card: Card
-    low: _Numbers
-    high: _Numbers
-    mean: _Numbers
-    variance: tuple[Annotated[float, msgspec.Meta(ge=0)], ...]
-    weights: Annotated[tuple[tuple[_Numbers, ...], ...], msgspec.Meta(min_length=1)]
-    biases: tuple[_Numbers, ...]
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Policy:
     """Observation → normalised → layers → amplitudes [N·m] and frequencies [Hz].
 
-    A row of a batch gives the same bits as the row alone.
+    A row of a batch gives the same bits as the row alone. The fields are those of ``policy.json``.
     """
 
+    format: Literal["stiction-envs policy 2"] = "stiction-envs policy 2"
     card: Card
     low: Array
     """(2n,) lowest action: n amplitudes [N·m], n frequencies [Hz]."""
@@ -81,7 +66,7 @@ class Policy:
     """(observations,) mean of the observations in training."""
     variance: Array
     """(observations,) their variance."""
-    weights: tuple[Array, ...]
+    weights: Annotated[tuple[Array, ...], msgspec.Meta(min_length=1)]
     """(out, in) of every layer."""
     biases: tuple[Array, ...]
     """(out,) of every layer."""
@@ -146,8 +131,7 @@ class Policy:
 
     def save(self, path: str | Path) -> None:
         """Write a ``policy.zip``; the same policy gives the same bytes."""
-        content = {"format": _FORMAT, **vars(self)}
-        text = msgspec.json.encode(content, enc_hook=lambda array: array.tolist())
+        text = msgspec.json.encode(vars(self), enc_hook=lambda array: array.tolist())
         out = io.BytesIO()
         with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as file:
             file.writestr(zipfile.ZipInfo(ENTRY, _EPOCH), text)
@@ -162,12 +146,8 @@ class Policy:
                 large, or numbers and shapes that do not belong together.
         """
         try:
-            content = msgspec.json.decode(_unpacked(Path(path)), type=_Content)
-            out = cls(
-                card=content.card,
-                **{k: np.array(getattr(content, k)) for k in ("low", "high", "mean", "variance")},
-                weights=tuple(np.array(w, dtype=float) for w in content.weights),
-                biases=tuple(np.array(b) for b in content.biases),
+            out = msgspec.json.decode(
+                _unpacked(Path(path)), type=cls, dec_hook=lambda _, x: checked_array(x, "an array")
             )
             out._check_shapes()
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
@@ -176,6 +156,7 @@ class Policy:
 
     def _check_shapes(self) -> None:
         """Raise a ValueError if arrays do not belong together."""
+        checked_array(self.variance, "variance", low=0)
         observations = (len(self.card.observation_names),)
         if not self.mean.shape == self.variance.shape == observations:
             raise ValueError(f"expected mean and variance of shape {observations}")
@@ -196,9 +177,10 @@ def _unpacked(path: Path) -> bytes:
     Raises:
         StictionError: no such file, no such zip, or too large a content.
     """
-    expected = "expected a policy.zip of `stiction train`"
+    wanted = "a policy.zip of `stiction train`"
+    expected = f"expected {wanted}"
     try:
-        with zipfile.ZipFile(path) as file:
+        with opening(path, wanted), zipfile.ZipFile(path) as file:
             names = set(file.namelist())
             if names & _SB3:
                 raise StictionError(
@@ -212,9 +194,6 @@ def _unpacked(path: Path) -> bytes:
             if (size := file.getinfo(ENTRY).file_size) > MOST_BYTES:
                 raise StictionError(f"{path}: {size} bytes unpacked: expected up to {MOST_BYTES}")
             return file.read(ENTRY)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise StictionError(f"{path}: {reason}: {expected}") from None
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, zlib.error) as error:
         raise StictionError(f"{path}: not a zip: {error}: {expected}") from None
 

@@ -33,18 +33,12 @@ class RunSettings:
     """Episodes of each evaluation, the same ones every time."""
     final_episodes: Count
     """Episodes with other seeds on which the finished policy is compared."""
+    test_paths: Count
+    """Number of the first random path for evaluation; training may draw smaller numbers."""
     clip_observation: Positive
     """Bound of normalised observations [standard deviations]."""
     clip_reward: Positive
     """Bound of normalised rewards [standard deviations]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluationSettings:
-    """Episodes on which policies are compared."""
-
-    test_paths: Count
-    """Number of the first random path for evaluation; training may draw smaller numbers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +53,6 @@ class PolicySettings:
     """Twin delayed deterministic policy gradient (Fujimoto et al. 2018)."""
     run: RunSettings
     """Evaluations, limits."""
-    evaluation: EvaluationSettings
-    """Comparisons."""
 
 
 @cache

@@ -98,7 +98,7 @@ class Training:
             warnings.simplefilter("ignore")  # of fewer arms than there will be
             make_model(self.algorithm, own, env, self.seed)
         core = env.unwrapped.env.unwrapped.core  # type: ignore[attr-defined]
-        drawn, first = getattr(core, "random_paths", 0), self.settings.evaluation.test_paths
+        drawn, first = getattr(core, "random_paths", 0), self.settings.run.test_paths
         env.close()
         if drawn > first:
             raise StictionError(

@@ -9,11 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from stiction_envs.control.sensing import SensingLike
 from stiction_envs.dither.dither import check_frequency
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import StictionError, checked_array
 from stiction_envs.experiments.sje.calibrate import calibrate, calibrated_toml
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
@@ -32,20 +30,6 @@ from tuning.protocol.rules import frequencies_of
 from tuning.protocol.stages import ThesisTuner
 from tuning.settings import TuningSettings, tuning_settings
 from tuning.study.tuning_run import Progress, open_run
-
-
-def _check(
-    frequencies: tuple[float, ...], scales: tuple[float, ...], most: float, rate_hz: float
-) -> list[str]:
-    """Return warnings about frequencies above half the controller's rate; raise on bad ones."""
-    if not frequencies or not scales:
-        raise StictionError("at least one frequency and one scale are needed")
-    if len(set(frequencies)) != len(frequencies) or len(set(scales)) != len(scales):
-        raise StictionError("frequencies and scales must not repeat: expected each once")
-    for scale in scales:
-        if not (np.isfinite(scale) and 0 < scale <= most):
-            raise StictionError(f"scale {scale}: expected above 0 up to {most:g}")
-    return [w for f in frequencies if (w := check_frequency(f, rate_hz)) is not None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -179,7 +163,14 @@ def tune(
     s = chosen.thesis
     tried = frequencies_of(arm.registered_name, s) if frequencies is None else tuple(frequencies)
     sizes = tuple(s.scales if scales is None else scales)
-    warned = _check(tried, sizes, s.most_scale, experiment.interface.controller_rate_hz)
+    for given in (tried, sizes):
+        if not given or len(set(given)) < len(given):
+            raise StictionError(
+                "frequencies and scales must not repeat: expected at least one of each, once"
+            )
+    checked_array(sizes, "scale", above=0, high=s.most_scale)
+    rate = experiment.interface.controller_rate_hz
+    warned = [text for f in tried if (text := check_frequency(f, rate)) is not None]
     for text in warned:
         warnings.warn(text, stacklevel=2)
     inputs = {"robot": robot, "friction": friction, "sensing": sensing, "table": table}

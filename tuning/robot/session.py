@@ -12,7 +12,7 @@ import dataclasses
 from functools import cached_property
 from pathlib import Path
 
-from stiction_envs.errors import StictionError
+from stiction_envs.errors import checked_array
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
 from stiction_envs.experiments.sje.protocol import Protocol
 from stiction_envs.friction.sticking import Friction, Robot
@@ -91,8 +91,7 @@ class Session:
         Raises:
             StictionError: bad input; nothing was written.
         """
-        if count < 1:
-            raise StictionError(f"settings to ask for: {count}: expected 1 or more")
+        checked_array(count, "number of settings to ask for", (), low=1)
         with self.folder:
             study, predicted = self.open()
             state = state_of(self.experiment, study, predicted, self.settings.robot, count)

@@ -16,7 +16,7 @@ import numpy as np
 from optuna.distributions import BaseDistribution, FloatDistribution
 
 from stiction_envs.arrays import Array
-from stiction_envs.dither.tables import HERE
+from stiction_envs.dither.tables import shipped_table
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.experiments.gte.rows import thesis_final_dither
 from stiction_envs.experiments.sje.experiment import SingleJointExperiment
@@ -194,8 +194,7 @@ def reference_tables(
     robot, out = experiment.sticking.arm.registered_name, {}
     if robot in thesis_robots("4.9"):
         out["Table 4.9"] = thesis_final_dither()
-    shipped = HERE / f"{robot}.csv"
-    if shipped.exists():
+    if (shipped := shipped_table(robot)) is not None:
         out["make tune"] = tuple(read_amplitudes(shipped, n_joints=experiment.n))
     if not out:
         frequency = sorted(frequencies_of(robot, settings.thesis))[:2][-1]
@@ -237,16 +236,15 @@ def _changed(bounds: Bounds, file: Path, torque_limit: Array, half_rate: float) 
                     f"controller's rate, {half_rate:g} Hz"
                 )
         if "displacement_rad" in mine:
-            displacement[j] = _positive(mine["displacement_rad"], f"{where}displacement_rad")
+            size = mine["displacement_rad"]
+            displacement[j] = checked_array(size, f"{where}displacement_rad", (), above=0)
         if "forbidden_hz" in mine:
-            bands = mine["forbidden_hz"]
+            bands, place = mine["forbidden_hz"], f"{where}forbidden_hz"
             if not isinstance(bands, list):
-                raise StictionError(
-                    f"{where}forbidden_hz is {bands!r}: expected a list of [low, high]"
-                )
-            forbidden[j] = tuple(_pair(band, f"{where}forbidden_hz") for band in bands)
+                raise StictionError(f"{place} is {bands!r}: expected a list of [low, high]")
+            forbidden[j] = tuple(_pair(band, place) for band in bands)
     moving, resting = (
-        _positive(arm[key], f"{file}: {key}") / 1e3 if key in arm else now
+        float(checked_array(arm[key], f"{file}: {key}", (), above=0)) / 1e3 if key in arm else now
         for key, now in zip(WHOLE_ARM, bounds.vibration_m, strict=True)
     )
     return dataclasses.replace(
@@ -265,13 +263,6 @@ def _check_names(table: object, where: str, kind: str, known: Sequence[str]) -> 
     for name in table:
         if name not in known:
             raise StictionError(f"{where}{unknown(kind, name, known)}")
-
-
-def _positive(value: object, where: str) -> float:
-    number = float(checked_array(value, where, ()))
-    if number <= 0:
-        raise StictionError(f"{where} is {number:g}: expected more than 0")
-    return number
 
 
 def _pair(value: object, where: str) -> tuple[float, float]:

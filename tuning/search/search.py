@@ -25,7 +25,7 @@ from stiction_envs.friction.sticking import Friction, Robot
 from stiction_envs.measured import read_amplitudes
 from stiction_envs.method_settings import Changes, override
 from tuning.protocol.tune import Tuning
-from tuning.search.bounds import Bounds, bounds_of, reference_tables
+from tuning.search.bounds import bounds_of, reference_tables
 from tuning.search.report import write_search_report
 from tuning.search.stages import Options, SearchStages
 from tuning.settings import TuningSettings, tuning_settings
@@ -105,7 +105,14 @@ def search(
     arm = sje.sticking.arm
     where = bounds_of(sje, bounds, s.bounds)
     if options.objective != "sje":
-        _check_vibration(where, s)
+        # below the edge, the filter of the vibration measure could hide a dither
+        edge = s.bounds.vibration_edge * load_gte_protocol().vibration_low
+        low = float(where.frequency_hz[:, 0].min())
+        if low < edge:
+            raise StictionError(
+                f"frequency from {low:g} Hz: vibration is measured above {edge:g} Hz: expected "
+                f"frequency_hz from {edge:g} Hz with objective gte"
+            )
     read = partial(
         read_amplitudes,
         n_joints=arm.n,
@@ -160,14 +167,3 @@ def search(
     return Tuning(
         summary=summary, final=stages.final, folder=path, provenance=run.folder.provenance
     )
-
-
-def _check_vibration(bounds: Bounds, settings: TuningSettings) -> None:
-    """Raise where the filter of the vibration measure could hide a dither."""
-    edge = settings.bounds.vibration_edge * load_gte_protocol().vibration_low
-    low = float(bounds.frequency_hz[:, 0].min())
-    if low < edge:
-        raise StictionError(
-            f"frequency from {low:g} Hz: vibration is measured above {edge:g} Hz: expected "
-            f"frequency_hz from {edge:g} Hz with objective gte"
-        )

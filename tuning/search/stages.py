@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from functools import cached_property, partial
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
 from stiction_envs.control.laws import LAWS
-from stiction_envs.errors import ExperimentError, StictionError, unknown
+from stiction_envs.errors import ExperimentError, StictionError, checked_array, unknown
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import TRAJECTORIES
 from stiction_envs.experiments.gte.random_paths import RANDOM
@@ -64,8 +63,8 @@ class Options:
                 raise unknown(name, getattr(self, name), [x for x in choices if x is not None])
         if self.treatment is not None and self.objective != "gte":
             raise StictionError("treatment: expected objective gte")
-        if self.evaluations is not None and self.evaluations < 1:
-            raise StictionError(f"evaluations {self.evaluations}: expected 1 or more")
+        if self.evaluations is not None:
+            checked_array(self.evaluations, "evaluations", (), low=1)
         paths = self.objective != "sje"
         if self.sampler == "grid" and paths:
             raise StictionError("sampler grid: expected objective sje: a whole table has no grid")
@@ -146,7 +145,12 @@ class SearchStages:
         self._write(folder, Treatment(dither=self.final, compensation=self.compensation))
         if len(tables) > 1:
             write_amplitudes(folder / "sje_table.csv", tables["search sje"])
-        return self.verify({**tables, **self.others}, tracking)
+        breakaway = self._unseen.breakaway(
+            self.sje.replace(seed=self.seed + 1),
+            # a ramp takes long: if only paths were searched, the table found is enough
+            {**tables, **self.others} if "search sje" in tables else tables,
+        )
+        return Verified(breakaway=breakaway, tracking=tracking)
 
     def _write(self, folder: Path, found: Treatment) -> None:
         """Write the files that are handed over, if anything was found."""
@@ -364,17 +368,6 @@ class SearchStages:
             kept=KeptRows(self.run.folder.path / "verified.jsonl"),
             progress=partial(self.progress, "verification"),
         )
-
-    def verify(
-        self, tables: Mapping[str, Table], tracking: dict[str, dict[str, PathResult]]
-    ) -> Verified:
-        """Measure tables again in the SJE, under frictions and seeds not seen; add paths."""
-        breakaway = self._unseen.breakaway(
-            self.sje.replace(seed=self.seed + 1),
-            # a ramp takes long: if only paths were searched, the table found is enough
-            tables if "search sje" in tables else self.tables,
-        )
-        return Verified(breakaway=breakaway, tracking=tracking)
 
 
 def _study(kind: str) -> str:

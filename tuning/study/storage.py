@@ -41,8 +41,13 @@ def open_storage(storage: str, settings: SharedSettings | None = None) -> RDBSto
             except SQLAlchemyError:
                 continue
         return _shared_database(url, s)
-    except (SQLAlchemyError, ImportError, optuna.exceptions.OptunaError) as error:
-        raise _cannot_open(url, error) from None
+    except ImportError:
+        raise missing_extra(f"storage {shown(url)}", "psycopg", "postgres") from None
+    except (SQLAlchemyError, optuna.exceptions.OptunaError) as error:
+        text = reason_of(error)
+        for secret in filter(None, (url.password, *url.query.values())):
+            text = text.replace(str(secret), "***")
+        raise StictionError(f"storage {shown(url)}: cannot be opened: {text}") from None
 
 
 def is_shared(url: URL) -> bool:
@@ -140,18 +145,6 @@ def _template(url: URL) -> str:
     """Return a URL with its password; Optuna interprets braces."""
     text = url.render_as_string(hide_password=False)
     return text.replace("{", "{{").replace("}", "}}")
-
-
-def _cannot_open(url: URL, error: BaseException) -> StictionError:
-    """Return one line about a database that cannot be opened, without its password."""
-    place = f"storage {shown(url)}"
-    if isinstance(error, ImportError):
-        return missing_extra(place, "psycopg", "postgres")
-    text = reason_of(error)
-    for secret in (url.password, *url.query.values()):
-        if secret:
-            text = text.replace(str(secret), "***")
-    return StictionError(f"{place}: cannot be opened: {text}")
 
 
 def reason_of(error: BaseException) -> str:

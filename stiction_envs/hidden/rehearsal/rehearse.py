@@ -47,8 +47,6 @@ from stiction_envs.reporting.provenance import Provenance, provenance
 from stiction_envs.robots import Arm
 from stiction_envs.robots.registry import robot_files
 
-__all__ = ["Plan", "plan", "rehearse"]
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
@@ -169,10 +167,8 @@ def plan(
     else:
         assert isinstance(own, LogDiagnosis)
         hidden = [c for c in registered() if causes is None or c.name in causes]
-        subject, jobs = (
-            HiddenTorques(replay=replay_of(own.diagnosis)),
-            jobs_of(own.diagnosis, hidden),
-        )
+        subject = HiddenTorques(replay=replay_of(own.diagnosis))
+        jobs = jobs_of(own.diagnosis, hidden)
     arguments: dict[str, object] = {**own.provenance["arguments"], "rehearse": True}
     if causes is not None:
         arguments["rehearse_causes"] = list(causes)

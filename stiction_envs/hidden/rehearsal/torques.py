@@ -68,22 +68,21 @@ def jobs_of(own: Diagnosis, causes: Sequence[Cause]) -> list[CauseJob]:
     hidden = {(x.name, j - 1) for x in own.not_shown for j in x.joints or (0,)}
     for cause in causes:
         what = hideable(cause)
-        no_law = ""
-        if cause.name not in EFFECTS and (not cause.is_linear or (cause.acts_on == ALL_OF_ONE)):
-            no_law = "no law is known by which to hide it"
-        joints = tuple(range(own.data.n))
-        why_not = {}
-        for j in (-1,) if (cause.acts_on == THE_ARM) else joints:
-            alone = f"it changes no torque of joint {j + 1}" if j >= 0 else "it changes no torque"
-            seen = "" if (cause.name, j) in candidates else alone
-            shown = "its interval is as wide as before" if (cause.name, j) in hidden else ""
-            why_not[max(j, 0)] = seen or shown or no_law
-        jobs += [CauseJob(what=what, joints=(j,), why_not=why) for j, why in why_not.items() if why]
-        left = tuple(j for j, why in why_not.items() if not why)
-        if cause.acts_on == ALL_OF_ONE:
-            jobs += [CauseJob(what=what, joints=(j,)) for j in left]
-        elif left:
-            jobs.append(CauseJob(what=what, joints=joints if (cause.acts_on == THE_ARM) else left))
+        joints, left = tuple(range(own.data.n)), []
+        for j in (-1,) if what.arm_wide else joints:
+            why = ""
+            if (cause.name, j) not in candidates:
+                why = "it changes no torque" + f" of joint {j + 1}" * (j >= 0)
+            elif (cause.name, j) in hidden:
+                why = "its interval is as wide as before"
+            elif cause.name not in EFFECTS and (not cause.is_linear or what.coupled):
+                why = "no law is known by which to hide it"
+            if why or what.coupled:
+                jobs.append(CauseJob(what=what, joints=(max(j, 0),), why_not=why))
+            else:
+                left.append(j)
+        if left:
+            jobs.append(CauseJob(what=what, joints=joints if what.arm_wide else tuple(left)))
     return jobs
 
 

@@ -161,15 +161,11 @@ def check(
         "files": [str(p) for p in paths],
         "robot": robot,
         "chain": chain,
-        "joints": list(naming.joints),
-        "topic": naming.topic,
         "drive": drive,
-        "units": naming.units,
-        "columns": list(naming.columns),
+        **naming.record,
     }
     inputs = {f"file{k}": p for k, p in enumerate(paths, 1)}
-    if naming.calibration is not None and Path(naming.calibration).is_file():
-        inputs["calibration"] = Path(naming.calibration)
+    inputs |= {k: p for k, p in naming.files.items() if p.is_file()}
     return Findings(
         files=tuple(map(str, paths)),
         findings=tuple(findings),

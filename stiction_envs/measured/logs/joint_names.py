@@ -12,7 +12,8 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypedDict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from stiction_envs.errors import StictionError, unknown
 
@@ -44,6 +45,17 @@ class Naming:
     """Names of a table's columns: all in their order, or some as ``OURS=NAME``; () where the names
     are ours or well known (`aliases.our_names`)."""
 
+    @property
+    def record(self) -> dict[str, object]:
+        """What a person said of how logs are read, for provenance."""
+        return {k: getattr(self, k) for k in ("joints", "topic", "units", "columns")}
+
+    @property
+    def files(self) -> dict[str, Path]:
+        """The files that it names, by the name of their argument."""
+        file = self.calibration
+        return {} if file is None else {"calibration": Path(file)}
+
 
 class Reading(TypedDict, total=False):
     """Instructions of a person on how to read logs; `Naming` describes the fields."""
@@ -57,16 +69,11 @@ class Reading(TypedDict, total=False):
 
 def naming_of(arm: Arm | None, reading: Reading) -> Naming:
     """Return the names of joints, from an arm (None: no robot) and a caller's options."""
-    return Naming(
-        robot=() if arm is None else arm.joint_names,
-        whole=() if arm is None else arm.whole,
-        held=() if arm is None else arm.stated.held,
-        joints=tuple(reading.get("joints", ())),
-        topic=reading.get("topic"),
-        units=reading.get("units"),
-        calibration=reading.get("calibration"),
-        columns=tuple(reading.get("columns", ())),
-    )
+    given: dict[str, Any] = {k: x for k, x in reading.items() if k in Reading.__annotations__}
+    given |= {k: tuple(given[k]) for k in ("joints", "columns") if k in given}
+    if arm is not None:
+        given |= {"robot": arm.joint_names, "whole": arm.whole, "held": arm.stated.held}
+    return Naming(**given)
 
 
 def check_unnamed(where: str, naming: Naming) -> None:

@@ -9,13 +9,13 @@ Source: lerobot, motors/motors_bus.py (`_normalize`) and its calibration files.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from stiction_envs.arrays import Array
@@ -32,45 +32,40 @@ LEAST_LEVELS = 20  # fewer different values do not show a step; assumed
 OFF_STEP = 0.1  # values are whole steps if they are this near to them [steps]; assumed
 RANGE = (100, TURN)
 """Steps of a joint's range [-]; assumed: less than 9 degrees is no joint."""
-MOST_BYTES = 2**20  # most bytes of a calibration file; assumed
+MOST_BYTES = 2**20  # most bytes of a calibration file that are read; assumed
+MOST_MOTORS = 1000  # in a calibration file; assumed
 
-_KEYS = ("id", "range_min", "range_max")
 _GRIPPER = re.compile(r"gripper|jaw", re.IGNORECASE)
+
+
+Steps = Annotated[int, msgspec.Meta(gt=-(10**6), lt=10**6)]
 
 
 @dataclass(frozen=True)
 class MotorRange:
-    """Calibrated range of a motor, in encoder steps."""
+    """Calibrated range of a motor, in encoder steps, as lerobot names its parts."""
 
-    number: int
+    id: Steps
     """Number of the motor on its bus."""
-    low: int
-    high: int
+    range_min: Steps
+    range_max: Steps
+
+    def __post_init__(self) -> None:
+        if self.range_min >= self.range_max:
+            raise ValueError("range_max is not above range_min")
 
 
 def read_calibration(path: str | os.PathLike[str]) -> dict[str, MotorRange]:
     """Read a calibration file of lerobot: the ranges of motors by their names."""
-    where = os.fspath(path)
-    wanted = "expected lerobot's JSON: a motor's name, then id, range_min and range_max"
-    with opening(path, wanted.removeprefix("expected ")):
-        if Path(path).stat().st_size > MOST_BYTES:
-            raise StictionError(f"{where}: over {MOST_BYTES >> 20} MiB: {wanted}")
-        data = Path(path).read_bytes()
+    wanted = "lerobot's JSON: a motor's name, then id, range_min and range_max"
+    with opening(path, wanted), open(path, "rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    kind = Annotated[dict[str, MotorRange], msgspec.Meta(min_length=1, max_length=MOST_MOTORS)]
     try:
-        motors = json.loads(data.decode())
-    except (ValueError, RecursionError):
-        raise StictionError(f"{where}: no JSON in UTF-8: {wanted}") from None
-    if not isinstance(motors, dict) or not motors:
-        raise StictionError(f"{where}: no motors: {wanted}")
-    return {str(k): _range(f"{where}, {str(k)[:40]!r}", v, wanted) for k, v in motors.items()}
-
-
-def _range(where: str, motor: object, wanted: str) -> MotorRange:
-    values = [motor.get(k) for k in _KEYS] if isinstance(motor, dict) else []
-    whole = [v for v in values if type(v) is int and abs(v) < 10**6]
-    if len(whole) < len(_KEYS) or whole[1] >= whole[2]:
-        raise StictionError(f"{where}: no range of a motor: {wanted}")
-    return MotorRange(*whole)
+        found: dict[str, MotorRange] = msgspec.json.decode(data, type=kind)
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        raise StictionError(f"{os.fspath(path)}: {error}: expected {wanted}") from None
+    return found
 
 
 def is_gripper(name: str) -> bool:
@@ -157,7 +152,7 @@ def _scale(
         return np.pi / 180, 0.0, "degrees"
     motor = None
     if calibration is not None:
-        numbered = (m for m in calibration.values() if m.number == j + 1 and name == f"{j + 1}")
+        numbered = (m for m in calibration.values() if m.id == j + 1 and name == f"{j + 1}")
         motor = calibration.get(name) or next(numbered, None)
         if motor is None:
             raise StictionError(
@@ -167,14 +162,15 @@ def _scale(
     if unit == TICKS:
         if motor is None:
             return step, TURN / 2, f"encoder steps, {TURN} a turn, zero at {TURN // 2} (assumed)"
-        zero = motor.low if is_gripper(name) else (motor.low + motor.high) / 2
+        low, high = motor.range_min, motor.range_max
+        zero = low if is_gripper(name) else (low + high) / 2
         end = "lower end" if is_gripper(name) else "middle"
         return step, zero, f"encoder steps, {TURN} a turn, zero at the {end} of the range"
     full = 200.0  # of a joint -100 to 100, of a gripper 0 to 100, or 0 to 1
     if is_gripper(name):
         full = 1.0 if np.nanmax(np.abs(q)) <= 1.0 else 100.0
     if motor is not None:
-        count, how = motor.high - motor.low, "from the calibration"
+        count, how = motor.range_max - motor.range_min, "from the calibration"
     else:
         found = encoder_step(q)
         count, how = round(full / found) if found else 0, "from the smallest step"

@@ -163,7 +163,7 @@ def test_the_final_amplitude_obeys_rate_and_cap(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"scales": (0.0,)}, "scale 0.0: expected"),
+        ({"scales": (0.0,)}, "scale is 0: expected"),
         ({"scales": ()}, "at least one"),
         ({"frequencies": (15.0, 15.0)}, "must not repeat"),
         ({"frequencies": (2000.0,)}, "2000"),

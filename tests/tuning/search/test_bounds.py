@@ -90,7 +90,7 @@ def test_bounds_that_are_met_are_named(panda):
         ("[joint.7]\namplitude_nm = [0, inf]\n", "finite number"),
         ("[joint.2]\namplitude_nm = [20, 50]\nfrequency_hz = [70, 80]\n", "leave nothing"),
         ("[all]\nforbidden_hz = [[10, 90]]\n", "leaves no frequency"),
-        ("[all]\ndisplacement_rad = 0\n", "more than 0"),
+        ("[all]\ndisplacement_rad = 0\n", "above 0"),
     ],
 )
 def test_bad_bounds_are_one_clear_line(panda, tmp_path, text, what):

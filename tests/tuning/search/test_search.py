@@ -92,7 +92,7 @@ def test_two_objectives_make_a_front(small, tmp_path):
     [
         ({"objective": "speed"}, "objective"),
         ({"sampler": "annealing"}, "sampler"),
-        ({"evaluations": 0}, "1 or more"),
+        ({"evaluations": 0}, "from 1"),
         ({"sampler": "cmaes", "pareto": True}, "two objectives"),
         ({"sampler": "grid", "objective": "gte"}, "objective sje"),
         ({"objective": "gte", "treatment": "pull"}, "'pull': expected one of dither"),

@@ -161,7 +161,7 @@ def _marks(reader: AnyReader) -> list[str]:
     """Return columns of the possible drives; torque's if unknown: its reader then raises."""
     known = _topics(reader, BY_TYPE, commands=False)
     torque = any(_peek(reader, k, v)[2] for k, v in known.items())
-    position = any(x.has_commands for x in known.values())
+    position = any(x.q_cmd for x in known.values())
     position = position or bool(_topics(reader, COMMAND_KINDS, commands=True))
     return [x for x, has in (("tau1", torque), ("q_cmd1", position)) if has] or ["tau1"]
 
@@ -207,7 +207,7 @@ def _topic(
         raise StictionError(f"{where}, {next(iter(known))}: no messages: expected one second")
     for prefer in (
         {k for k in filled if not is_command(k, str(types[k]))},
-        {k for k, v in filled.items() if v.has_commands == (drive == POSITION)},
+        {k for k, v in filled.items() if bool(v.q_cmd) == (drive == POSITION)},
     ):
         filled = {k: v for k, v in filled.items() if k in prefer} or filled
     if len(filled) == 1:
@@ -230,7 +230,7 @@ def _read_servo(where: str, reader: AnyReader, wanted: Wanted) -> RawLog:
     if naming.topic in told:
         told, naming = {naming.topic: told[naming.topic]}, replace(naming, topic=None)
     topic, kind = _topic(where, reader, n, naming, POSITION)
-    if kind.has_commands:
+    if kind.q_cmd:
         return _log(where, _stream(where, reader, topic, kind, wanted, "q_cmd"), wanted)
     told = {k: v for k, v in told.items() if _peek(reader, k, v)[1] >= n}
     if len(told) != 1:
@@ -354,7 +354,7 @@ def _log(where: str, stream: _Stream, wanted: Wanted) -> RawLog:
         log.t, log.origin = (stamps - stamps[0]).astype(np.float64) / _NS, int(stamps[0]) / _NS
     text = stream.topic
     if "tau" in stream.data:
-        text += f": tau is {stream.kind.tau}" + ", measured behind the gear" * bool(log.side)
+        text += f": tau is {stream.kind.torque}" + ", measured behind the gear" * bool(log.side)
     if stream.joints:
         text += f"; joints 1 to {wanted.n_joints} are {', '.join(stream.joints)}"
     else:
@@ -389,10 +389,10 @@ def _order(place: str, sample: Sample, joints: tuple[str, ...], wanted: Wanted) 
 
 def _check_size(place: str, kind: Kind, channel: str, size: int, n: int) -> None:
     """Check that a message has one value of a channel for each of ``n`` joints."""
-    names = {"q": "position", "dq": "velocity", "tau": kind.tau, "q_cmd": "commanded position"}
+    names = {"q": "position", "dq": "velocity", "tau": kind.torque, "q_cmd": "commanded position"}
     if channel == "tau" and not size:
         raise StictionError(
-            f"{place}: {kind.tau} is empty: expected the torques of all joints [N·m]; does the "
+            f"{place}: {kind.torque} is empty: expected the torques of all joints [N·m]; does the "
             "driver publish them?"
         )
     if size != n:

@@ -28,7 +28,7 @@ from stiction_envs.errors import StictionError, opening
 from stiction_envs.measured.csv_text import refuse_pointer
 from stiction_envs.measured.logs.columns import POSITION, TORQUE
 from stiction_envs.measured.logs.formats.base import LogFormat, RawLog, Wanted, check_size
-from stiction_envs.measured.logs.formats.parquet import opened
+from stiction_envs.measured.logs.formats.column_files import opened
 from stiction_envs.measured.logs.joint_names import Naming, joints_in_order
 from stiction_envs.measured.logs.units import DEGREES, PERCENT, is_gripper, recognised, to_radians
 from stiction_envs.reporting.json_text import JsonRecord

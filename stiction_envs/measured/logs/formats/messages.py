@@ -25,12 +25,13 @@ iiwa_ros, iiwa_driver/src/iiwa.cpp; control_msgs, JointTrajectoryControllerState
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stiction_envs.arrays import Array
 
@@ -60,21 +61,38 @@ class Sample:
     """Speeds [rad/s]; empty where it has none."""
     tau: Array
     """Torques [N·m]; empty where it has none."""
-    q_cmd: Array = field(default_factory=lambda: np.zeros(0))
+    q_cmd: Array
     """Commanded angles [rad]; empty where it has none."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A type of message."""
+    """A type of message, and the paths of its fields; where versions differ, both, ``new|old``."""
 
     types: tuple[str, ...]
-    tau: str
-    """The field that is read as torque."""
-    read: Callable[[Message], Sample]
+    q: str
+    dq: str = ""
+    tau: str = ""
+    q_cmd: str = ""
+    names: str = ""
+    stamp: tuple[str, ...] = ("header.stamp.sec", "header.stamp.nanosec")
+    """Seconds and nanoseconds; () where it has none."""
     link_side: bool = False
     """Whether the torque is always measured behind the gear."""
-    has_commands: bool = False
+
+    @property
+    def torque(self) -> str:
+        """Name of the field that is read as torque."""
+        return self.tau.partition("|")[0]
+
+    def read(self, message: Message) -> Sample:
+        """Return the state in a message."""
+        sec, nanosec = [int(_field(message, x)) for x in self.stamp] or [0, 0]
+        return Sample(
+            tuple(_field(message, self.names)) or None,
+            sec * 10**9 + nanosec,
+            *(_array(_field(message, x)) for x in (self.q, self.dq, self.tau, self.q_cmd)),
+        )
 
 
 def side_of(kind: Kind, names: Sequence[str]) -> str | None:
@@ -83,91 +101,54 @@ def side_of(kind: Kind, names: Sequence[str]) -> str | None:
     return "link" if kind.link_side or named else None
 
 
-def _stamp(header: Message) -> int:
-    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+def _field(message: Message, paths: str) -> Any:
+    """Return the field of the first path that a message has; nothing for no path."""
+    for path in filter(None, paths.split("|")):
+        with suppress(AttributeError):
+            return attrgetter(path)(message)
+    if paths:
+        raise AttributeError(f"no field {paths}")
+    return ()
 
 
-def _array(values: ArrayLike) -> Array:
+def _array(values: Any) -> Array:
+    if hasattr(values, "a1"):  # KUKA's axes
+        values = [getattr(values, f"a{j}") for j in range(1, 8)]
     return np.asarray(values, np.float64).reshape(-1)
 
 
-def _joint_state(message: Message) -> Sample:
-    return Sample(
-        tuple(message.name) or None,
-        _stamp(message.header),
-        _array(message.position),
-        _array(message.velocity),
-        _array(message.effort),
-    )
-
-
-def _franka_state(message: Message) -> Sample:
-    tau = message.tau_J if hasattr(message, "tau_J") else message.tau_j
-    return Sample(None, _stamp(message.header), _array(message.q), _array(message.dq), _array(tau))
-
-
-def _franka_robot_state(message: Message) -> Sample:
-    of = _joint_state(message.measured_joint_state)
-    return Sample(of.names, _stamp(message.header), of.q, of.dq, of.tau)
-
-
-def _controller_state(message: Message) -> Sample:
-    state = message.feedback if hasattr(message, "feedback") else message.actual
-    told = message.reference if hasattr(message, "reference") else message.desired
-    return Sample(
-        tuple(message.joint_names) or None,
-        _stamp(message.header),
-        _array(state.positions),
-        _array(state.velocities),
-        _array(state.effort),
-        _array(told.positions),
-    )
-
-
-def _command(message: Message) -> Sample:
-    return Sample(None, 0, _array(message.data), np.zeros(0), np.zeros(0))
-
-
-def _lbr_state(message: Message) -> Sample:
-    tau = message.measured_torque if hasattr(message, "measured_torque") else message.torque
-    stamp = int(message.time_stamp_sec) * 10**9 + int(message.time_stamp_nano_sec)
-    return Sample(None, stamp, _array(message.measured_joint_position), np.zeros(0), _array(tau))
-
-
-def _iiwa(message: Message) -> Sample:
-    fields = ("position", "velocity", "torque")
-    axes = next(getattr(message, x) for x in fields if hasattr(message, x))
-    values = [getattr(axes, f"a{j}") for j in range(1, 8)]
-    return Sample(None, _stamp(message.header), _array(values), np.zeros(0), np.zeros(0))
-
-
 KINDS = (
-    Kind((_STATE,), "effort", _joint_state),
-    Kind(("franka_msgs/msg/FrankaState",), "tau_J", _franka_state, link_side=True),
+    Kind((_STATE,), "position", "velocity", "effort", names="name"),
+    Kind(("franka_msgs/msg/FrankaState",), "q", "dq", "tau_J|tau_j", link_side=True),
     Kind(
         ("franka_msgs/msg/FrankaRobotState",),
+        "measured_joint_state.position",
+        "measured_joint_state.velocity",
         "measured_joint_state.effort",
-        _franka_robot_state,
+        names="measured_joint_state.name",
         link_side=True,
     ),
     Kind(
         ("lbr_fri_idl/msg/LBRState", "lbr_fri_msgs/msg/LBRState"),
-        "measured_torque",
-        _lbr_state,
+        "measured_joint_position",
+        tau="measured_torque|torque",
+        stamp=("time_stamp_sec", "time_stamp_nano_sec"),
         link_side=True,
     ),
     Kind(
         ("control_msgs/msg/JointTrajectoryControllerState",),
-        "feedback.effort",
-        _controller_state,
-        has_commands=True,
+        "feedback.positions|actual.positions",
+        "feedback.velocities|actual.velocities",
+        "feedback.effort|actual.effort",
+        "reference.positions|desired.positions",
+        names="joint_names",
     ),
 )
 
 BY_TYPE = {name: kind for kind in KINDS for name in kind.types}
-COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "", _command)}
+COMMAND_KINDS = {_STATE: BY_TYPE[_STATE], _ARRAY: Kind((_ARRAY,), "data", stamp=())}
 """Types of commands under a topic of their own."""
-IIWA = Kind(IIWA_TYPES, "", _iiwa, link_side=True)
+IIWA = Kind(IIWA_TYPES, "position|velocity|torque", link_side=True)
 """One quantity of an arm, whatever it is (`iiwa_stack`)."""
 
 

@@ -9,11 +9,10 @@ from pathlib import Path
 from stiction_envs.errors import StictionError
 from stiction_envs.measured.logs.formats.bag import RosBag
 from stiction_envs.measured.logs.formats.base import Header, LogFormat
+from stiction_envs.measured.logs.formats.column_files import NumpyArchive, NumpyArray, Parquet
 from stiction_envs.measured.logs.formats.csv_file import HEADERS, CsvFile
 from stiction_envs.measured.logs.formats.lerobot import LeRobotDataset
 from stiction_envs.measured.logs.formats.mat import MatFile
-from stiction_envs.measured.logs.formats.npz import NumpyArchive, NumpyArray
-from stiction_envs.measured.logs.formats.parquet import Parquet
 from stiction_envs.measured.logs.formats.sage import SageFolder
 
 GROUP = "stiction_envs.log_formats"
