@@ -160,7 +160,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return friction compensation whose model of the friction is the nominal one.
 
         Args:
-            kind: one of `control.compensation.KINDS`, or a file with kind and gains:
+            kind: one of `control.laws.LAWS`, or a file with kind and gains:
                 ``compensation.csv``, or a ``final.yaml``.
             factor: of the friction that is compensated [-].
             table: of gains; None for those of the friction at the start's load.

@@ -243,7 +243,7 @@ def follow(
     q, dq, missing, mass = measured.q, measured.dq, model.missing, model.mass
     applied, added, torque = arms.applied, arms.added, shaking.torque
     command, arrived, state = impedance.command, sent.arrived, plant.state
-    stride, kind = sampling.stride, compensation.kind
+    stride, law = sampling.stride, compensation.law
     positions, quaternions, references = sampling[1], sampling[2], sampling[3]
     senses, detailed = arms.senses, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
@@ -290,7 +290,7 @@ def follow(
                         _feed(i, clock, jacobian[i], movement, compensation)
                 _shake(i, k, time, dq, shaking)
                 shaken = torque
-                if kind[i] >= 0:
+                if law[i] != 0:
                     pose = position, quaternion, jacobian
                     compensate(i, *pose, dq, mass, impedance, compensation)
                     for j in range(n):

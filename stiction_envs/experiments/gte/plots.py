@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from itertools import chain, cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +18,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.arrays import Array
+from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.measures import error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
-from stiction_envs.experiments.gte.rows import CASES, case_name
+from stiction_envs.experiments.gte.rows import case_name
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT, plain_axes
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
@@ -30,14 +30,16 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 ACCEPTED = "#7b3fa0"  # Colour of accepted goals, purple as in the thesis
-_COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))
-COLOURS = dict(zip(CASES, chain((WITHOUT, WITH), _COMPENSATED), strict=False))
-"""Colours of cases by name; a plot has one or two of the compensations."""
+_COMPENSATED = (("#1a7a6a", "#66a61e"), ("#2b7bba", "#c0285f"))
+"""Colours of compensated cases, without and with dither, of every second law in turn."""
 
 
 def colour(run: Run) -> str:
     """Return the colour of a run."""
-    return COLOURS[case_name(run.case)]
+    case = run.case
+    if case.compensation is None:
+        return WITH if case.dithered else WITHOUT
+    return _COMPENSATED[list(LAWS).index(case.compensation.kind) % 2][case.dithered]
 
 
 def label(run: Run) -> str:

@@ -9,17 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.control.compensation import KINDS
 from stiction_envs.experiments.gte.measures import Measures, error_against_time
 from stiction_envs.experiments.gte.protocol import AXES, FLAGS, Case, Run
 from stiction_envs.measured import AmplitudeRow, thesis_table
 from stiction_envs.measured.csv_text import write_lines
 
-CASES = (
-    *("no_dither", "dither"),
-    *(name for kind in KINDS for name in (kind, f"{kind}_dither")),
-)
-"""Names of the column ``case``; the first has no compensation either."""
 _AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
 """Columns of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
@@ -36,7 +30,7 @@ class CaseRow:
     stiffness_translation: float  # [N/m]
     stiffness_rotation: float  # [N·m/rad]
     stiffness_nullspace: float  # [N·m/rad]
-    case: str  # One of :data:`CASES`
+    case: str  # See `case_name`
 
 
 @dataclass(frozen=True)
@@ -77,9 +71,10 @@ class RunRow(CaseRow):
 
 
 def case_name(case: Case) -> str:
-    """Return the name of a case in the column ``case``."""
-    position = 0 if case.compensation is None else 2 + 2 * KINDS.index(case.compensation.kind)
-    return CASES[position + int(case.dithered)]
+    """Return the name of a case: no_dither, dither, push, push_dither and so on."""
+    if case.compensation is None:
+        return "dither" if case.dithered else "no_dither"
+    return case.compensation.kind + ("_dither" if case.dithered else "")
 
 
 def unit(axis: str) -> str:
