@@ -73,7 +73,8 @@ class Dither:
         if a.ndim != 2:
             raise StictionError(f"dither amplitude has shape {a.shape}: expected (N, n)")
         f = checked_array(frequency, "dither frequency", a.shape, fill=True)
-        _check_drive(a, f)
+        _check("amplitude", a, a < 0, ">= 0 N·m")
+        _check("frequency", f, (f < 0) | ((f == 0) & (a > 0)), "> 0 Hz where the amplitude is")
         gate = checked_array(
             gate_velocity, "dither gate_velocity", a.shape, fill=True, finite=False
         )
@@ -154,18 +155,14 @@ class Dither:
                 out = w
         return np.zeros(shape) if out is None else out
 
-    def retune(self, t: float | Array, *, amplitude: ArrayLike, frequency: ArrayLike) -> Dither:
-        """Return the dither with new amplitudes [N·m] and frequencies [Hz] from time ``t`` on.
+    def retune(self, t: Array, *, amplitude: Array, frequency: Array) -> Dither:
+        """Return the dither with new A [N·m] and f [Hz], valid and (N, n), from times t (N,) [s].
 
-        φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``
-        (s; one number or (N,)). Entries whose frequency stays keep their phase bit for bit.
+        φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``.
+        Entries whose frequency stays keep their phase bit for bit.
         """
-        a = checked_array(amplitude, "dither amplitude", self.amplitude.shape, fill=True)
-        f = checked_array(frequency, "dither frequency", self.amplitude.shape, fill=True)
-        _check_drive(a, f)
-        now = checked_array(t, "retune time", (self.N,), fill=True)
-        phase = self.phase + _TWO_PI * (self.frequency - f) * now[:, None]
-        return self._derive(amplitude=a, frequency=f, phase=phase)
+        phase = self.phase + _TWO_PI * (self.frequency - frequency) * t[:, None]
+        return self._derive(amplitude=amplitude.copy(), frequency=frequency.copy(), phase=phase)
 
     def set_rows(self, ids: Index, other: Dither) -> Dither:
         """Return this dither with the rows of simulations ``ids`` (M,) from ``other``."""
@@ -257,12 +254,6 @@ def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
         raise StictionError(
             f"dither {name} of simulation {i}, joint {j + 1} is {values[i, j]}: expected {expected}"
         )
-
-
-def _check_drive(amplitude: Array, frequency: Array) -> None:
-    _check("amplitude", amplitude, amplitude < 0, ">= 0 N·m")
-    bad = (frequency < 0) | ((frequency == 0) & (amplitude > 0))
-    _check("frequency", frequency, bad, "> 0 Hz where the amplitude is")
 
 
 def _codes(waveform: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int8]:

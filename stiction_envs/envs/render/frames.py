@@ -127,7 +127,9 @@ class PathRenderer(Renderer["GTEEpisodes"]):
         path, sequencer = core.path_points(i), core.rig.sequencer
         polyline(scene, _LINE, path, PATH)
         for k, goal in enumerate(path[1:]):
-            size, colour = (1.6 * _GOAL, MARK) if k == sequencer.index[i] else (_GOAL, PATH)
+            size, colour = (
+                (1.6 * _GOAL, MARK) if k == sequencer.arrays.current[i] else (_GOAL, PATH)
+            )
             draw_shape(scene, SPHERE, size, goal, colour=colour)
         position, turn, _, _ = sequencer.reference(np.asarray(core.rig.step * CONTROL_DT))
         for axis, colour in zip(to_matrix(turn[i]).T, _AXES, strict=True):

@@ -168,7 +168,7 @@ class RunLog(Sampler):
 
         ``horizon`` (N,) is when each is given up [s].
         """
-        reached, finished = self._sequencer.reached_at, self._sequencer.finished
+        reached, finished = self._sequencer.arrays.reached, self._sequencer.finished
         last = np.nanmax(reached, axis=1, where=np.isfinite(reached), initial=0)
         known = finished | (self.time >= horizon)
         last = np.where(finished, np.minimum(last, horizon), horizon)
@@ -178,8 +178,8 @@ class RunLog(Sampler):
         """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
         rate, given_up = self._protocol.sample_rate, horizon[mine][:, None]
         count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))
-        accepted = self._sequencer.accepted_at[mine, :goals]
-        reached = self._sequencer.reached_at[mine, :goals]
+        goals_of = self._sequencer.arrays
+        accepted, reached = goals_of.accepted[mine, :goals], goals_of.reached[mine, :goals]
 
         def samples(name: str) -> NDArray[Any]:
             return np.concatenate([x[mine] for x in self._blocks[name]], axis=1)[:, :count]

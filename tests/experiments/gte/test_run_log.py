@@ -33,8 +33,10 @@ class Stub:
         self.power, self.applied = np.zeros(2), np.zeros((2, 7))
         self.sequencer = SimpleNamespace(
             finished=np.ones(2, dtype=bool),
-            accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
-            reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
+            arrays=SimpleNamespace(
+                accepted=np.array([[0.0, 1.0], [0.0, 1.0]]),
+                reached=np.array([[1.0, 2.0], [1.0, 2.0]]),
+            ),
         )
 
     def advance(self, steps, sampling) -> None:
