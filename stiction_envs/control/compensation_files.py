@@ -103,10 +103,8 @@ def _filled(path: str | Path, kind: str, values: Mapping[str, Array]) -> Compens
         if field.default is None:
             for j in np.flatnonzero(missing & compensated):
                 raise StictionError(f"{path}: joint {j + 1}: {kind} needs {field.column}")
-            # a joint that is not compensated may have any
-            column[missing] = 1.0
-        else:
-            column[missing] = field.default
+        # a joint that is not compensated may have any
+        column[missing] = 1.0 if field.default is None else field.default
     try:
         return Compensation(kind=kind, **values)
     except StictionError as error:

@@ -48,7 +48,7 @@ class MotionLimits:
     position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
     rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]  # Angle from a reached goal [rad]
-    patience: Positive = _DEFAULT["patience"]  # Longest wait at a goal [s]
+    patience: _Finite = _DEFAULT["patience"]  # Longest wait at a goal [s]
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(MotionLimits, include_extras=True).items():

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS, Waveform, named
-from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.errors import StictionError, checked_array
 
 _TWO_PI = 2.0 * np.pi
 
@@ -43,7 +43,7 @@ class Dither:
     offset: Array
     """Constant torque, (N, n) N·m, never gated. Default 0."""
     waveform: NDArray[np.int8]
-    """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
+    """(N, n) positions in `WAVEFORMS`; given as a name, or an array of names."""
     gate_velocity: Array
     """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. q̇ includes the motion that the dither
     itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
@@ -123,9 +123,10 @@ class Dither:
         """
         shape = self.amplitude.shape
         if self.sines is not None:
-            plain = np.empty(shape)
-            sine(*self.sines, np.broadcast_to(t, shape[:1]).astype(float), plain)
-            return plain
+            plain, times = np.zeros((self.N, 1, self.n)), np.empty((self.N, 1))
+            times[:, 0] = t
+            add_sines(*self.sines, times, np.arange(self.N), plain)
+            return plain[:, 0]
         out = self.ungated(t)
         if self._gate is not None:
             if qd is None or qd.shape != shape:
@@ -258,16 +259,11 @@ def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
 
 def _codes(waveform: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int8]:
     array = np.asarray(waveform)
-    if array.dtype.kind in "iu":
-        for code in np.setdiff1d(array, range(len(WAVEFORMS))):
-            raise unknown("waveform code", int(code), range(len(WAVEFORMS)))
-        codes = array.astype(np.int8)
-    else:
-        for name in np.unique(array.astype(str)):
-            named(str(name))
-        codes = np.zeros(array.shape, dtype=np.int8)
-        for code, name in enumerate(WAVEFORMS):
-            codes[array == name] = code
+    for name in np.unique(array.astype(str)):
+        named(str(name))
+    codes = np.zeros(array.shape, dtype=np.int8)
+    for code, name in enumerate(WAVEFORMS):
+        codes[array == name] = code
     return _broadcast("waveform", codes, shape)
 
 
@@ -300,16 +296,6 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
     if frequency_hz == rate_hz:
         return f"dither of {where} aliases to a constant offset A·sin φ"
     return f"dither of {where} aliases to {rate_hz - frequency_hz:g} Hz"
-
-
-@compiled
-def sine(omega: Array, phase: Array, amplitude: Array, t: Array, out: Array) -> None:
-    """Write A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]; 0 where the amplitude is."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = 0.0
-            if amplitude[i, j] > 0.0:
-                out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
 
 
 @compiled

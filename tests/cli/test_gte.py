@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from functools import partial
 
 import pytest
 
 from stiction_envs.cli import gte
 from stiction_envs.control.compensation_files import write_treatment
-from stiction_envs.control.trajectory import MotionLimits
-from stiction_envs.experiments.gte import experiment
 from stiction_envs.experiments.gte import protocol as gte_protocol
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.protocol import AXES
@@ -122,21 +119,6 @@ def test_arm_of_two_joints(cli, work, two, path):
     assert ran.code == 0
     assert "iterations singular 1" in ran.out
     assert all(math.isfinite(float(r["rms"])) for r in csv_rows(work / "a" / "errors.csv"))
-
-
-def test_unfinished_runs_fail(cli, work, path, monkeypatch):
-    """A generator that waits for ever, and an arm that cannot come: exit code 1, files written."""
-    monkeypatch.setattr(experiment, "MotionLimits", partial(MotionLimits, patience=math.inf))
-    protocol = gte_protocol.load_gte_protocol().replace(patience=1.0)
-    monkeypatch.setattr(experiment, "load_gte_protocol", lambda: protocol)
-    path.write_text("x,y,z\n0.06,0,0\n")
-    own = ["--trajectory", path, "--stiffness", 0, 0, 0, "--iterations", 1]
-    ran = cli("gte", "panda", *own, "--out", "a", "--json")
-    assert ran.code == 1
-    (line,) = [x for x in ran.lines if not x.startswith("gte: ")]  # a slow run shows its progress
-    assert "1 iterations never reached their last goal" in line
-    assert json.loads(ran.out)["runs"][0]["unfinished"] == 1
-    assert (work / "a" / "errors.csv").is_file()
 
 
 def test_names_are_those_of_the_packages():

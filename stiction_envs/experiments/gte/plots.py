@@ -62,13 +62,11 @@ def published(run: Run) -> tuple[Array, Array]:
     """Return the reference of the first iteration and its goals, (K, 3), (G, 3) [m].
 
     NaN rows separate the movements: between them the reference goes to the measured pose at once.
-    A goal is where the reference rests when it is reached; one never reached is left out.
+    A goal is where the reference rests when it is reached.
     """
     reference, period = run.reference[0, :, :3], sample_period(run)
-    reached = run.reached[0][np.isfinite(run.reached[0])]
-    goals = reference[np.maximum(np.rint(reached / period).astype(int) - 1, 0)]
-    accepted = run.accepted[0, 1:]
-    cuts = np.rint(accepted[np.isfinite(accepted)] / period).astype(int)
+    goals = reference[np.maximum(np.rint(run.reached[0] / period).astype(int) - 1, 0)]
+    cuts = np.rint(run.accepted[0, 1:] / period).astype(int)
     return np.insert(reference, cuts, np.nan, axis=0), goals
 
 
@@ -225,5 +223,5 @@ _DOTS = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
 def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
     for run, style in zip(runs, _DOTS, strict=False):
         for k, t in enumerate(run.accepted.mean(axis=0)):
-            if np.isfinite(t) and (k > 0 or run is runs[0]):
+            if k > 0 or run is runs[0]:
                 axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)

@@ -47,11 +47,6 @@ class TrackingErrors(Result):
         """Rows of ``runs.csv``: a case each."""
         return [run_row(r, m, self.robot) for r, m in self.runs]
 
-    @property
-    def unfinished(self) -> int:
-        """Iterations that never reached their last goal."""
-        return sum(row.unfinished for row in self.run_rows)
-
     def to_json(self) -> dict[str, Any]:
         """Return robot, rows and runs."""
         return {
@@ -188,7 +183,6 @@ def _trouble(runs: Sequence[RunRow]) -> str:
     found = []
     for run in runs:
         for count, what in (
-            (run.unfinished, "{} never reached the last goal"),
             (run.singular, "{} came near a singular pose"),
             (run.near_limit, "{} came near a joint's limit"),
         ):

@@ -69,7 +69,7 @@ class GTERig(Rig):
         nothing = Sensing()
         self._measured = self.senses or Senses(nothing, nsim, self.n)
         self._sent = self._line or CommandLine(nothing, nsim, self.n)
-        self._measured_end_effector = MeasuredEndEffector(sticking, self._measured.q, setup.tool)
+        self._measured_end_effector = MeasuredEndEffector(arm, self._measured.q, setup.tool)
         self.seen_end_effector = (
             self.end_effector if self.senses is None else self._measured_end_effector
         )
@@ -158,14 +158,11 @@ class GTERig(Rig):
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
         shaking = self._shaking(steps)
-        self._threads.run(
-            [
-                partial(
-                    follow, a, b, steps, self._arms, shaking, sampling, self._model.arrays(k), loop
-                )
-                for k, (a, b, loop) in enumerate(self.plant.loops())
-            ]
-        )
+        tasks = []
+        for k, (first, end, loop) in enumerate(self.plant.loops()):
+            own = self._model.arrays(k), self._measured_end_effector.measured(k), loop
+            tasks.append(partial(follow, first, end, steps, self._arms, shaking, sampling, *own))
+        self._threads.run(tasks)
         raise_if_stopped(self.plant.batch)
 
     def _make_arms(self) -> Arms:
@@ -180,8 +177,6 @@ class GTERig(Rig):
             senses=self.senses is not None,
             measured=self._measured.arrays,
             sent=self._sent.arrays,
-            chain=self._measured_end_effector.chain,
-            measured_hand=self._measured_end_effector.arrays,
             position=pose.position,
             quaternion=pose.quaternion,
             jacobian=pose.jacobian,

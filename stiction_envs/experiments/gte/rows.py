@@ -35,7 +35,7 @@ class CaseRow:
 
 @dataclass(frozen=True)
 class ErrorRow(CaseRow):
-    """One axis of one case, means over iterations; NaN where an iteration has no such number."""
+    """One axis of one case, means over iterations."""
 
     axis: str
     unit: str  # ``m`` or ``rad``, of all errors; window sums are in unit times samples
@@ -53,7 +53,7 @@ class ErrorRow(CaseRow):
 class RunRow(CaseRow):
     """Results of one case over the whole path, means over iterations."""
 
-    duration_s: float  # When the last goal was reached; NaN if an iteration never did
+    duration_s: float  # When the last goal was reached
     vibration_x_m: float  # Root mean square above the protocol's `vibration_low`
     vibration_y_m: float
     vibration_z_m: float
@@ -66,7 +66,6 @@ class RunRow(CaseRow):
     saturated: int
     near_limit: int
     goals_missed: int  # Goals of all iterations that the arm left beyond the tolerance
-    unfinished: int  # Iterations that never reached their last goal
     iterations: int
 
 
@@ -124,7 +123,6 @@ def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
         peak_torque_rate_nm_s=float(m.torque_rate.max()),
         **flags,
         goals_missed=int(m.missed.sum()),
-        unfinished=int(np.isnan(m.duration).sum()),
         iterations=len(run.accepted),
     )
 
