@@ -17,7 +17,7 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
-from stiction_envs.control.sensing import CommandLine, Senses, Sensing
+from stiction_envs.control.sensing import Senses, Sensing
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.gte.loop import Arms, ControllerModel, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
@@ -66,9 +66,7 @@ class GTERig(Rig):
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
         # compiled code takes the arrays of senses also where there are none
-        nothing = Sensing()
-        self._measured = self.senses or Senses(nothing, nsim, self.n)
-        self._sent = self._line or CommandLine(nothing, nsim, self.n)
+        self._measured = self.senses or Senses(Sensing(), nsim, self.n)
         self._measured_end_effector = MeasuredEndEffector(arm, self._measured.q, setup.tool)
         self.seen_end_effector = (
             self.end_effector if self.senses is None else self._measured_end_effector
@@ -176,7 +174,7 @@ class GTERig(Rig):
             hand=self.end_effector.arrays,
             senses=self.senses is not None,
             measured=self._measured.arrays,
-            sent=self._sent.arrays,
+            sent=self._measured.sent,
             position=pose.position,
             quaternion=pose.quaternion,
             jacobian=pose.jacobian,
