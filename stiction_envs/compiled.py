@@ -7,6 +7,7 @@ They release Python's global lock, so that callers may use threads.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, TypeVar, cast
 
 import numba
@@ -36,9 +37,22 @@ def inlined(function: F) -> F:
     return _compile(function, forceinline=True, _nrt=False)
 
 
+def as_c_function(signature: Any, function: Callable[..., Any]) -> Any:
+    """Compile a function that other compiled functions know by its ``address`` only.
+
+    They need not be compiled again for another function. The address is valid in this process, as
+    long as the returned object lives.
+    """
+    return _cached(partial(numba.cfunc, signature), function, error_model="numpy")
+
+
 def _compile(function: F, **options: Any) -> F:
     options = {"error_model": "numpy", "nogil": True} | options
+    return cast(F, _cached(_njit, function, **options))
+
+
+def _cached(decorator: Callable[..., Any], function: Callable[..., Any], **options: Any) -> Any:
     try:
-        return cast(F, _njit(cache=True, **options)(function))
+        return decorator(cache=True, **options)(function)
     except RuntimeError:  # numba: no locator available
-        return cast(F, _njit(**options)(function))
+        return decorator(**options)(function)

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import pathlib
 import re
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from stiction_envs.control.compensation_files import write_compensation
+from stiction_envs.control.laws import LAWS
+from stiction_envs.control.trajectory import Path
 from stiction_envs.dither.dither import Dither
 from stiction_envs.envs.registration import EXPERIMENTS
+from stiction_envs.experiments.conformance import conformance
+from stiction_envs.experiments.conformance_report import ConformanceSettings
+from stiction_envs.experiments.engines import ENGINES
+from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
+from stiction_envs.experiments.gte.protocol import Case
 from stiction_envs.gap.causes import unregister
 from stiction_envs.gap.diagnosis import diagnose_logs, model_of
 from stiction_envs.gap.extended_model import extend
@@ -22,9 +31,10 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
+from tests.experiments.test_conformance import lugre
 from tests.gap.small_logs import hidden, panda
 
-ROOT = Path(__file__).parents[1]
+ROOT = pathlib.Path(__file__).parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 SECTIONS = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 
@@ -74,6 +84,46 @@ def test_the_log_format_is_read_as_any_other(tmp_path, monkeypatch):
     np.testing.assert_array_equal(found.tau, log.tau)
     (finding,) = check(tmp_path / "log.json", robot="panda").findings[:1]
     assert "torque1 to torque7 are tau1 to tau7" in finding.message
+
+
+def test_the_law_compensates_in_the_loop(tmp_path):
+    """A second of a path: the torque is that of the measured speed; files and report know it."""
+    exec(block("A friction compensation", "python"), {"__name__": "contributed"})
+    try:
+        there = Path(name="there", position=np.array([[0.02, 0, 0]]), quaternion=np.eye(4)[:1])
+        bench = GeneratedTrajectoryExperiment("panda", paths={"there": there}, scatter=False)
+        found = bench.compensation("dead_zone").replace(width=0.02)
+        write_compensation(tmp_path / "gains.csv", found)
+        assert bench.compensation(tmp_path / "gains.csv") == found
+        case = Case(trajectory="there", stiffness=(200, 20, 0), compensation=found)
+        text = str(
+            bench.measure([dataclasses.replace(case, compensation=None), case], iterations=1)
+        )
+        rig = bench.rig(1, 1)
+        rig.begin(np.array([0]), [there], np.array([case.stiffness]), [(0,)])
+        rig.compensator.set_rows(np.array([0]), [found])
+        for _ in range(1000):
+            speed = rig.seen_velocity[0].copy()
+            rig.advance(1)
+            expected = np.where(np.abs(speed) > 0.02, found.gain * np.sign(speed), 0.0)
+            np.testing.assert_array_equal(rig.compensator.arrays.torque[0], expected)
+    finally:
+        LAWS.pop("dead_zone", None)
+    assert "sign of the speed with a dead zone" in text
+
+
+def test_the_engine_tests_joints():
+    exec(block("An engine", "python"), {"__name__": "contributed"})
+    try:
+        settings = ConformanceSettings(hold_time=2.0, watched_time=1.0, go_time=2.0)
+        here, there = (
+            conformance(lugre(), engine=name, settings=settings, rates=())
+            for name in ("mujoco", "one_by_one")
+        )
+    finally:
+        ENGINES.pop("one_by_one", None)
+    assert there.joints == here.joints
+    assert there.engine.startswith("one_by_one 4")
 
 
 def test_the_experiment_has_environments_of_every_arm(monkeypatch):

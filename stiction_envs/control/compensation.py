@@ -6,9 +6,8 @@ speeds, the reference, its own model of the arm's dynamics, and the torque that 
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,84 +16,72 @@ from numpy.typing import ArrayLike
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.control.impedance import Impedance, pose_error
-from stiction_envs.control.laws import LAWS, law_torque
+from stiction_envs.control.laws import LAWS, Law
 from stiction_envs.control.laws.base import (
     ERROR,
-    GAIN_FIELD,
+    GAIN,
     GRAVITY,
     PUSHED,
     SEEN,
     SPEED,
     TORQUE,
     WANTED_SPEED,
+    law_torque,
 )
 from stiction_envs.errors import StictionError, checked_array, unknown
 from stiction_envs.friction.parameters import FrictionParameters
 
-KINDS = tuple(LAWS)
-_MOST = 1 + max(len(law.fields) for law in LAWS.values())
-_READS_ERROR = np.array([law.reads_error for law in LAWS.values()])
-_READS_MOMENTUM = np.array([law.reads_momentum for law in LAWS.values()])
-Numbers = tuple[float, ...]
+
+def law_named(kind: str) -> Law:
+    """Return a law; raise a StictionError for an unknown name."""
+    if kind not in LAWS:
+        raise unknown("compensation", kind, LAWS)
+    return LAWS[kind]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, init=False)
 class Compensation:
-    """Friction compensation of the n joints of one arm by one of the `laws`.
+    """Friction compensation of the n joints of one arm by one of the `laws`."""
 
-    Numbers are one per joint, or one for all; empty ones are the defaults of ``gte.toml``, which
-    has their sources. A number that the law does not have must stay empty.
-    """
+    kind: str  # Name of the law
+    gain: tuple[float, ...]  # (n,) >= 0 [N·m]; a joint with gain 0 is not compensated
+    numbers: Mapping[str, tuple[float, ...]] = field(hash=False)
+    """Values (n,) of the law's `fields` by their names."""
 
-    kind: str  # One of :data:`KINDS`
-    gain: Numbers  # g (n,), ≥ 0 [N·m]; a joint with gain 0 is not compensated
-    speed: Numbers = ()
-    """v (n,), > 0 [rad/s]: speed at which a tanh is 76 % of its gain, or a push has faded to 1/e;
-    v_s of the LuGre observer."""
-    error: Numbers = ()  # w (n,), > 0 [rad]: joint error at which a push is 76 % of its gain
-    load: Numbers = ()  # c (n,) of a push: what the gain grows by per N·m of gravity torque [-]
-    viscous: Numbers = ()  # b (n,) [N·m·s/rad]
-    coulomb: Numbers = ()  # F_c (n,), > 0, of the LuGre observer, whose gain is F_s [N·m]
-    stiffness: Numbers = ()  # σ0 (n,), > 0 [N·m/rad]
-    damping: Numbers = ()  # σ1 (n,) [N·m·s/rad]
-    injection: Numbers = ()  # k (n,): how much the joint error corrects the LuGre bristle [1/s]
-    rate: Numbers = ()  # K (n,), > 0, of the momentum observer [1/s]
-    share: Numbers = ()  # s (n,) ≤ 1 of the momentum observer: share of r that is fed back [-]
+    def __init__(self, *, kind: str, gain: ArrayLike, **numbers: ArrayLike) -> None:
+        """Take the gain and the law's numbers, one per joint or one for all.
 
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise unknown("compensation", self.kind, KINDS)
-        law = LAWS[self.kind]
+        A number that is not given has the law's default.
+        """
+        law = law_named(kind)
         expected = "finite numbers, one number per joint [N·m]"
-        gain = checked_array(self.gain, "compensation gain", expected=expected)
-        if gain.ndim != 1 or not len(gain):
+        shape = checked_array(gain, "compensation gain", expected=expected).shape
+        if len(shape) != 1 or not shape[0]:
             raise StictionError(f"compensation gain: expected {expected}")
-        own = {field.name: field for field in (GAIN_FIELD, *law.fields)}
-        for name in NUMBERS:
-            given, field = getattr(self, name), own.get(name)
-            if field is None:
-                if np.size(given):
-                    expected = ", ".join(f.name for f in law.fields)
-                    raise StictionError(
-                        f"compensation {name}: {self.kind} has none: expected {expected}"
-                    )
-                object.__setattr__(self, name, ())
-                continue
-            if not np.size(given):
-                if not field.optional:
-                    raise StictionError(f"compensation {name}: {self.kind} needs it [{field.unit}]")
-                given = law.default(name)
-            expected = f"one number, or {len(gain)} [{field.unit}]"
+        names = [field.name for field in law.fields]
+        for name in numbers:
+            if name not in names:
+                expected = ", ".join(names)
+                raise StictionError(f"compensation {name}: {kind} has none: expected {expected}")
+        out = {}
+        for own in (GAIN, *law.fields):
+            given = gain if own is GAIN else numbers.get(own.name, own.default)
+            if given is None:
+                raise StictionError(f"compensation {own.name}: {kind} needs it [{own.unit}]")
+            expected = f"one number, or {shape[0]} [{own.unit}]"
             values = checked_array(
-                given, f"compensation {name}", gain.shape, expected=expected, fill=True
+                given, f"compensation {own.name}", shape, expected=expected, fill=True
             )
-            bad = (values <= 0 if field.positive else values < 0) | (values > field.largest)
+            bad = (values <= 0 if own.positive else values < 0) | (values > own.largest)
             for j in np.flatnonzero(bad):
                 raise StictionError(
-                    f"compensation {name} of joint {j + 1} is {values[j]:g}: "
-                    f"expected {field.expected}"
+                    f"compensation {own.name} of joint {j + 1} is {values[j]:g}: "
+                    f"expected {own.expected}"
                 )
-            object.__setattr__(self, name, tuple(map(float, values)))
+            out[own.name] = tuple(map(float, values))
+        object.__setattr__(self, "kind", kind)
+        object.__setattr__(self, "gain", out.pop(GAIN.name))
+        object.__setattr__(self, "numbers", out)
 
     @property
     def n(self) -> int:
@@ -103,24 +90,24 @@ class Compensation:
 
     def packed(self) -> Array:
         """Return (n, K) numbers as the compiled law takes them."""
-        out = np.zeros((self.n, _MOST))
-        out[:, 0] = self.gain
-        for k, field in enumerate(LAWS[self.kind].fields, 1):
-            values = np.array(getattr(self, field.name))
-            out[:, k] = 1.0 / values if field.inverse else values
-        return out
+        values = [np.array(self.numbers[field.name]) for field in LAWS[self.kind].fields]
+        fields = zip(values, LAWS[self.kind].fields, strict=True)
+        return np.column_stack([self.gain, *(1.0 / x if f.inverse else x for x, f in fields)])
+
+    def replace(self, **changes: ArrayLike) -> Compensation:
+        """Return the compensation with other numbers."""
+        numbers: dict[str, ArrayLike] = {"gain": self.gain, **self.numbers, **changes}
+        return Compensation(kind=self.kind, **numbers)
 
     def times(self, factor: float) -> Compensation:
         """Return the compensation of ``factor`` times as much friction; raise for a factor < 0."""
         if not 0 <= factor < np.inf:
             raise StictionError(f"compensation factor {factor}: expected >= 0")
         if factor == 0:  # no friction at all has no bristle
-            return dataclasses.replace(self, gain=(0.0,) * self.n)
-        names = ["gain", *(field.name for field in LAWS[self.kind].fields if field.scales)]
-        changes: dict[str, Any] = {
-            name: tuple(factor * x for x in getattr(self, name)) for name in names
-        }
-        return dataclasses.replace(self, **changes)
+            return self.replace(gain=(0.0,) * self.n)
+        scaled = {f.name: self.numbers[f.name] for f in LAWS[self.kind].fields if f.scales}
+        scaled["gain"] = self.gain
+        return self.replace(**{name: factor * np.array(x) for name, x in scaled.items()})
 
     @classmethod
     def from_friction(
@@ -130,14 +117,8 @@ class Compensation:
 
         ``factor`` multiplies the friction [-]; ``load`` (n,) is the transmitted torque [N·m].
         """
-        if kind not in KINDS:
-            raise unknown("compensation", kind, KINDS)
-        gains = LAWS[kind].gains(friction, np.broadcast_to(load, friction.n))
-        return cls(kind=kind, **{name: tuple(x) for name, x in gains.items()}).times(factor)
-
-
-NUMBERS = tuple(f.name for f in dataclasses.fields(Compensation) if f.name != "kind")
-"""Names of the numbers of all laws, the gain first."""
+        gains = law_named(kind).gains(friction, np.broadcast_to(load, friction.n))
+        return cls(kind=kind, **gains).times(factor)
 
 
 class Compensations(NamedTuple):
@@ -145,8 +126,10 @@ class Compensations(NamedTuple):
 
     damping: float  # λ of J^# [m and rad]
     period: float  # Period of the controller's cycles [s]
-    kind: Index  # (N,) number of the law, −1 for none
+    law: Index  # (N,) address of the law's compiled torque, 0 for none
     feeds: Bools  # (N,) whether the law reads `wanted_speed`
+    reads_error: Bools  # (N,)
+    reads_momentum: Bools  # (N,)
     reads_model: Bools  # (N,) whether the law reads `gravity` and `coriolis`
     numbers: Array  # (N, n, K) of `Compensation.packed`
     state: Array  # (N, n, 1) of the laws, changed
@@ -173,10 +156,12 @@ class Compensator:
         self.arrays = Compensations(
             damping=damping,
             period=period,
-            kind=np.full(nsim, -1),
+            law=np.zeros(nsim, dtype=np.int64),
             feeds=np.zeros(nsim, dtype=bool),
+            reads_error=np.zeros(nsim, dtype=bool),
+            reads_momentum=np.zeros(nsim, dtype=bool),
             reads_model=np.zeros(nsim, dtype=bool),
-            numbers=np.zeros((nsim, n, _MOST)),
+            numbers=np.zeros((nsim, n, 1 + max(len(law.fields) for law in LAWS.values()))),
             state=np.zeros((nsim, n, 1)),
             last_speed=np.zeros((nsim, n)),
             wanted_speed=np.zeros((nsim, n)),
@@ -185,18 +170,30 @@ class Compensator:
             torque=np.zeros((nsim, n)),
         )
         """Arrays that compiled functions read and write; always the same objects."""
+        self._kinds = [""] * nsim
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Write the addresses of this process."""
+        vars(self).update(state)
+        for i, kind in enumerate(self._kinds):
+            self.arrays.law[i] = LAWS[kind].code.address if kind else 0
 
     def set_rows(self, ids: Index, compensations: Sequence[Compensation | None]) -> None:
         """Set the compensation of arms ``ids``; None switches it off. Observers start anew."""
         a = self.arrays
+        flags = a.feeds, a.reads_error, a.reads_momentum, a.reads_model
+        for array in (a.law, *flags, a.numbers):
+            array[ids] = 0
         for i, c in zip(ids, compensations, strict=True):
             if c is not None and c.n != self.n:
                 raise StictionError(f"compensation of {c.n} joints: expected {self.n}")
-            used = c is not None and any(c.gain)
-            a.kind[i] = KINDS.index(c.kind) if c is not None and used else -1
-            a.feeds[i] = c is not None and used and LAWS[c.kind].feeds
-            a.reads_model[i] = c is not None and used and LAWS[c.kind].reads_model(vars(c))
-            a.numbers[i] = c.packed() if c is not None else 0.0
+            self._kinds[i] = c.kind if c is not None and any(c.gain) else ""
+            if c is None or not self._kinds[i]:
+                continue
+            law, packed = LAWS[c.kind], c.packed()
+            a.law[i], a.numbers[i, :, : packed.shape[1]] = law.code.address, packed
+            a.feeds[i], a.reads_error[i] = law.feeds, law.reads_error
+            a.reads_momentum[i], a.reads_model[i] = law.reads_momentum, law.reads_model(c.numbers)
         self.reset(ids)
 
     def reset(self, ids: Index) -> None:
@@ -229,14 +226,15 @@ def compensate(
     ``mass`` (N, n, n) is that of the controller's model, rotors included [kg·m²]; the impedance
     controllers have the torque of the last cycle. Other arrays are those of `impedance_cycle`.
     """
-    n, law, torque = dq.shape[1], a.kind[i], a.torque
+    n, law, torque = dq.shape[1], a.law[i], a.torque
     for j in range(n):
         torque[i, j] = 0.0
-    if law < 0:
+    if law == 0:
         return
+    reads_error, reads_momentum = a.reads_error[i], a.reads_momentum[i]
     error, wrench, seen = np.empty(6), np.zeros(6), np.zeros(SEEN)
     gain, command = impedance.gain, impedance.command
-    if _READS_ERROR[law]:
+    if reads_error:
         reference = impedance.position[i], impedance.error_matrix[i]
         pose_error(position[i], quaternion[i], reference[0], reference[1], error)
         for k in range(6):
@@ -246,7 +244,7 @@ def compensate(
         if a.numbers[i, j, 0] <= 0.0:
             continue
         seen[WANTED_SPEED], seen[SPEED] = a.wanted_speed[i, j], dq[i, j]
-        if _READS_ERROR[law]:
+        if reads_error:
             pull, stiffness = 0.0, 0.0
             for k in range(6):
                 pull += jacobian[i, k, j] * wrench[k]
@@ -255,11 +253,12 @@ def compensate(
             # a joint that the impedance does not hold has no error
             seen[ERROR] = pull / stiffness if stiffness > 0.0 else 0.0
         seen[GRAVITY], seen[TORQUE] = a.gravity[i, j], command[i, j] - a.coriolis[i, j]
-        if _READS_MOMENTUM[law]:
+        if reads_momentum:
             gained = 0.0
             for m in range(n):
                 gained += mass[i, j, m] * (dq[i, m] - a.last_speed[i, m])
             seen[PUSHED] = gained
-        torque[i, j] = law_torque(law, a.numbers[i, j], seen, a.state[i, j], a.period)
+        numbers, state = a.numbers[i, j].ctypes.data, a.state[i, j].ctypes.data
+        torque[i, j] = law_torque(law, numbers, seen.ctypes.data, state, a.period)
     for j in range(n):
         a.last_speed[i, j] = dq[i, j]

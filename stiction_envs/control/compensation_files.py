@@ -19,20 +19,17 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction_envs.control.compensation import KINDS, Array, Compensation
+from stiction_envs.arrays import Array
+from stiction_envs.control.compensation import Compensation, law_named
 from stiction_envs.control.laws import LAWS
-from stiction_envs.errors import StictionError, unknown
+from stiction_envs.errors import StictionError
 from stiction_envs.measured import AmplitudeRow
 from stiction_envs.measured.csv_text import Line, read_lines, write_lines
 from stiction_envs.measured.ros_parameters import ParameterGroup, is_parameters, read_parameters
 from stiction_envs.measured.tables import write_final
 
-COLUMNS = ("joint", "gain_nm")  # Columns of a table of gains, which may also have `OPTIONAL`
+COLUMNS = ("joint", "gain_nm")  # Columns that every table of gains has
 KIND, GROUP = "kind", "compensation"
-OPTIONAL = (
-    KIND,
-    *dict.fromkeys(field.column for law in LAWS.values() for field in law.fields),
-)
 _ENDS = (".csv", ".yaml", ".yml")
 
 
@@ -48,17 +45,18 @@ def read_compensation(
 
     Args:
         path: the file.
-        kind: one of `KINDS`; None for the file's.
+        kind: one of `LAWS`; None for the file's.
         n: joints of the arm.
         factor: multiplies the friction that the gains stand for [-].
 
     Raises:
         StictionError: a file that cannot be read, another kind, a joint twice, or bad numbers.
     """
+    optional = (KIND, *dict.fromkeys(x.column for law in LAWS.values() for x in law.fields))
     if is_parameters(path):
-        lines = read_parameters(path, COLUMNS, OPTIONAL, group=GROUP, shared=(KIND,))
+        lines = read_parameters(path, COLUMNS, optional, group=GROUP, shared=(KIND,))
     else:
-        lines = read_lines(path, COLUMNS, OPTIONAL)
+        lines = read_lines(path, COLUMNS, optional)
     kind = _kind(path, lines, kind)
     law = LAWS[kind]
     columns = {"gain_nm": "gain"} | {field.column: field.name for field in law.fields}
@@ -83,16 +81,16 @@ def read_compensation(
 
 
 def _kind(path: str | Path, lines: Sequence[Line], kind: str | None) -> str:
-    if kind is not None and kind not in KINDS:
-        raise unknown("compensation", kind, KINDS)
+    if kind is not None:
+        law_named(kind)
     for line in lines:
         own = line.fields.get(KIND)
         if not own:
             continue
-        line.name(KIND, KINDS if kind is None else (kind,))
+        line.name(KIND, tuple(LAWS) if kind is None else (kind,))
         kind = own
     if kind is None:
-        raise StictionError(f"{path}: no {KIND}: expected a column {KIND}, {', '.join(KINDS)}")
+        raise StictionError(f"{path}: no {KIND}: expected a column {KIND}, {', '.join(LAWS)}")
     return kind
 
 
@@ -102,16 +100,13 @@ def _filled(path: str | Path, kind: str, values: Mapping[str, Array]) -> Compens
     for field in law.fields:
         column = values[field.name]
         missing = np.isnan(column)
-        if not field.optional:
+        if field.default is None:
             for j in np.flatnonzero(missing & compensated):
                 raise StictionError(f"{path}: joint {j + 1}: {kind} needs {field.column}")
-            # a joint that is not compensated may have any
-            column[missing] = 1.0
-        else:
-            column[missing] = law.default(field.name)
-    numbers = {name: tuple(column) for name, column in values.items()}
+        # a joint that is not compensated may have any
+        column[missing] = 1.0 if field.default is None else field.default
     try:
-        return Compensation(kind=kind, **numbers)
+        return Compensation(kind=kind, **values)
     except StictionError as error:
         raise StictionError(f"{path}: {error}") from None
 
@@ -119,7 +114,7 @@ def _filled(path: str | Path, kind: str, values: Mapping[str, Array]) -> Compens
 def compensation_rows(found: Compensation) -> list[dict[str, float]]:
     """Return one row per joint, cells by column; every float reads back bit for bit."""
     columns = {"gain_nm": found.gain}
-    columns |= {f.column: getattr(found, f.name) for f in LAWS[found.kind].fields}
+    columns |= {f.column: found.numbers[f.name] for f in LAWS[found.kind].fields}
     return [
         {"joint": j + 1, **{column: float(x[j]) for column, x in columns.items()}}
         for j in range(found.n)

@@ -80,17 +80,6 @@ def angle_one(a: Array, b: Array) -> float:
     return 2.0 * np.arctan2(np.sqrt(x * x + y * y + z * z), abs(w))
 
 
-def to_matrix(q: Array) -> Array:
-    """Return rotation matrices (..., 3, 3) of unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 @compiled
 def slerp_one(p: Array, q: Array, s: float, out: Array) -> None:
     """Write the quaternion (4,) at a share ``s`` of the shorter arc from p to q (4,).

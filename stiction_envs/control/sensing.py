@@ -179,40 +179,25 @@ def _steps(seconds: float) -> float:
     return round(seconds / CONTROL_DT, 9)
 
 
-class _Seeded:
-    """Seeds and factors of N arms."""
-
-    def __init__(self, sensing: Sensing, nsim: int) -> None:
-        self.sensing = sensing
-        self._seed = np.zeros(nsim, dtype=np.uint64)
-        self._scale = np.ones(nsim)
-
-    def _seeded(self, ids: Index, seeds: ArrayLike) -> None:
-        self._seed[ids] = np.asarray(seeds, dtype=np.uint64)
-        if self.sensing.spread > 0:
-            drawn = np.array([uniform(s, 0, FACTOR) for s in self._seed[ids]])
-            self._scale[ids] = 1.0 + self.sensing.spread * (2.0 * drawn - 1.0)
-
-    def _room(self, *seconds: float) -> int:
-        """Return how many control steps a past of these times needs."""
-        return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
-
-
 FACTOR = 63  # Channel of an arm's factor, which is drawn with control step 0
 
 
-class Senses(_Seeded):
-    """Sensors of N arms of n joints, read once per controller cycle."""
+class Senses:
+    """Sensors of N arms of n joints, read once per controller cycle, and the way of its commands.
+
+    Of the commands some cycles are lost, then comes a delay.
+    """
 
     def __init__(self, sensing: Sensing, nsim: int, n: int, *, hold_steps: int = 1) -> None:
         """Make the sensors of N arms of n joints; each arm needs `reset`.
 
         ``hold_steps`` are the control steps of a controller cycle.
         """
-        super().__init__(sensing, nsim)
         sensing.check(n)
+        self.sensing, self._hold = sensing, hold_steps
         s, cycle = sensing, hold_steps * CONTROL_DT
-        self._hold = hold_steps
+        seed, scale = np.zeros(nsim, dtype=np.uint64), np.ones(nsim)
+        past = np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n))
         self.q, self.dq, self.torque = np.zeros((3, nsim, n))
         """(N, n) what the controller has: angles [rad], speeds [rad/s], torques [N·m]."""
         lag = s.of_joint("speed_lag", n) if s.speed == "logged" else np.zeros(n)
@@ -232,23 +217,47 @@ class Senses(_Seeded):
             torque_noise=s.of_joint("torque_noise", n),
             torque_resolution=s.of_joint("torque_resolution", n),
             torque_offset=np.zeros((nsim, n)),
-            scale=self._scale,
-            seed=self._seed,
-            past=np.zeros((nsim, self._room(s.measurement_delay, s.measurement_jitter), 3, n)),
+            scale=scale,
+            seed=seed,
+            past=past,
             q=self.q,
             dq=self.dq,
             torque=self.torque,
         )
-        """Arrays that compiled functions read and write; always the same objects."""
+        self.sent = Sent(
+            missed=s.missed_cycles,
+            delay=_steps(s.command_delay),
+            scale=scale,
+            seed=seed,
+            held=np.zeros((nsim, n)),
+            past=np.zeros((nsim, self._room(s.command_delay), n)),
+            arrived=np.zeros((nsim, n)),
+        )
+        """Both are arrays of compiled functions, always the same objects; ``arrived`` (N, n) is
+        what acts since the last command arrived [N·m]."""
+
+    def _room(self, *seconds: float) -> int:
+        """Return how many control steps a past of these times needs."""
+        return int(np.ceil((1.0 + self.sensing.spread) * _steps(sum(seconds)))) + 2
 
     def reset(self, ids: Index, q: Array, seeds: ArrayLike) -> None:
         """Let arms ``ids`` have rested at q (M, n) [rad] for long: averaged, without torque.
 
         ``seeds`` (M,) are whole numbers below 2⁶⁴, from which noise and delays are drawn.
         """
-        self._seeded(ids, seeds)
+        seed, spread = self.arrays.seed, self.sensing.spread
+        seed[ids] = np.asarray(seeds, dtype=np.uint64)
+        if spread > 0:
+            drawn = np.array([uniform(s, 0, FACTOR) for s in seed[ids]])
+            self.arrays.scale[ids] = 1.0 + spread * (2.0 * drawn - 1.0)
         for row, i in enumerate(ids):
             begin_arm(i, q[row], self._offset, self.arrays)
+        self.hold(ids, 0.0)
+
+    def hold(self, ids: Index, torque: Array | float) -> None:
+        """Let ``torque`` (M, n) [N·m] have been commanded to arms ``ids`` for long."""
+        self.sent.held[ids] = self.sent.arrived[ids] = torque
+        self.sent.past[ids] = self.sent.held[ids][:, None]
 
     def read_block(self, ids: Index, step: Index, q: Array) -> Array:
         """Return the angles (M, K, n) [rad] that controllers have after sensors read true angles q.
@@ -259,37 +268,9 @@ class Senses(_Seeded):
         sense_block(ids, step, self._hold, CONTROL_DT, q, self.arrays, seen)
         return seen
 
-
-class CommandLine(_Seeded):
-    """The way of N arms' torque commands to C joints each: some cycles are lost, then a delay."""
-
-    def __init__(self, sensing: Sensing, nsim: int, columns: int, *, hold_steps: int = 1) -> None:
-        """Make the line; each arm needs `reset`. Arguments are those of `Senses`."""
-        super().__init__(sensing, nsim)
-        self._hold = hold_steps
-        self._held, self.arrived = np.zeros((2, nsim, columns))
-        """(N, C) what acts since the last command arrived [N·m]."""
-        room = self._room(sensing.command_delay)
-        self.arrays = Sent(
-            missed=sensing.missed_cycles,
-            delay=_steps(sensing.command_delay),
-            scale=self._scale,
-            seed=self._seed,
-            held=self._held,
-            past=np.zeros((nsim, room, columns)),
-            arrived=self.arrived,
-        )
-        """Arrays that compiled functions read and write; always the same objects."""
-
-    def reset(self, ids: Index, seeds: ArrayLike, torque: Array | float = 0.0) -> None:
-        """Start arms ``ids`` as if ``torque`` (M, C) [N·m] had been commanded for long."""
-        self._seeded(ids, seeds)
-        self._held[ids] = self.arrived[ids] = torque
-        self.arrays.past[ids] = self._held[ids][:, None]
-
     def send_block(self, ids: Index, step: Index, command: Array) -> None:
-        """Replace commands (M, K, C) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
-        send_block(ids, step, self._hold, command, self.arrays)
+        """Replace commands (M, K, n) [N·m] of arms ``ids`` at steps (M, K) by what arrives."""
+        send_block(ids, step, self._hold, command, self.sent)
 
 
 def seeds_of(seed: int, keys: Sequence[tuple[int, ...]]) -> NDArray[np.uint64]:

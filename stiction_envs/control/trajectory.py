@@ -48,7 +48,7 @@ class MotionLimits:
     position_tolerance: Positive = _DEFAULT["position_tolerance"]
     """Largest distance from a goal that is reached [m]; inf: time alone decides."""
     rotation_tolerance: Positive = _DEFAULT["rotation_tolerance"]  # Angle from a reached goal [rad]
-    patience: Positive = _DEFAULT["patience"]  # Longest wait at a goal [s]
+    patience: _Finite = _DEFAULT["patience"]  # Longest wait at a goal [s]
 
     def __post_init__(self) -> None:
         for name, kind in get_type_hints(MotionLimits, include_extras=True).items():
@@ -137,45 +137,24 @@ class GoalSequencer:
         return sample(t - self.arrays.begun, self.movement)
 
     @property
-    def index(self) -> Index:
-        """(N,) goal an arm is moving to, from 0; the number of its goals when finished."""
-        return self.arrays.current.copy()
-
-    @property
     def finished(self) -> Bools:
         """(N,) arms that have reached their last goal, or have none."""
         return self.arrays.current == self.arrays.total
 
     @property
-    def goal(self) -> tuple[Array, Array]:
-        """Pose (N, 3) [m], (N, 4) an arm is moving to, or rests at."""
-        at = np.maximum(np.minimum(self.arrays.current, self.arrays.total - 1), 0)
-        rows = np.arange(len(at))
-        return self.arrays.goal[rows, at], self.arrays.goal_q[rows, at]
-
-    @property
-    def onward(self) -> Array:
-        """(N, 3) from the goal an arm is moving to, to the next goal; 0 at the last [m]."""
+    def ahead(self) -> tuple[Array, Array]:
+        """(N, 3) position of the goal an arm is moving to or rests at, and from there to the next
+        goal, 0 at the last [m]."""
         rows, last = np.arange(len(self.arrays.total)), np.maximum(self.arrays.total - 1, 0)
         here, there = (
             self.arrays.goal[rows, np.minimum(self.arrays.current + k, last)] for k in (0, 1)
         )
-        return there - here
+        return here, there - here
 
     @property
     def goals_left(self) -> Index:
         """(N,) goals that are not reached yet, including the one an arm is moving to."""
         return self.arrays.total - self.arrays.current
-
-    @property
-    def accepted_at(self) -> Array:
-        """(N, capacity) times at which goals were accepted [s], NaN where not yet."""
-        return self.arrays.accepted.copy()
-
-    @property
-    def reached_at(self) -> Array:
-        """(N, capacity) times at which goals were found reached [s], NaN where not yet."""
-        return self.arrays.reached.copy()
 
 
 @dataclass(frozen=True, eq=False)

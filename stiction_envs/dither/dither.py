@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled
 from stiction_envs.dither.waveforms import DEFAULT_WAVEFORM, WAVEFORMS, Waveform, named
-from stiction_envs.errors import StictionError, checked_array, unknown
+from stiction_envs.errors import StictionError, checked_array
 
 _TWO_PI = 2.0 * np.pi
 
@@ -43,7 +43,7 @@ class Dither:
     offset: Array
     """Constant torque, (N, n) N·m, never gated. Default 0."""
     waveform: NDArray[np.int8]
-    """(N, n) positions in `WAVEFORMS`; given as a name, an array of names or of codes."""
+    """(N, n) positions in `WAVEFORMS`; given as a name, or an array of names."""
     gate_velocity: Array
     """v_gate, (N, n) rad/s, > 0; ∞ (the default) never gates. q̇ includes the motion that the dither
     itself causes; amplitude as a function of velocity is future work in section 6.1 of the thesis.
@@ -73,7 +73,8 @@ class Dither:
         if a.ndim != 2:
             raise StictionError(f"dither amplitude has shape {a.shape}: expected (N, n)")
         f = checked_array(frequency, "dither frequency", a.shape, fill=True)
-        _check_drive(a, f)
+        _check("amplitude", a, a < 0, ">= 0 N·m")
+        _check("frequency", f, (f < 0) | ((f == 0) & (a > 0)), "> 0 Hz where the amplitude is")
         gate = checked_array(
             gate_velocity, "dither gate_velocity", a.shape, fill=True, finite=False
         )
@@ -122,9 +123,10 @@ class Dither:
         """
         shape = self.amplitude.shape
         if self.sines is not None:
-            plain = np.empty(shape)
-            sine(*self.sines, np.broadcast_to(t, shape[:1]).astype(float), plain)
-            return plain
+            plain, times = np.zeros((self.N, 1, self.n)), np.empty((self.N, 1))
+            times[:, 0] = t
+            add_sines(*self.sines, times, np.arange(self.N), plain)
+            return plain[:, 0]
         out = self.ungated(t)
         if self._gate is not None:
             if qd is None or qd.shape != shape:
@@ -154,18 +156,14 @@ class Dither:
                 out = w
         return np.zeros(shape) if out is None else out
 
-    def retune(self, t: float | Array, *, amplitude: ArrayLike, frequency: ArrayLike) -> Dither:
-        """Return the dither with new amplitudes [N·m] and frequencies [Hz] from time ``t`` on.
+    def retune(self, t: Array, *, amplitude: Array, frequency: Array) -> Dither:
+        """Return the dither with new A [N·m] and f [Hz], valid and (N, n), from times t (N,) [s].
 
-        φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``
-        (s; one number or (N,)). Entries whose frequency stays keep their phase bit for bit.
+        φ becomes φ + 2π(f_old − f_new)·t, so that 2πft + φ is the same before and after at ``t``.
+        Entries whose frequency stays keep their phase bit for bit.
         """
-        a = checked_array(amplitude, "dither amplitude", self.amplitude.shape, fill=True)
-        f = checked_array(frequency, "dither frequency", self.amplitude.shape, fill=True)
-        _check_drive(a, f)
-        now = checked_array(t, "retune time", (self.N,), fill=True)
-        phase = self.phase + _TWO_PI * (self.frequency - f) * now[:, None]
-        return self._derive(amplitude=a, frequency=f, phase=phase)
+        phase = self.phase + _TWO_PI * (self.frequency - frequency) * t[:, None]
+        return self._derive(amplitude=amplitude.copy(), frequency=frequency.copy(), phase=phase)
 
     def set_rows(self, ids: Index, other: Dither) -> Dither:
         """Return this dither with the rows of simulations ``ids`` (M,) from ``other``."""
@@ -259,24 +257,13 @@ def _check(name: str, values: Array, bad: Bools, expected: str) -> None:
         )
 
 
-def _check_drive(amplitude: Array, frequency: Array) -> None:
-    _check("amplitude", amplitude, amplitude < 0, ">= 0 N·m")
-    bad = (frequency < 0) | ((frequency == 0) & (amplitude > 0))
-    _check("frequency", frequency, bad, "> 0 Hz where the amplitude is")
-
-
 def _codes(waveform: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.int8]:
     array = np.asarray(waveform)
-    if array.dtype.kind in "iu":
-        for code in np.setdiff1d(array, range(len(WAVEFORMS))):
-            raise unknown("waveform code", int(code), range(len(WAVEFORMS)))
-        codes = array.astype(np.int8)
-    else:
-        for name in np.unique(array.astype(str)):
-            named(str(name))
-        codes = np.zeros(array.shape, dtype=np.int8)
-        for code, name in enumerate(WAVEFORMS):
-            codes[array == name] = code
+    for name in np.unique(array.astype(str)):
+        named(str(name))
+    codes = np.zeros(array.shape, dtype=np.int8)
+    for code, name in enumerate(WAVEFORMS):
+        codes[array == name] = code
     return _broadcast("waveform", codes, shape)
 
 
@@ -309,16 +296,6 @@ def check_frequency(frequency_hz: float, rate_hz: float) -> str | None:
     if frequency_hz == rate_hz:
         return f"dither of {where} aliases to a constant offset A·sin φ"
     return f"dither of {where} aliases to {rate_hz - frequency_hz:g} Hz"
-
-
-@compiled
-def sine(omega: Array, phase: Array, amplitude: Array, t: Array, out: Array) -> None:
-    """Write A sin(ωt + φ) (N, n) [N·m] at times t (N,) [s]; 0 where the amplitude is."""
-    for i in range(out.shape[0]):
-        for j in range(out.shape[1]):
-            out[i, j] = 0.0
-            if amplitude[i, j] > 0.0:
-                out[i, j] = np.sin(omega[i, j] * t[i] + phase[i, j]) * amplitude[i, j]
 
 
 @compiled

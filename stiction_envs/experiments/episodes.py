@@ -334,7 +334,7 @@ class Episodes(ABC, Generic[Case, Unit]):
         amplitude, frequency = self.action[ids, :n], self.action[ids, n:]
         rate = 2 * np.pi * frequency * amplitude / self.arm.limits.torque_rate
         top = self._high[:n]
-        power, rates = ((amplitude / top) ** 2).mean(axis=1), (rate**2).mean(axis=1)
+        power, rates = ((amplitude / top) ** 2).sum(axis=1) / n, (rate**2).sum(axis=1) / n
         return {
             "power": -self.weights["power_weight"] * share * power,
             "torque_rate": -self.weights["torque_rate_weight"] * share * rates,

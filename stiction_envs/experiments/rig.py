@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from stiction_envs.arrays import Array, Index
 from stiction_envs.control.sensing import (
-    CommandLine,
     Senses,
     Sensing,
     SensingLike,
@@ -157,11 +156,9 @@ class Rig:
         self._path = TorquePath(self.interface, nsim)
         self.senses: Senses | None = None
         """Senses of the controllers; None where controllers see the plant itself."""
-        self._line: CommandLine | None = None
         if not experiment.sensing.is_ideal:
-            hold, senses = self.interface.hold_steps, experiment.sensing
-            self.senses = Senses(senses, nsim, self.n, hold_steps=hold)
-            self._line = CommandLine(senses, nsim, self.n, hold_steps=hold)
+            hold = self.interface.hold_steps
+            self.senses = Senses(experiment.sensing, nsim, self.n, hold_steps=hold)
         self._sense_seed = np.zeros(nsim, dtype=np.uint64)
         self._servos = Servos(sticking, approach)
 
@@ -204,9 +201,8 @@ class Rig:
 
     def _rest_senses(self, ids: Index) -> None:
         """Restart the controllers of arms ``ids``, which rest, without a command."""
-        if self.senses is not None and self._line is not None:
+        if self.senses is not None:
             self.senses.reset(ids, self.plant.position[ids], self._sense_seed[ids])
-            self._line.reset(ids, self._sense_seed[ids])
 
     def set_dither(
         self,

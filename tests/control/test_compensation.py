@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -87,7 +89,7 @@ def test_gains_are_the_breakaway_torques():
     assert not np.allclose(loaded.gain, np.array(c.gain) / 0.7)
     assert c == Compensation.from_friction("push", p, 0.7)
     assert hash(c) != hash(loaded)
-    assert len(c.speed) == len(c.error) == c.n == 7
+    assert {len(x) for x in c.numbers.values()} == {c.n} == {7}
 
 
 @pytest.mark.parametrize(
@@ -113,3 +115,12 @@ def test_compensation_that_does_not_fit_is_refused():
         loads(Compensation(kind="push", gain=(1.0, 1.0)))
     with pytest.raises(StictionError, match="factor -1"):
         Compensation.from_friction("push", load_friction("panda", 7), -1)
+
+
+def test_a_copy_has_the_addresses_of_its_process():
+    c = Compensator(2, JOINTS, damping=0.2)
+    c.set_rows(np.array([1]), [Compensation(kind="push", gain=GAIN)])
+    expected = c.arrays.law.copy()
+    assert expected[0] == 0 != expected[1]
+    c.arrays.law[:] = 1  # an address of another process
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(c)).arrays.law, expected)

@@ -71,7 +71,7 @@ def test_measured_angles_have_the_engines_pose(robot, tmp_path):
     q = low + (high - low) * np.random.default_rng(0).random((3, model.n))
     plant.reset(np.arange(3), q)
     true.read()
-    seen = MeasuredEndEffector(model, plant.position, tool)
+    seen = MeasuredEndEffector(arm, plant.position, tool)
     seen.read()
     for name in ("position", "quaternion", "jacobian"):
         np.testing.assert_allclose(getattr(seen, name), getattr(true, name), atol=1e-12)

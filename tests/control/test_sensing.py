@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.sensing import CommandLine, Senses, Sensing, load_sensing
+from stiction_envs.control.sensing import Senses, Sensing, load_sensing
 from stiction_envs.control.sensing_kernels import sense_arm
 from stiction_envs.control.torque_path import low_pass_gain
 from stiction_envs.errors import StictionError
@@ -87,8 +87,8 @@ def test_a_delay_shifts_the_phase_by_2_pi_f_d(delay):
     sensing = Sensing(measurement_delay=delay, command_delay=delay)
     state = np.repeat(wave.imag[None, :, None], 2, axis=2)
     seen = read_all(sensing, state, dq=state, torque=state)[:, 0, 100:]
-    line = CommandLine(sensing, 1, 2)
-    line.reset(np.array([0]), SEED)
+    line = Senses(sensing, 1, 2)
+    line.reset(np.array([0]), np.zeros((1, 2)), SEED)
     sent = state.copy()
     line.send_block(np.array([0]), np.arange(steps)[None], sent)
     zero = phase_of(wave.imag[100:], wave[100:])
@@ -144,8 +144,8 @@ def test_blocks_of_control_steps_are_read_as_single_steps():
 
 def test_a_lost_command_is_the_one_before():
     """FCI reuses the torque of the last packet that it received (sources.md 8.2)."""
-    line = CommandLine(Sensing(missed_cycles=0.2), 3, 2, hold_steps=2)
-    line.reset(np.arange(3), np.arange(3, dtype=np.uint64), 0.0)
+    line = Senses(Sensing(missed_cycles=0.2), 3, 2, hold_steps=2)
+    line.reset(np.arange(3), np.zeros((3, 2)), np.arange(3, dtype=np.uint64))
     sent = np.tile(1.0 + np.arange(4000.0)[:, None], (3, 1, 2))
     arrived = sent.copy()
     line.send_block(np.arange(3), np.tile(np.arange(4000), (3, 1)), arrived)

@@ -137,7 +137,7 @@ def test_next_goal_starts_from_the_measured_pose():
     measured = goals[:, 0] + off
     turn = from_rotation_vector(np.tile([0.1, 0, 0], (3, 1)))
     assert k.accept(measured, turn, end).all()
-    np.testing.assert_array_equal(k.index, [1, 1, 1])
+    np.testing.assert_array_equal(k.arrays.current, [1, 1, 1])
     position, quaternion, velocity, _ = k.reference(end)
     np.testing.assert_array_equal(position, measured)
     np.testing.assert_array_equal(quaternion, turn)
@@ -156,11 +156,11 @@ def test_goals_wait_for_time_and_tolerance():
     np.testing.assert_array_equal(
         k.accept(goal + off, rotation.multiply(tilt, q), 2.5), [True, False, True, False]
     )
-    np.testing.assert_array_equal(k.index, [1, 0, 1, 0])
+    np.testing.assert_array_equal(k.arrays.current, [1, 0, 1, 0])
     np.testing.assert_array_equal(k.accept(goal, q, 3.0), [False, True, False, True])
-    np.testing.assert_array_equal(k.accepted_at[:, :2], [[0, 2.5], [0, 3], [0, 2.5], [0, 3]])
-    np.testing.assert_array_equal(k.reached_at[:, 0], [2.5, 3, 2.5, 3])
-    assert np.isnan(k.accepted_at[:, 2:]).all()
+    np.testing.assert_array_equal(k.arrays.accepted[:, :2], [[0, 2.5], [0, 3], [0, 2.5], [0, 3]])
+    np.testing.assert_array_equal(k.arrays.reached[:, 0], [2.5, 3, 2.5, 3])
+    assert np.isnan(k.arrays.accepted[:, 2:]).all()
     far, _, _ = sequencer(4, position_tolerance=np.inf, rotation_tolerance=np.inf)
     assert far.accept(goal + 1.0, q, 2.5).all()
 
@@ -174,12 +174,12 @@ def test_walks_through_all_goals_and_finishes():
         count += k.accept(position, quaternion, clock)
     assert k.finished.all()
     np.testing.assert_array_equal(count, 2)  # the first was accepted by `start`
-    np.testing.assert_array_equal(k.index, 3)
-    np.testing.assert_allclose(k.accepted_at[:, :3].T, [[0] * 3, [2] * 3, [4] * 3], atol=0.021)
-    np.testing.assert_array_equal(k.accepted_at[:, 1:3], k.reached_at[:, :2])
-    assert np.isfinite(k.reached_at[:, 2]).all()
+    np.testing.assert_array_equal(k.arrays.current, 3)
+    np.testing.assert_allclose(k.arrays.accepted[:, :3].T, [[0] * 3, [2] * 3, [4] * 3], atol=0.021)
+    np.testing.assert_array_equal(k.arrays.accepted[:, 1:3], k.arrays.reached[:, :2])
+    assert np.isfinite(k.arrays.reached[:, 2]).all()
     np.testing.assert_array_equal(k.reference(np.full(3, 99.0))[0], p)
-    np.testing.assert_array_equal(k.goal[0], p)
+    np.testing.assert_array_equal(k.ahead[0], p)
 
 
 def test_polygons_are_regular_closed_and_where_the_thesis_puts_them():
@@ -282,7 +282,7 @@ def test_pace_stretches_every_movement_of_its_arm_in_time():
         duration = s.movement.duration.copy()
         assert duration[1] == pytest.approx(2 * duration[0], rel=1e-12)
         for share in np.linspace(0, 0.99, 7):
-            begun = s.accepted_at[:, s.index[0]]
+            begun = s.arrays.accepted[:, s.arrays.current[0]]
             x, q, velocity, speed = s.reference(begun + share * duration)
             assert x[1] == pytest.approx(x[0], abs=1e-12)
             assert q[1] == pytest.approx(q[0], abs=1e-12)
@@ -303,13 +303,13 @@ def test_goals_left_and_the_vector_onward():
     goals = np.array([[1.0, 0.0, 0.0], [1.0, 2.0, 0.0], [1.0, 2.0, 3.0]])
     s = Goals(2, MotionLimits(), 4)
     assert s.goals_left.tolist() == [0, 0]
-    assert not s.onward.any()
+    assert not s.ahead[1].any()
     s.start(1, goals, np.tile(HERE, (3, 1)), np.zeros(3), HERE)
     far = np.array([[9.0, 9.0, 9.0]])
     for k, onward in enumerate(([0, 2, 0], [0, 0, 3], [0, 0, 0])):
         assert s.goals_left.tolist() == [0, 3 - k]
-        assert s.onward[1].tolist() == onward
-        assert s.goal[0][1].tolist() == goals[k].tolist()
+        assert s.ahead[1][1].tolist() == onward
+        assert s.ahead[0][1].tolist() == goals[k].tolist()
         s.accept(np.concatenate([far, goals[k : k + 1]]), np.tile(HERE, (2, 1)), 100.0 * (k + 1))
     assert s.goals_left.tolist() == [0, 0]
-    assert not s.onward.any()
+    assert not s.ahead[1].any()

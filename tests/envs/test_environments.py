@@ -161,6 +161,3 @@ def test_step_needs_a_running_episode(kind):
     env = kind.make().unwrapped
     with pytest.raises(StictionError, match="reset"):
         env.step(quiet(env))
-
-
-# ---- in wrappers ---------------------------------------------------------------------------------

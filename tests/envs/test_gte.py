@@ -11,7 +11,7 @@ from stiction_envs.control.trajectory import MotionLimits
 from stiction_envs.experiments.gte import undithered as gte_base
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
-from stiction_envs.experiments.gte.protocol import Case
+from stiction_envs.experiments.gte.protocol import Case, pose_error
 from stiction_envs.experiments.gte.random_paths import random_paths
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow
@@ -68,8 +68,8 @@ def check_reproduction(env: gym.Env, robot: str, case: Case, **experiment) -> No
         options = {"trajectory": case.trajectory, "stiffness": case.stiffness, "iteration": k}
         kept.clear()
         final = episode(env, action, seed=11, options=options)[-1][4]
-        position = np.concatenate([s.actual[0, :, :3] for s in kept])
-        error = np.concatenate([s.error[0] for s in kept])
+        position = np.concatenate([poses[0, 0, :, :3] for poses, _ in kept])
+        error = np.concatenate([pose_error(*poses)[0] for poses, _ in kept])
         # the run ends with its slowest iteration, the episode with a whole step
         count = min(len(position), len(run.time))
         assert abs(len(position) - len(run.time)) < 60

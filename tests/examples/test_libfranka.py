@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiction_envs.control.compensation import KINDS, Compensation
+from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import write_treatment
-from stiction_envs.control.laws import law_torque
+from stiction_envs.control.laws import LAWS
 from stiction_envs.dither.dither import Dither
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.measured import AmplitudeRow, write_amplitudes
@@ -216,13 +216,12 @@ UNITS = np.array([0.1, 0.1, 0.003, 20.0, 3.0, 0.003])
 
 def friction_of(kind: str) -> Compensation:
     c = Compensation.from_friction(kind, load_friction("panda", 7), 0.9)
-    numbers = {"load": (0.04,) * 7} if kind == "push" else {}
-    numbers |= {"damping": (1.7,) * 7, "injection": (0.7,) * 7} if "lugre" in kind else {}
-    gain = (*c.gain[:3], 0.0, *c.gain[4:])
-    return Compensation(**{**vars(c), "gain": gain, **numbers})
+    numbers = {"load": 0.04} if kind == "push" else {}
+    numbers |= {"damping": 1.7, "injection": 0.7} if "lugre" in kind else {}
+    return c.replace(gain=(*c.gain[:3], 0.0, *c.gain[4:]), **numbers)
 
 
-@pytest.mark.parametrize(("kind", "end"), [*((k, "csv") for k in KINDS), ("push", "yaml")])
+@pytest.mark.parametrize(("kind", "end"), [*((k, "csv") for k in LAWS), ("push", "yaml")])
 def test_compensations_are_those_of_python(
     built: Path, tmp_path: Path, kind: str, end: str
 ) -> None:
@@ -239,12 +238,12 @@ def test_compensations_are_those_of_python(
         [built / "compensations", path], input=text, capture_output=True, text=True, check=True
     )
     got = np.fromstring(ran.stdout, sep=" ").reshape(-1, 7)
-    packed, state, law = c.packed(), np.zeros((7, 1)), KINDS.index(kind)
+    packed, state = c.packed(), np.zeros((7, 1))
     expected = np.zeros((2000, 7))
     for k in range(2000):
         for j in range(7):
             if c.gain[j] > 0:
-                expected[k, j] = law_torque(law, packed[j], seen[k, j], state[j], 1e-3)
+                expected[k, j] = LAWS[kind].torque(packed[j], seen[k, j], state[j], 1e-3)
     assert np.abs(expected).max() > 0.1
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-12)
     assert not got[:, 3].any()

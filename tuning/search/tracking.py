@@ -10,7 +10,6 @@ arm is tried on every path, stiffness and friction:
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -150,7 +149,7 @@ class TrackingObjective:
         if self._believed is not None:
             law = LAWS[compensation]
             self._largest = {field.name: field.largest for field in law.fields}
-            self._usual = {name: getattr(self._believed, name)[0] for name in law.searched}
+            self._usual = {name: self._believed.numbers[name][0] for name in law.searched}
         self._loaded = rest_margin is not None and compensation == "push"
         self.plain = self.measure([Treatment()])[0]
         largest = np.array(bounds.vibration_m)
@@ -193,7 +192,7 @@ class TrackingObjective:
             factor, n = parameters["compensation"], self._believed.n
             names = [*self._usual, *(["load"] if self._loaded else [])]
             more: Parameters = {name: (parameters[f"compensation_{name}"],) * n for name in names}
-            compensation = dataclasses.replace(self._believed.times(factor), **more)
+            compensation = self._believed.times(factor).replace(**more)
         rows = []
         for j in self.joints:
             mine = {name: parameters[f"{name}_{j}"] for name in self.bounds.space(j)}

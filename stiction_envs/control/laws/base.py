@@ -1,24 +1,24 @@
 """A law of friction compensation: its parameters, its measured quantities, its compiled torque.
 
-A law is one file with a `Law` and a compiled function
-
-    torque(numbers, seen, state, period) -> torque of one joint [N·m]
-
-which is called once per controller cycle and joint, and a line in the registry of this room.
-``numbers`` (K,) are the gain, then the law's `fields` in their order; ``seen`` (6,) is what a
-controller has (`WANTED_SPEED` … below); ``state`` (1,) is the law's own memory, 0 at the start.
+A law is one file with a `Law`, its ``LAW``, and a name in `control.COMPENSATIONS`. Compiled code
+calls a law by the address of its compiled torque, and so is the same for every law.
 """
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
 
 from stiction_envs.arrays import Array
-from stiction_envs.control.impedance import GTE_DEFAULTS
+from stiction_envs.compiled import as_c_function
 from stiction_envs.friction.parameters import FrictionParameters
 
 WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)
@@ -27,17 +27,19 @@ WANTED_SPEED, SPEED, ERROR, GRAVITY, TORQUE, PUSHED = range(6)
 cycle by that model, which is the command less Coriolis and centrifugal torque [N·m]; momentum that
 the joint gained in it, M Δq̇ [N·m·s]."""
 SEEN = 6
+_NUMBERS = types.CPointer(types.float64)
+_TORQUE = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, types.float64)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Field:
     """One number per joint of a law, besides its gain."""
 
-    name: str  # Attribute of `Compensation`; with the law's name before it, the key in ``gte.toml``
+    name: str  # Key in `Compensation.numbers`
     column: str  # In tables of gains, with its unit
     unit: str
     positive: bool = False  # Whether it must be > 0; else >= 0
-    optional: bool = True  # Whether it has a default
+    default: float | None = None  # None: it must be given
     scales: bool = False  # Whether it is proportional to friction, as the gain is
     inverse: bool = False  # Whether the compiled law takes 1 over it
     largest: float = np.inf
@@ -49,18 +51,29 @@ class Field:
         return low if self.largest == np.inf else f"{low} and <= {self.largest:g}"
 
 
-GAIN_FIELD = Field(name="gain", column="gain_nm", unit="N·m", optional=False, scales=True)
-SPEED_FIELD = Field(name="speed", column="speed_rad_s", unit="rad/s", positive=True, inverse=True)
+GAIN = Field(name="gain", column="gain_nm", unit="N·m", scales=True)
 
 
-class Law:
+def smoothing_speed(default: float) -> Field:
+    """Return the field of the speed at which a tanh is 76 % of its gain [rad/s]."""
+    return Field(
+        name="speed",
+        column="speed_rad_s",
+        unit="rad/s",
+        default=default,
+        positive=True,
+        inverse=True,
+    )
+
+
+class Law(abc.ABC):
     """A law; derive from it, one file each."""
 
     name: ClassVar[str]
     words: ClassVar[str]  # What a sentence calls it
     what: ClassVar[str]  # In one line, for help and reports
     knows: ClassVar[str]  # What it needs to know or measure, for reports
-    fields: ClassVar[tuple[Field, ...]] = (SPEED_FIELD,)
+    fields: ClassVar[tuple[Field, ...]]  # Its numbers besides the gain
     searched: ClassVar[tuple[str, ...]] = ("speed",)  # Fields that the tuner varies
     feeds: ClassVar[bool] = False  # Whether it reads `WANTED_SPEED`
     reads_error: ClassVar[bool] = False
@@ -78,9 +91,43 @@ class Law:
         """
         return {"gain": breakaway(friction, load)}
 
-    def default(self, name: str) -> float:
-        """Return the default of a field, of ``gte.toml``."""
-        return float(GTE_DEFAULTS["compensation"][f"{self.name}_{name}"])
+    @staticmethod
+    @abc.abstractmethod
+    def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
+        """Return the torque of one joint [N·m]; compiled, and called in every controller cycle.
+
+        Args:
+            numbers: (K,) the gain, then the `fields` in their order.
+            seen: (6,) what a controller has, `WANTED_SPEED` and so on.
+            state: (1,) the law's own memory, 0 at the start.
+            period: of the controller's cycles [s].
+        """
+
+    @cached_property
+    def code(self) -> Any:
+        """The compiled `torque`; its ``address`` is that of `law_torque`."""
+        return as_c_function(_TORQUE, self.torque)
+
+    def __reduce__(self) -> tuple[type[Law], tuple[()]]:
+        return type(self), ()  # machine code stays in its process
+
+
+def _call(
+    typing: Any, address: Any, numbers: Any, seen: Any, state: Any, period: Any
+) -> tuple[Any, Any]:
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        number = context.get_value_type(types.float64)
+        pointer = number.as_pointer()
+        kind = ir.FunctionType(number, [pointer, pointer, pointer, number])
+        code, *arrays = values[:4]
+        given = [builder.inttoptr(x, pointer) for x in arrays]
+        return builder.call(builder.inttoptr(code, kind.as_pointer()), [*given, values[4]])
+
+    return types.float64(*4 * [types.intp], types.float64), generate
+
+
+law_torque: Any = intrinsic(_call)
+"""Compiled code calls a law by it: address of the code, addresses of arrays, period."""
 
 
 def breakaway(friction: FrictionParameters, load: Array) -> Array:

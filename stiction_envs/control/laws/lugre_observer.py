@@ -18,11 +18,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.compiled import compiled
 from stiction_envs.control.laws.base import ERROR, SPEED, Array, Field, Law, breakaway, coulomb
 from stiction_envs.friction.lone_joint import bristle_after
 from stiction_envs.friction.parameters import FrictionParameters
 
+_DAMPING = 0.0  # [N·m·s/rad], assumed: without σ1, which amplifies the noise of the speed
+_INJECTION = 0.1
+"""k [1/s], assumed: a bristle grows by its presliding distance within a second at a joint error of
+ten of them."""
 _SLOWEST = 1e-15  # decay of a bristle in a cycle, far below any effect; avoids 0/0 [-]
 
 
@@ -34,15 +37,16 @@ class LuGreObserver(Law):
     what: ClassVar = "friction of an observed LuGre bristle, corrected by the joint error"
     knows: ClassVar = "all of the friction (LuGre), angles and a speed"
     fields: ClassVar = (
-        Field(name="coulomb", column="coulomb_nm", unit="N·m", optional=False, positive=True,
+        Field(name="coulomb", column="coulomb_nm", unit="N·m", positive=True,
               scales=True),
-        Field(name="speed", column="speed_rad_s", unit="rad/s", optional=False, positive=True,
+        Field(name="speed", column="speed_rad_s", unit="rad/s", positive=True,
               inverse=True),
-        Field(name="stiffness", column="stiffness_nm_rad", unit="N·m/rad", optional=False,
+        Field(name="stiffness", column="stiffness_nm_rad", unit="N·m/rad",
               positive=True, scales=True),
-        Field(name="damping", column="damping_nms_rad", unit="N·m·s/rad", scales=True),
-        Field(name="viscous", column="viscous_nms_rad", unit="N·m·s/rad", scales=True),
-        Field(name="injection", column="injection_1_s", unit="1/s"),
+        Field(name="damping", column="damping_nms_rad", unit="N·m·s/rad",
+              default=_DAMPING, scales=True),
+        Field(name="viscous", column="viscous_nms_rad", unit="N·m·s/rad", default=0.0, scales=True),
+        Field(name="injection", column="injection_1_s", unit="1/s", default=_INJECTION),
     )  # fmt: skip
     searched: ClassVar = ("injection",)
     reads_error: ClassVar = True
@@ -57,18 +61,20 @@ class LuGreObserver(Law):
             "viscous": friction.viscous.mean(axis=-1),
         }
 
+    @staticmethod
+    def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
+        """Return the force of the estimated bristle [N·m]; state is ẑ [rad]."""
+        stiction, coulomb_torque, rate, stiffness = numbers[0], numbers[1], numbers[2], numbers[3]
+        v, z = seen[SPEED], state[0]
+        ratio = v * rate
+        level = coulomb_torque + (stiction - coulomb_torque) * np.exp(-ratio * ratio)
+        decay = abs(v) * stiffness / level
+        correction = numbers[6] * seen[ERROR]
+        change = v - decay * z + correction
+        most = stiction / stiffness
+        after = bristle_after(z, v, max(decay * period, _SLOWEST), period) + correction * period
+        state[0] = min(max(after, -most), most)
+        return stiffness * z + numbers[4] * change + numbers[5] * v
 
-@compiled
-def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
-    """Return the force of the estimated bristle [N·m]; state is ẑ [rad]."""
-    stiction, coulomb_torque, rate, stiffness = numbers[0], numbers[1], numbers[2], numbers[3]
-    v, z = seen[SPEED], state[0]
-    ratio = v * rate
-    level = coulomb_torque + (stiction - coulomb_torque) * np.exp(-ratio * ratio)
-    decay = abs(v) * stiffness / level
-    correction = numbers[6] * seen[ERROR]
-    change = v - decay * z + correction
-    most = stiction / stiffness
-    after = bristle_after(z, v, max(decay * period, _SLOWEST), period) + correction * period
-    state[0] = min(max(after, -most), most)
-    return stiffness * z + numbers[4] * change + numbers[5] * v
+
+LAW = LuGreObserver()

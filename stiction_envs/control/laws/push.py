@@ -22,8 +22,23 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.compiled import compiled
-from stiction_envs.control.laws.base import ERROR, GRAVITY, SPEED, SPEED_FIELD, Array, Field, Law
+from stiction_envs.control.laws.base import (
+    ERROR,
+    GRAVITY,
+    SPEED,
+    Array,
+    Field,
+    Law,
+    smoothing_speed,
+)
+
+_SPEED = 0.02
+"""Speed at which a push has faded to 1/e [rad/s], assumed: a joint that turns faster slips; a tenth
+of the joints' speed along the paths."""
+_ERROR = 0.002
+"""Joint error at which a push is 76 % of its gain [rad], assumed: a tenth of a degree, far above an
+encoder's noise."""
+_LOAD = 0.0  # Off; almond-bot/axol#317 measures about 0.1 of the gravity torque [-]
 
 
 class Push(Law):
@@ -34,10 +49,11 @@ class Push(Law):
     what: ClassVar = "a push in the sign of the joint error that fades with the measured speed"
     knows: ClassVar = "the friction, angles and a speed; with a load gain the arm's masses too"
     fields: ClassVar = (
-        SPEED_FIELD,
-        Field(name="error", column="error_rad", unit="rad", positive=True, inverse=True),
-        Field(name="load", column="load_gain", unit="1", scales=True),
-    )
+        smoothing_speed(_SPEED),
+        Field(name="error", column="error_rad", unit="rad", default=_ERROR, positive=True,
+              inverse=True),
+        Field(name="load", column="load_gain", unit="1", default=_LOAD, scales=True),
+    )  # fmt: skip
     searched: ClassVar = ("speed", "error")
     reads_error: ClassVar = True
 
@@ -45,10 +61,12 @@ class Push(Law):
         """Return whether there is a load gain."""
         return any(numbers["load"])
 
+    @staticmethod
+    def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
+        """Return (g + c |τ_g|) tanh(e/w) exp(−(q̇/v)²) [N·m]."""
+        fade = seen[SPEED] * numbers[1]
+        push = np.tanh(seen[ERROR] * numbers[2]) * np.exp(-fade * fade)
+        return (numbers[0] + numbers[3] * abs(seen[GRAVITY])) * push
 
-@compiled
-def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
-    """Return (g + c |τ_g|) tanh(e/w) exp(−(q̇/v)²) [N·m]."""
-    fade = seen[SPEED] * numbers[1]
-    push = np.tanh(seen[ERROR] * numbers[2]) * np.exp(-fade * fade)
-    return (numbers[0] + numbers[3] * abs(seen[GRAVITY])) * push
+
+LAW = Push()

@@ -16,9 +16,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from stiction_envs.compiled import compiled
-from stiction_envs.control.laws.base import SPEED, Array, Law, coulomb
+from stiction_envs.control.laws.base import SPEED, Array, Law, coulomb, smoothing_speed
 from stiction_envs.friction.parameters import FrictionParameters
+
+_SPEED = 0.24
+"""Speed at which the tanh is 76 % of its gain [rad/s]; Gaz et al. 2019, supplement: 2/φ2 of the
+Panda's sigmoid, as crisp_controllers takes it, median of the joints."""
 
 
 class SmoothSign(Law):
@@ -28,13 +31,16 @@ class SmoothSign(Law):
     words: ClassVar = "smooth sign of the speed"
     what: ClassVar = "Coulomb friction by the smoothed sign of the measured speed"
     knows: ClassVar = "the Coulomb friction and a speed"
+    fields: ClassVar = (smoothing_speed(_SPEED),)
 
     def gains(self, friction: FrictionParameters, load: Array) -> Mapping[str, Array]:
         """Return the Coulomb friction as gain."""
         return {"gain": coulomb(friction, load)}
 
+    @staticmethod
+    def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
+        """Return g tanh(q̇/v) [N·m]."""
+        return numbers[0] * np.tanh(seen[SPEED] * numbers[1])
 
-@compiled
-def torque(numbers: Array, seen: Array, state: Array, period: float) -> float:
-    """Return g tanh(q̇/v) [N·m]."""
-    return numbers[0] * np.tanh(seen[SPEED] * numbers[1])
+
+LAW = SmoothSign()

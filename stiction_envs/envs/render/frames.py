@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import mujoco
 import numpy as np
 
-from stiction_envs.control.rotation import to_matrix
 from stiction_envs.envs.render.arm_scene import (
     ARROW,
     MARK,
@@ -127,9 +126,13 @@ class PathRenderer(Renderer["GTEEpisodes"]):
         path, sequencer = core.path_points(i), core.rig.sequencer
         polyline(scene, _LINE, path, PATH)
         for k, goal in enumerate(path[1:]):
-            size, colour = (1.6 * _GOAL, MARK) if k == sequencer.index[i] else (_GOAL, PATH)
+            size, colour = (
+                (1.6 * _GOAL, MARK) if k == sequencer.arrays.current[i] else (_GOAL, PATH)
+            )
             draw_shape(scene, SPHERE, size, goal, colour=colour)
         position, turn, _, _ = sequencer.reference(np.asarray(core.rig.step * CONTROL_DT))
-        for axis, colour in zip(to_matrix(turn[i]).T, _AXES, strict=True):
+        matrix = np.empty(9)
+        mujoco.mju_quat2Mat(matrix, turn[i])
+        for axis, colour in zip(matrix.reshape(3, 3).T, _AXES, strict=True):
             end = position[i] + _AXIS * axis
             draw_shape(scene, ARROW, 2.0 * _LINE, position[i], end, colour)

@@ -185,8 +185,7 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         # the larger of both directions at the load of the start
         self.stiction = e.sticking.parameters.stiction_at(e.start_load()).max(axis=-1)
         usual = MotionLimits()  # those in use may be infinite
-        self.tolerance = usual.position_tolerance, usual.rotation_tolerance
-        """Unit of the observed error [m], [rad]."""
+        self._tolerance = np.repeat([usual.position_tolerance, usual.rotation_tolerance], 3)
 
     def check_reset(self, options: Sequence[Options | None]) -> list[Checked]:
         """Check options as `Episodes.check_reset`; a trajectory also replaces a fixed path."""
@@ -333,17 +332,18 @@ class GTEEpisodes(Episodes[Key, Undithered]):
         poses[0, :, :3], poses[1, :, :3] = hand.position, x
         poses[..., 3:] = to_rpy(np.array([hand.quaternion, quaternion]))
         error = pose_error(poses[0], poses[1])
+        goal, onward = sequencer.ahead
         share = self._stiffness[ids, :2] / _UNIT
         return {
             "displacement": rig.seen_position[ids] - rig.start,
             "velocity": rig.seen_velocity[ids],
             "torque": rig.undithered_torque[ids] / self.stiction,
-            "error": error[ids] / np.repeat(self.tolerance, 3),
+            "error": error[ids] / self._tolerance,
             "reference": velocity[ids] / limits.translational_speed,
             "turning": turning[ids] / limits.rotational_speed,
             "remaining": (sequencer.movement.duration - (t - sequencer.arrays.begun))[ids],
-            "goal": (sequencer.goal[0] - hand.position)[ids],
-            "onward": sequencer.onward[ids],
+            "goal": (goal - hand.position)[ids],
+            "onward": onward[ids],
             "goals_left": sequencer.goals_left[ids],
             "translational": share[:, 0],
             "rotational": share[:, 1],

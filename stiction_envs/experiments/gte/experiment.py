@@ -17,7 +17,7 @@ from pathlib import Path as File
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stiction_envs.arrays import Array, Index
+from stiction_envs.arrays import Array
 from stiction_envs.control.compensation import Compensation
 from stiction_envs.control.compensation_files import is_file, read_compensation
 from stiction_envs.control.impedance import ImpedanceSettings
@@ -57,7 +57,6 @@ from stiction_envs.robots import Arm
 
 MAX_SIMULATIONS = 128  # Simulations run at once (assumed)
 _PART = 10  # samples of a block, after which it is checked whether all arms are done; assumed
-_LATE = 1.5  # longest time of a movement over that of an arm that follows exactly [-]; assumed
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -160,7 +159,7 @@ class GeneratedTrajectoryExperiment(GTESetup):
         """Return friction compensation whose model of the friction is the nominal one.
 
         Args:
-            kind: one of `control.compensation.KINDS`, or a file with kind and gains:
+            kind: one of `control.laws.LAWS`, or a file with kind and gains:
                 ``compensation.csv``, or a ``final.yaml``.
             factor: of the friction that is compensated [-].
             table: of gains; None for those of the friction at the start's load.
@@ -182,32 +181,13 @@ class GeneratedTrajectoryExperiment(GTESetup):
 
     def nominal_duration(self, path: Path) -> float:
         """Return the time a path takes an arm that follows exactly [s]."""
-        ends = np.arange(len(path.position))
-        return float(self._durations(path, ends - 1, ends).sum())
-
-    def horizon(self, path: Path) -> float:
-        """Return the time limit of a path [s].
-
-        A lagging arm may start a movement from any earlier point of the path. So each movement
-        gets 1.5 times the time from the farthest earlier point, plus the wait at the goal.
-        """
-        goals = len(path.position)
-        ends = np.repeat(np.arange(goals), goals)
-        starts = np.minimum(np.tile(np.arange(goals), goals), ends) - 1
-        longest = self._durations(path, starts, ends).reshape(goals, goals).max(axis=1).sum()
-        patience = self.motion.patience
-        wait = goals * patience if np.isfinite(patience) else 0.0
-        return float(_LATE * longest + wait + self.protocol.patience)
-
-    def _durations(self, path: Path, starts: Index, ends: Index) -> Array:
-        """Return times of the movements between goals (M,), −1 being the start, to goals (M,)."""
         position = np.concatenate([np.zeros((1, 3)), path.position])
         quaternion = np.concatenate([[[1.0, 0.0, 0.0, 0.0]], path.quaternion])
-        movement = new_movements(len(ends), self.motion)
+        movement = new_movements(len(path.position), self.motion)
         movement.asked[:] = path.pace
-        for k, (start, end) in enumerate(zip(starts + 1, ends + 1, strict=True)):
-            plan(k, position[start], quaternion[start], position[end], quaternion[end], movement)
-        return movement.duration
+        for k in range(len(path.position)):
+            plan(k, position[k], quaternion[k], position[k + 1], quaternion[k + 1], movement)
+        return float(movement.duration.sum())
 
     def expected_seconds(self, cases: Sequence[Case], iterations: int | None = None) -> float:
         """Return the simulated time [s] that cases take an arm that follows exactly."""
@@ -315,12 +295,10 @@ class GeneratedTrajectoryExperiment(GTESetup):
         rig.compensator.set_rows(ids, [cases[i].compensation for i in of])
         block = _PART * round(1.0 / self.protocol.sample_rate / CONTROL_DT)
         log = RunLog(rig, self.protocol, block)
-        horizon = np.array([self.horizon(paths[i]) for i in of])
-        while log.time < np.max(log.end(horizon)):
+        while log.time < np.max(log.end):
             log.advance()
             if progress is not None:
                 progress(nsim * block * CONTROL_DT)
         return [
-            log.run(case, np.array(of) == i, len(paths[i].position), horizon)
-            for i, case in enumerate(cases)
+            log.run(case, np.array(of) == i, len(paths[i].position)) for i, case in enumerate(cases)
         ]

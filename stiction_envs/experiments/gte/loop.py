@@ -18,7 +18,7 @@ from stiction_envs.arrays import Array, Bools, Index
 from stiction_envs.compiled import compiled, inlined
 from stiction_envs.control.compensation import Compensations, compensate, look_ahead
 from stiction_envs.control.impedance import Impedance, impedance_cycle, read_flags, renew_space
-from stiction_envs.control.kinematics import Chain, Hand, follow_chain, read_hand
+from stiction_envs.control.kinematics import Hand, MeasuredHand, read_hand, read_measured
 from stiction_envs.control.rotation import write_one_error_matrix
 from stiction_envs.control.sensing_kernels import Measured, Sent, send_arm, sense_arm
 from stiction_envs.control.torque_path import PathState, pass_torque
@@ -197,8 +197,6 @@ class Arms(NamedTuple):
     senses: bool  # Whether controllers have measured states, and commands take time
     measured: Measured  # What controllers have: q, dq; without senses these two only
     sent: Sent
-    chain: Chain
-    measured_hand: Hand  # The end effector at the measured angles
     position: Array  # (N, 3) of the end effector as controllers have it [m]
     quaternion: Array  # (N, 4) of the same
     jacobian: Array  # (N, 6, n) of the same
@@ -220,6 +218,7 @@ def follow(
     shaking: Shaking,
     sampling: Sampling,
     model: ModelArrays,
+    seen: MeasuredHand,
     loop: Loop,
 ) -> None:
     """Let some arms follow their paths.
@@ -232,6 +231,7 @@ def follow(
         shaking: their dither.
         sampling: what is recorded of them.
         model: the controllers' model, of these arms alone.
+        seen: the end effector at the measured angles, likewise.
         loop: the physics of these arms.
     """
     # unpacked here: where a structure is taken apart or handed on, each of its arrays costs time
@@ -239,11 +239,10 @@ def follow(
     impedance, compensation, path = arms.impedance, arms.compensation, arms.path
     movement, goals, step = arms.movement, arms.goals, arms.step
     position, quaternion, jacobian = arms.position, arms.quaternion, arms.jacobian
-    chain, measured_hand = arms.chain, arms.measured_hand
     q, dq, missing, mass = measured.q, measured.dq, model.missing, model.mass
     applied, added, torque = arms.applied, arms.added, shaking.torque
     command, arrived, state = impedance.command, sent.arrived, plant.state
-    stride, kind = sampling.stride, compensation.kind
+    stride, law = sampling.stride, compensation.law
     positions, quaternions, references = sampling[1], sampling[2], sampling[3]
     senses, detailed = arms.senses, sampling.detailed
     hold, model_period, goal_period = arms.hold, arms.model_period, arms.goal_period
@@ -265,10 +264,9 @@ def follow(
             if senses:
                 link_q, link_dq, felt = _true_state(i, plant)
                 sense_arm(due, i, step[i], link_q, link_dq, felt, measured)
-            read_hand(i, hand)
+            read_hand(i, i, hand)
             if due and senses:
-                follow_chain(i, chain, measured_hand)
-                read_hand(i, measured_hand)
+                read_measured(i, seen)
             elif due:
                 write_links(i, plant.qpos, plant, q[i])
                 write_links(i, plant.qvel, plant, dq[i])
@@ -290,7 +288,7 @@ def follow(
                         _feed(i, clock, jacobian[i], movement, compensation)
                 _shake(i, k, time, dq, shaking)
                 shaken = torque
-                if kind[i] >= 0:
+                if law[i] != 0:
                     pose = position, quaternion, jacobian
                     compensate(i, *pose, dq, mass, impedance, compensation)
                     for j in range(n):

@@ -190,17 +190,16 @@ class Measures(Accumulator):
         self.close()
         self.torque_rate = run.torque_rate.max(axis=1)
         """(I,) largest change of torque on any joint, a measure of wear [N·m/s]."""
-        self.duration = run.reached[:, -1]  # (I,) when the last goal was reached, NaN if never [s]
+        self.duration = run.reached[:, -1]  # (I,) when the last goal was reached [s]
         self.missed = ~(self.left <= [motion.position_tolerance, motion.rotation_tolerance]).all(-1)
         """(I, G) whether `settling` is beyond the generator's tolerance, so that only its patience
-        ended the goal; roll, pitch and yaw errors are added as a vector. True where never
-        reached."""
+        ended the goal; roll, pitch and yaw errors are added as a vector."""
 
     @property
     def corner(self) -> Array:
         """(I, G − 1, 6) error when each new goal was accepted, in the last sample before the
-        reference went to the measured pose; NaN where it never was. None for the first goal: there
-        it is 0 by definition [m, rad]."""
+        reference went to the measured pose. None for the first goal: there it is 0 by definition
+        [m, rad]."""
         return self.settling[:, :-1]
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from itertools import chain, cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +18,10 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from stiction_envs.arrays import Array
+from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.measures import error_against_time, sample_period
 from stiction_envs.experiments.gte.protocol import AXES, Case, Run
-from stiction_envs.experiments.gte.rows import CASES, case_name
+from stiction_envs.experiments.gte.rows import case_name
 from stiction_envs.experiments.sje.plots import WITH, WITHOUT, plain_axes
 from stiction_envs.reporting.png import save_full
 from stiction_envs.robots import arm_title
@@ -30,14 +30,16 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 ACCEPTED = "#7b3fa0"  # Colour of accepted goals, purple as in the thesis
-_COMPENSATED = cycle(("#1a7a6a", "#66a61e", "#2b7bba", "#c0285f"))
-COLOURS = dict(zip(CASES, chain((WITHOUT, WITH), _COMPENSATED), strict=False))
-"""Colours of cases by name; a plot has one or two of the compensations."""
+_COMPENSATED = (("#1a7a6a", "#66a61e"), ("#2b7bba", "#c0285f"))
+"""Colours of compensated cases, without and with dither, of every second law in turn."""
 
 
 def colour(run: Run) -> str:
     """Return the colour of a run."""
-    return COLOURS[case_name(run.case)]
+    case = run.case
+    if case.compensation is None:
+        return WITH if case.dithered else WITHOUT
+    return _COMPENSATED[list(LAWS).index(case.compensation.kind) % 2][case.dithered]
 
 
 def label(run: Run) -> str:
@@ -60,13 +62,11 @@ def published(run: Run) -> tuple[Array, Array]:
     """Return the reference of the first iteration and its goals, (K, 3), (G, 3) [m].
 
     NaN rows separate the movements: between them the reference goes to the measured pose at once.
-    A goal is where the reference rests when it is reached; one never reached is left out.
+    A goal is where the reference rests when it is reached.
     """
     reference, period = run.reference[0, :, :3], sample_period(run)
-    reached = run.reached[0][np.isfinite(run.reached[0])]
-    goals = reference[np.maximum(np.rint(reached / period).astype(int) - 1, 0)]
-    accepted = run.accepted[0, 1:]
-    cuts = np.rint(accepted[np.isfinite(accepted)] / period).astype(int)
+    goals = reference[np.maximum(np.rint(run.reached[0] / period).astype(int) - 1, 0)]
+    cuts = np.rint(run.accepted[0, 1:] / period).astype(int)
     return np.insert(reference, cuts, np.nan, axis=0), goals
 
 
@@ -223,5 +223,5 @@ _DOTS = ((0, (1, 1.5)), (0, (1, 4)), (0, (3, 3)), (0, (3, 6)))
 def _mark_goals(axes: Axes, runs: Sequence[Run]) -> None:
     for run, style in zip(runs, _DOTS, strict=False):
         for k, t in enumerate(run.accepted.mean(axis=0)):
-            if np.isfinite(t) and (k > 0 or run is runs[0]):
+            if k > 0 or run is runs[0]:
                 axes.axvline(t, color=ACCEPTED, lw=1.2, ls=style, zorder=2)

@@ -36,10 +36,7 @@ class GTEProtocol:
     sample_rate: Positive  # Rate at which errors are sampled [Hz]
     model_steps: Count  # Control steps between two updates of the controller's model
     return_distance: Positive  # Distance of joints from the start before their return [rad]
-    tail: Positive  # Time after the last goal is reached or given up [s]
-    patience: Positive
-    """Time a path may take beyond its movements and the generator's own patience before it is
-    given up: counts only where that is inf (`MotionLimits.patience`) [s]."""
+    tail: Positive  # Time after the last goal is reached [s]
     vibration_low: Positive  # Lowest frequency that counts as vibration [Hz]
     vibration_lever: Positive  # How much translation a vibration of 1 rad counts as [m]
 
@@ -123,8 +120,8 @@ class Run:
     time: Array  # (K,) [s]
     reference: Array  # (iterations, K, 6) reference: x, y, z [m], roll, pitch, yaw [rad]
     actual: Array  # (iterations, K, 6) measured pose of the tool point, oriented as the hand
-    accepted: Array  # (iterations, goals) times at which goals were accepted [s]; NaN where never
-    reached: Array  # (iterations, goals) times at which goals were reached [s]; NaN where never
+    accepted: Array  # (iterations, goals) times at which goals were accepted [s]
+    reached: Array  # (iterations, goals) times at which goals were reached [s]
     mean_square: Array
     """(iterations, K, 6) mean square above `vibration_low` within each sample: of the position,
     then of turns about x, y, z times `vibration_lever` [m²]."""

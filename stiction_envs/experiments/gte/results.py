@@ -47,11 +47,6 @@ class TrackingErrors(Result):
         """Rows of ``runs.csv``: a case each."""
         return [run_row(r, m, self.robot) for r, m in self.runs]
 
-    @property
-    def unfinished(self) -> int:
-        """Iterations that never reached their last goal."""
-        return sum(row.unfinished for row in self.run_rows)
-
     def to_json(self) -> dict[str, Any]:
         """Return robot, rows and runs."""
         return {
@@ -84,8 +79,8 @@ class TrackingErrors(Result):
         rows = self.rows
         cases = [[r for r in rows if r.case == run.case] for run in self.run_rows]
         base, *others = cases
-        header = ["sum of |error|", WORDS[base[0].case]]
-        header += [x for other in others for x in (WORDS[other[0].case], "change")]
+        header = ["sum of |error|", _words(base[0].case)]
+        header += [x for other in others for x in (_words(other[0].case), "change")]
         lines = []
         for k, row in enumerate(base):
             line = [f"{row.axis} [{row.unit}·samples]", _sum(row)]
@@ -94,13 +89,21 @@ class TrackingErrors(Result):
         return "\n".join([aligned(header, lines), *map(_run_text, self.run_rows)])
 
 
+def _words(case: str) -> str:
+    """Return a case as a sentence names it."""
+    kind = case.removesuffix("_dither")
+    if kind in LAWS:
+        return LAWS[kind].words + (" with dither" if kind != case else "")
+    return case.replace("_", " ")
+
+
 def _change(row: ErrorRow, other: ErrorRow) -> str:
     """Return by how much an error differs; an arm may not move along an axis at all."""
     return percent(100 * (other.window_sum / row.window_sum - 1)) if row.window_sum else "–"
 
 
 def _run_text(r: RunRow) -> str:
-    text = f"{WORDS[r.case]}: {r.duration_s:.2f} s, "
+    text = f"{_words(r.case)}: {r.duration_s:.2f} s, "
     text += f"vibration {1e3 * r.vibration_m:.3f} mm "
     text += f"({1e3 * r.vibration_at_rest_m:.3f} mm at rest), "
     text += f"dither energy {r.dither_energy_j:.2f} J, "
@@ -118,13 +121,6 @@ def _sum(row: ErrorRow) -> str:
 
 
 TEMPLATE = Path(__file__).parent / "templates" / "report.md.j2"
-WORDS = {
-    "no_dither": "no dither",
-    "dither": "dither",
-    **{name: law.words for name, law in LAWS.items()},
-    **{f"{name}_dither": f"{law.words} with dither" for name, law in LAWS.items()},
-}
-"""Cases of `stiction_envs.experiments.gte.rows.CASES` as a sentence names them."""
 MILLI = 1e3
 
 
@@ -150,7 +146,7 @@ def write_report(
         base={"position": MILLI * base[0], "orientation": MILLI * base[1]},
         changes=[
             {
-                "words": WORDS[run.case],
+                "words": _words(run.case),
                 "position": _share(_left(cases[run.case])[0], base[0]),
                 "orientation": _share(_left(cases[run.case])[1], base[1]),
                 "motion": _share(_moving(cases[run.case]), _moving(cases[first.case])),
@@ -187,12 +183,11 @@ def _trouble(runs: Sequence[RunRow]) -> str:
     found = []
     for run in runs:
         for count, what in (
-            (run.unfinished, "{} never reached the last goal"),
             (run.singular, "{} came near a singular pose"),
             (run.near_limit, "{} came near a joint's limit"),
         ):
             if count:
-                words = f"{WORDS[run.case]}: {what.format(plural(count, 'iteration'))}"
+                words = f"{_words(run.case)}: {what.format(plural(count, 'iteration'))}"
                 found.append(f"{words} of {run.iterations}")
     return "; ".join(found)
 
@@ -209,7 +204,7 @@ def _errors(cases: dict[str, list[ErrorRow]], column: str, factor: float) -> str
             value = getattr(case[k], column)
             line.append(f"{short(factor * value)} ({percent(_share(value, before) - 100, 0)})")
         rows.append(line)
-    return table_text(["axis", *(WORDS[name] for name in cases)], rows)
+    return table_text(["axis", *(_words(name) for name in cases)], rows)
 
 
 def _runs(runs: Sequence[RunRow]) -> str:
@@ -218,7 +213,7 @@ def _runs(runs: Sequence[RunRow]) -> str:
         [*header, "torque rate up to [N·m/s]", "goals missed"],
         [
             [
-                WORDS[run.case],
+                _words(run.case),
                 number(run.duration_s, 2),
                 number(MILLI * run.vibration_m, 3),
                 number(MILLI * run.vibration_at_rest_m, 3),

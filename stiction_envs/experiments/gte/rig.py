@@ -17,7 +17,7 @@ from stiction_envs.arrays import Array, Index
 from stiction_envs.control.compensation import Compensator
 from stiction_envs.control.impedance import CartesianImpedance, ImpedanceSettings
 from stiction_envs.control.kinematics import EndEffector, MeasuredEndEffector
-from stiction_envs.control.sensing import CommandLine, Senses, Sensing
+from stiction_envs.control.sensing import Senses, Sensing
 from stiction_envs.control.trajectory import GoalSequencer, MotionLimits, Path
 from stiction_envs.experiments.gte.loop import Arms, ControllerModel, Sampling, Shaking, follow
 from stiction_envs.experiments.gte.protocol import GTEProtocol
@@ -66,10 +66,8 @@ class GTERig(Rig):
         self.protocol, self.motion, self.start = setup.protocol, motion, np.array(setup.start)
         self.end_effector = EndEffector(sticking, self.plant.batch, setup.tool)
         # compiled code takes the arrays of senses also where there are none
-        nothing = Sensing()
-        self._measured = self.senses or Senses(nothing, nsim, self.n)
-        self._sent = self._line or CommandLine(nothing, nsim, self.n)
-        self._measured_end_effector = MeasuredEndEffector(sticking, self._measured.q, setup.tool)
+        self._measured = self.senses or Senses(Sensing(), nsim, self.n)
+        self._measured_end_effector = MeasuredEndEffector(arm, self._measured.q, setup.tool)
         self.seen_end_effector = (
             self.end_effector if self.senses is None else self._measured_end_effector
         )
@@ -158,14 +156,11 @@ class GTERig(Rig):
         """Follow for some control steps; `sampling` is what is recorded meanwhile."""
         sampling = blank_sampling(steps, steps, self.nsim, self.n) if sampling is None else sampling
         shaking = self._shaking(steps)
-        self._threads.run(
-            [
-                partial(
-                    follow, a, b, steps, self._arms, shaking, sampling, self._model.arrays(k), loop
-                )
-                for k, (a, b, loop) in enumerate(self.plant.loops())
-            ]
-        )
+        tasks = []
+        for k, (first, end, loop) in enumerate(self.plant.loops()):
+            own = self._model.arrays(k), self._measured_end_effector.measured(k), loop
+            tasks.append(partial(follow, first, end, steps, self._arms, shaking, sampling, *own))
+        self._threads.run(tasks)
         raise_if_stopped(self.plant.batch)
 
     def _make_arms(self) -> Arms:
@@ -179,9 +174,7 @@ class GTERig(Rig):
             hand=self.end_effector.arrays,
             senses=self.senses is not None,
             measured=self._measured.arrays,
-            sent=self._sent.arrays,
-            chain=self._measured_end_effector.chain,
-            measured_hand=self._measured_end_effector.arrays,
+            sent=self._measured.sent,
             position=pose.position,
             quaternion=pose.quaternion,
             jacobian=pose.jacobian,

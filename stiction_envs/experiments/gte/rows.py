@@ -9,17 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from stiction_envs.control.compensation import KINDS
 from stiction_envs.experiments.gte.measures import Measures, error_against_time
 from stiction_envs.experiments.gte.protocol import AXES, FLAGS, Case, Run
 from stiction_envs.measured import AmplitudeRow, thesis_table
 from stiction_envs.measured.csv_text import write_lines
 
-CASES = (
-    *("no_dither", "dither"),
-    *(name for kind in KINDS for name in (kind, f"{kind}_dither")),
-)
-"""Names of the column ``case``; the first has no compensation either."""
 _AXES = tuple(f"{axis}_{unit}" for axis, unit in zip(AXES, 3 * ["m"] + 3 * ["rad"], strict=True))
 POINT_COLUMNS = ("case", "goal", "accepted_s", "reached_s", *_AXES)
 """Columns of ``points.csv``: goals from 1, mean times, then the mean absolute settling error."""
@@ -36,12 +30,12 @@ class CaseRow:
     stiffness_translation: float  # [N/m]
     stiffness_rotation: float  # [N·m/rad]
     stiffness_nullspace: float  # [N·m/rad]
-    case: str  # One of :data:`CASES`
+    case: str  # See `case_name`
 
 
 @dataclass(frozen=True)
 class ErrorRow(CaseRow):
-    """One axis of one case, means over iterations; NaN where an iteration has no such number."""
+    """One axis of one case, means over iterations."""
 
     axis: str
     unit: str  # ``m`` or ``rad``, of all errors; window sums are in unit times samples
@@ -59,7 +53,7 @@ class ErrorRow(CaseRow):
 class RunRow(CaseRow):
     """Results of one case over the whole path, means over iterations."""
 
-    duration_s: float  # When the last goal was reached; NaN if an iteration never did
+    duration_s: float  # When the last goal was reached
     vibration_x_m: float  # Root mean square above the protocol's `vibration_low`
     vibration_y_m: float
     vibration_z_m: float
@@ -72,14 +66,14 @@ class RunRow(CaseRow):
     saturated: int
     near_limit: int
     goals_missed: int  # Goals of all iterations that the arm left beyond the tolerance
-    unfinished: int  # Iterations that never reached their last goal
     iterations: int
 
 
 def case_name(case: Case) -> str:
-    """Return the name of a case in the column ``case``."""
-    position = 0 if case.compensation is None else 2 + 2 * KINDS.index(case.compensation.kind)
-    return CASES[position + int(case.dithered)]
+    """Return the name of a case: no_dither, dither, push, push_dither and so on."""
+    if case.compensation is None:
+        return "dither" if case.dithered else "no_dither"
+    return case.compensation.kind + ("_dither" if case.dithered else "")
 
 
 def unit(axis: str) -> str:
@@ -129,7 +123,6 @@ def run_row(run: Run, measures: Measures, robot: str) -> RunRow:
         peak_torque_rate_nm_s=float(m.torque_rate.max()),
         **flags,
         goals_missed=int(m.missed.sum()),
-        unfinished=int(np.isnan(m.duration).sum()),
         iterations=len(run.accepted),
     )
 

@@ -9,7 +9,6 @@ to control step and multiplied by a lever [m], go through the same high-pass as 
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,21 +22,6 @@ from stiction_envs.experiments.gte.protocol import FLAGS, Case, GTEProtocol, Run
 from stiction_envs.experiments.gte.rig import GTERig, blank_sampling
 from stiction_envs.experiments.highpass import butterworth_highpass, filter_sections
 from stiction_envs.plant import CONTROL_DT
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Samples:
-    """S samples of N arms, one after the other; fresh arrays."""
-
-    actual: Array
-    """(N, S, 6) pose at the first control step of each sample: x, y, z of the tool point [m], roll,
-    pitch, yaw of the hand's frame [rad]."""
-    error: Array  # (N, S, 6) that pose less the reference's, angles in (−π, π] [m, rad]
-    reference: Array  # (N, S, 6) pose of the reference then
-    mean_square: Array
-    """(N, 6, S) mean square, over the control steps of each sample, of what is above the protocol's
-    `vibration_low`: the tool point's position, then the hand's turns about x, y, z times the
-    protocol's `vibration_lever` [m²]."""
 
 
 class Sampler:
@@ -69,8 +53,17 @@ class Sampler:
         self._before[ids], self._turned[ids] = self._rig.end_effector.quaternion[ids], 0.0
         self._state[:, ids] = 0.0
 
-    def advance(self) -> Samples:
-        """Let all arms follow for one block."""
+    def advance(self) -> tuple[Array, Array]:
+        """Let all arms follow for one block of S samples, and return fresh arrays.
+
+        Returns:
+            (2, N, S, 6) poses at the first control step of each sample, the arm's and the
+            reference's: x, y, z of the tool point [m], roll, pitch, yaw of the hand's frame [rad].
+
+            (N, 6, S) mean square, over the control steps of each sample, of what is above the
+            protocol's `vibration_low`: the tool point's position, then the hand's turns about x, y,
+            z times the protocol's `vibration_lever` [m²].
+        """
         position, quaternion, reference = self.recorded[1:4]
         self._rig.advance(len(position), self.recorded)
         shaken = np.empty((self._rig.nsim, 6, len(position)))
@@ -83,12 +76,7 @@ class Sampler:
         actual = position[:: self.stride], quaternion[:: self.stride]
         both = np.stack([np.concatenate(actual, axis=-1), reference]).swapaxes(1, 2)
         poses = np.concatenate([both[..., :3], to_rpy(both[..., 3:])], axis=-1)
-        return Samples(
-            actual=poses[0],
-            error=pose_error(poses[0], poses[1]),
-            reference=poses[1],
-            mean_square=np.mean(samples**2, axis=-1),
-        )
+        return poses, np.mean(samples**2, axis=-1)
 
 
 @compiled
@@ -144,42 +132,35 @@ class RunLog(Sampler):
         """Simulated since the first goal [s]."""
         return len(self._blocks["actual"]) * self.size / self._protocol.sample_rate
 
-    def advance(self) -> Samples:
+    def advance(self) -> tuple[Array, Array]:
         """Let all arms follow for one block, and keep its samples."""
         details = self.recorded.power, self.recorded.rate, self.recorded.flags
         for array in details:
             array[:] = 0
-        samples = super().advance()
+        poses, mean_square = super().advance()
         power, rate, flags = (array.swapaxes(0, 1).copy() for array in details)
         new = {
-            "actual": samples.actual,
-            "reference": samples.reference,
-            "mean_square": samples.mean_square.transpose(0, 2, 1),
+            "actual": poses[0],
+            "reference": poses[1],
+            "mean_square": mean_square.transpose(0, 2, 1),
             "power": power / self.stride,
             "rate": rate,
             "flags": flags,
         }
         for name, values in new.items():
             self._blocks[name].append(values)
-        return samples
+        return poses, mean_square
 
-    def end(self, horizon: Array) -> Array:
-        """Return (N,) when a simulation's record may end, ∞ where that is not known yet [s].
+    @property
+    def end(self) -> Array:
+        """(N,) when a simulation's record may end, ∞ where that is not known yet [s]."""
+        last = np.fmax.reduce(self._sequencer.arrays.reached, axis=1, initial=0.0)
+        return np.where(self._sequencer.finished, last + self._protocol.tail, np.inf)
 
-        ``horizon`` (N,) is when each is given up [s].
-        """
-        reached, finished = self._sequencer.reached_at, self._sequencer.finished
-        last = np.nanmax(reached, axis=1, where=np.isfinite(reached), initial=0)
-        known = finished | (self.time >= horizon)
-        last = np.where(finished, np.minimum(last, horizon), horizon)
-        return np.where(known, last + self._protocol.tail, np.inf)
-
-    def run(self, case: Case, mine: Bools, goals: int, horizon: Array) -> Run:
+    def run(self, case: Case, mine: Bools, goals: int) -> Run:
         """Return the run of simulations ``mine``: cut at its own end, whatever else was run."""
-        rate, given_up = self._protocol.sample_rate, horizon[mine][:, None]
-        count = int(np.ceil(float(self.end(horizon)[mine].max()) * rate - 1e-6))
-        accepted = self._sequencer.accepted_at[mine, :goals]
-        reached = self._sequencer.reached_at[mine, :goals]
+        rate, times = self._protocol.sample_rate, self._sequencer.arrays
+        count = int(np.ceil(float(self.end[mine].max()) * rate - 1e-6))
 
         def samples(name: str) -> NDArray[Any]:
             return np.concatenate([x[mine] for x in self._blocks[name]], axis=1)[:, :count]
@@ -190,8 +171,8 @@ class RunLog(Sampler):
             time=np.arange(count) / rate,
             reference=samples("reference"),
             actual=samples("actual"),
-            accepted=np.where(accepted > given_up, np.nan, accepted),
-            reached=np.where(reached > given_up, np.nan, reached),
+            accepted=times.accepted[mine, :goals],
+            reached=times.reached[mine, :goals],
             mean_square=samples("mean_square"),
             dither_power=samples("power"),
             torque_rate=samples("rate").max(axis=1),
@@ -229,11 +210,11 @@ class Recorder(Accumulator):
 
     def advance(self) -> None:
         """Let all arms follow for one environment step."""
-        s = self._sampler.advance()
+        poses, mean_square = self._sampler.advance()
         goals, before = self._rig.sequencer.arrays, np.isfinite(self.settling[..., 0])
-        self.feed(s.error, s.mean_square, goals.accepted, goals.reached)
+        self.feed(pose_error(*poses), mean_square, goals.accepted, goals.reached)
         new = np.isfinite(self.settling[..., 0]) & ~before
         self.step_left[:] = 0.0
         if new.any():
             self.step_left[new] = self.left[new]
-        self.step_vibration = np.sqrt(s.mean_square.mean(axis=-1).sum(axis=-1))
+        self.step_vibration = np.sqrt(mean_square.mean(axis=-1).sum(axis=-1))

@@ -217,8 +217,8 @@ class SJERig(Rig):
             for k in range(0, length, self._cycle):
                 shaken = self.dither.torque(self._command_time(ahead + k), speed)[ids]
                 command[:, k : k + self._cycle] += shaken[:, None]
-        if self._line is not None:
-            self._line.send_block(ids, step, command)
+        if self.senses is not None:
+            self.senses.send_block(ids, step, command)
         torque[rows] = self._path.run(command, ids)
 
     def _setpoints(self, ids: Index, step: Index, ramping: Bools) -> Array | None:
@@ -263,8 +263,8 @@ class SJERig(Rig):
         start = np.zeros((len(ids), self.n))
         start[rows, joint] = self.start_torque[ids]
         self._path.reset(ids, start)
-        if self._line is not None:
-            self._line.reset(ids, self._sense_seed[ids], start)
+        if self.senses is not None:
+            self.senses.hold(ids, start)
         self.stage[ids], self.step[ids] = RAMP, 0
         self._speeds[ids] = 0.0
 

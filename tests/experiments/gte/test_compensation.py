@@ -40,8 +40,7 @@ def test_a_relay_beyond_friction_hunts_and_vibration_shows_it():
     b = bench(tail=4.0, scatter=False)
     case = Case(trajectory="there", stiffness=SOFT)
     relays = [
-        dataclasses.replace(b.compensation("push", factor), error=(1e-5,), speed=(0.1,))
-        for factor in (0.5, 1.5, 4.0)
+        b.compensation("push", factor).replace(error=1e-5, speed=0.1) for factor in (0.5, 1.5, 4.0)
     ]
     runs = b.run([case, *(with_(case, c) for c in relays)], iterations=1)
     last_second = [np.sqrt(run.mean_square[0, -100:].mean(axis=0).sum()) for run in runs]
@@ -57,8 +56,7 @@ def test_more_than_friction_hunts():
     b = bench(tail=4.0, scatter=False)
     case = Case(trajectory="there", stiffness=SOFT)
     observers = [
-        dataclasses.replace(b.compensation("lugre_observer", factor), injection=(3.0,) * 7)
-        for factor in (0.8, 1.6)
+        b.compensation("lugre_observer", factor).replace(injection=3.0) for factor in (0.8, 1.6)
     ]
     runs = b.run([with_(case, c) for c in observers], iterations=1)
     moved = [np.ptp(run.actual[0, -200:, :3], axis=0).max() for run in runs]

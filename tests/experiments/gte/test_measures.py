@@ -11,8 +11,6 @@ from stiction_envs.experiments.gte import rows as gte_table
 from stiction_envs.experiments.gte.measures import Accumulator
 from tests.experiments.gte.made_up import made_up
 
-NAN = float("nan")
-
 
 def constant(*values: float) -> np.ndarray:
     """Errors (2, 700, 6) of two iterations, the second the negative of the first."""
@@ -75,23 +73,6 @@ def test_missed_goals():
     turned = gte_measures.measure(made_up(constant(0, 0, 0, 0, 0.3, 0)))
     assert turned.missed.all()
     assert not gte_measures.measure(made_up(constant(0.03, 0, 0, 0, 0.2, 0))).missed.any()
-
-
-def test_measures_of_a_run_that_never_ends():
-    """The whole record counts; what belongs to goals never reached is NaN."""
-    run = made_up(
-        np.full((1, 700, 6), 0.01), iterations=1, accepted=(0, 2, NAN), reached=(2, NAN, NAN)
-    )
-    m = gte_measures.measure(run)
-    np.testing.assert_allclose(m.rms, 0.01)
-    np.testing.assert_allclose(m.dither_energy, 14.0)
-    assert np.isnan(m.window_sum).all(), "the last goal was never accepted"
-    assert np.isnan(m.duration).all()
-    assert np.isnan(m.shaking_at_rest).all()
-    np.testing.assert_array_equal(np.isnan(m.settling[0, :, 0]), [False, True, True])
-    np.testing.assert_array_equal(m.missed, [[False, True, True]])
-    row = gte_table.run_row(run, m, "panda")
-    assert (row.unfinished, row.goals_missed) == (1, 2)
 
 
 def test_path_of_one_goal_has_no_corner():

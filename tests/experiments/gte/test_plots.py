@@ -10,8 +10,6 @@ from stiction_envs.experiments.gte import plots as gte_plots
 from stiction_envs.experiments.gte.protocol import AXES
 from tests.experiments.gte.made_up import made_up
 
-NAN = float("nan")
-
 
 def pair(**changes: object):
     """A run without dither, and one with it, of different errors."""
@@ -71,15 +69,6 @@ def test_reference_is_cut_where_it_goes_to_the_measured_pose():
 @pytest.mark.parametrize(
     "plot", [gte_plots.plot_path_xy, gte_plots.plot_path_3d, gte_plots.plot_errors]
 )
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"iterations": 1},
-        {"accepted": (0, 2, NAN), "reached": (2, NAN, NAN)},
-        {"accepted": (0, NAN, NAN), "reached": (NAN, NAN, NAN)},
-    ],
-    ids=["one iteration", "not finished", "never anywhere"],
-)
-def test_every_kind_of_run_is_drawn(tmp_path, plot, changes):
-    plot([made_up(**changes)], tmp_path / "a.png", robot="own")
+def test_one_iteration_is_drawn(tmp_path, plot):
+    plot([made_up(iterations=1)], tmp_path / "a.png", robot="own")
     assert (tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")

@@ -1,5 +1,7 @@
 """A Generated Trajectory Experiment's report, of made-up runs."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -44,11 +46,10 @@ def test_shares_are_of_what_is_left_without_dither(report):
     assert "http" not in page
 
 
-def test_a_run_that_did_not_arrive_is_reported(report):
-    nan = np.nan
-    late = {"accepted": [[0, 2, 4]] * 2, "reached": [[2, 4, nan]] * 2}
-    text, _ = report(made_up(constant(*[1e-3] * 6), **late))
-    assert "are left at the last goal**" in text
-    assert "> No dither: 2 iterations never reached the last goal of 2." in text
-    text, _ = report(made_up(constant(*[1e-3] * 6)))
+def test_iterations_near_a_singular_pose_are_reported(report):
+    run = made_up(constant(*[1e-3] * 6))
+    near = {"singular": np.ones(2, dtype=bool)}
+    text, _ = report(dataclasses.replace(run, flags=run.flags | near))
+    assert "> No dither: 2 iterations came near a singular pose of 2." in text
+    text, _ = report(run)
     assert "**1.73 mm and 1.73 mrad are left at the last goal**" in text

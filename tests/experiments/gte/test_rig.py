@@ -66,7 +66,7 @@ def test_steps_are_the_same_bits_in_one_call_or_many(robot, kind, options):
             rig.advance(steps, sampling)
             poses += [sampling.position[:, ids], sampling.quaternion[:, ids]]
         together = [np.concatenate(poses[k::2]) for k in (0, 1)]
-        noted = *rig.plant.state, rig.applied, rig.dither_torque, rig.sequencer.reached_at
+        noted = *rig.plant.state, rig.applied, rig.dither_torque, rig.sequencer.arrays.reached
         noted = *noted, rig.plant.bristle, rig.step, rig.undithered_torque, rig.seen_velocity
         found.append([*together, *(x[ids].copy() for x in noted)])
     for one_call, many in zip(*found, strict=True):

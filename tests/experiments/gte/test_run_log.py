@@ -33,8 +33,10 @@ class Stub:
         self.power, self.applied = np.zeros(2), np.zeros((2, 7))
         self.sequencer = SimpleNamespace(
             finished=np.ones(2, dtype=bool),
-            accepted_at=np.array([[0.0, 1.0], [0.0, 1.0]]),
-            reached_at=np.array([[1.0, 2.0], [1.0, 2.0]]),
+            arrays=SimpleNamespace(
+                accepted=np.array([[0.0, 1.0], [0.0, 1.0]]),
+                reached=np.array([[1.0, 2.0], [1.0, 2.0]]),
+            ),
         )
 
     def advance(self, steps, sampling) -> None:
@@ -54,7 +56,7 @@ def logged(move, seconds: float = 3.0) -> Run:
     log = RunLog(Stub(move), load_gte_protocol(), 100)
     for _ in range(round(seconds * 10)):
         log.advance()
-    return log.run(made_up().case, np.ones(2, dtype=bool), 2, np.full(2, 9.0))
+    return log.run(made_up().case, np.ones(2, dtype=bool), 2)
 
 
 def test_samples_are_the_first_of_their_control_steps():

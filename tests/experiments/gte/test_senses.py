@@ -58,7 +58,7 @@ def test_commands_act_later():
     for _ in range(100):
         rig.advance(1)
         sent.append(rig.controller.command.copy())
-        acting.append(rig._line.arrived.copy())
+        acting.append(rig.senses.sent.arrived.copy())
     assert np.abs(sent).max() > 0.1
     np.testing.assert_array_equal(acting[late:], sent[:-late])
     assert not np.any(acting[:late])

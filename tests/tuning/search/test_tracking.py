@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction_envs.control.compensation import KINDS
+from stiction_envs.control.laws import LAWS
 from stiction_envs.experiments.gte.experiment import GeneratedTrajectoryExperiment
 from stiction_envs.experiments.gte.measures import measure
 from stiction_envs.experiments.gte.rows import thesis_final_dither
@@ -107,7 +107,7 @@ def test_forbidden_bands_are_not_simulated(make, monkeypatch):
 
 
 @pytest.mark.usefixtures("measured")
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", LAWS)
 def test_every_compensation_is_searched(make, kind):
     """The parameters of a kind are within its space, whose middle is a treatment."""
     objective = make(joints=(), compensation=kind, rest_margin=1.0)
