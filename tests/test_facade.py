@@ -16,7 +16,7 @@ from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import SJERow, read_amplitudes, read_base, read_sje, write_sje
 from stiction_envs.reporting.result import Result
 from tests.gap.small_logs import hidden, sliding, write_csv
-from tests.robots.arms import chain
+from tests.robots.arms import TWO
 
 FAST = load_protocol("two").replace(ramp_rate=1.0, iterations=1, return_time=0.2)
 
@@ -29,8 +29,7 @@ def sticky(q, dq, ddq):
 def place(tmp_path_factory) -> Path:
     """A folder with the model of a two-joint arm and a log of it that has friction."""
     folder = tmp_path_factory.mktemp("facade")
-    geom = '<geom pos="0.15 0 0.1" size="0.05" mass="1"/>'
-    (folder / "two.xml").write_text(chain(2, extra=geom))
+    (folder / "two.xml").write_text(TWO)
     write_csv(folder / "log.csv", hidden(st.load_arm(folder / "two.xml"), sticky, seconds=8.0))
     return folder
 

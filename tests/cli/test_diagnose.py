@@ -12,6 +12,7 @@ import pytest
 from stiction_envs.friction.parameters import load_friction
 from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
+from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
 from tests.gap.small_logs import dry, hidden, sliding, write_csv
 from tests.robots.arms import chain
@@ -160,9 +161,8 @@ def test_poses_at_rest_without_time(cli, work, two, inputs):
     q = rng.uniform(-1, 1, (120, 2))
     tau = gravity_torque(arm.pinocchio(), q) + [7.0, 0] + 0.02 * rng.normal(size=(120, 2))
     path = inputs / "poses.csv"
-    np.savetxt(
-        path, np.hstack([q, tau]), fmt="%.6f", delimiter=",", header="q1,q2,tau1,tau2", comments=""
-    )
+    rows = log_csv(np.zeros(120), q=q, tau=tau).splitlines()
+    path.write_text("\n".join(row.partition(",")[2] for row in rows))  # without time
     done = cli("diagnose", "--poses", path, "--robot", two, "--out", "p", "--json")
     assert done.code == 0, done.err
     found = json.loads(done.out)

@@ -7,7 +7,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from stiction_envs.errors import StictionError
 from stiction_envs.robots import Arm
 
 # As in MuJoCo Menagerie: defaults, actuators, a hand with two coupled fingers, a keyframe. Masses
@@ -129,11 +128,6 @@ def flange(arm: Arm, q: np.ndarray) -> np.ndarray:
     return pose
 
 
-def one_clear_line(error: StictionError, where: str) -> None:
-    assert "\n" not in str(error)
-    assert where in str(error)
-
-
 def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
     """MJCF of ``n`` joints j1, j2, ... of one ``kind`` in a row, ``extra`` in the last link."""
     text = extra
@@ -143,3 +137,7 @@ def chain(n: int, kind: str = "hinge", mass: str = "1", extra: str = "") -> str:
             f'<geom size="0.05" mass="{mass}"/>{text}</body>'
         )
     return f"<mujoco><worldbody>{text}</worldbody></mujoco>"
+
+
+TWO = chain(2, extra='<geom pos="0.15 0 0.1" size="0.05" mass="1"/>')
+"""MJCF of an arm of two joints that feel gravity: quick to simulate."""
