@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import sys
-from pathlib import Path
 from types import ModuleType
 
 import gymnasium as gym
@@ -22,9 +21,9 @@ from stiction_envs.measured.checks.files import check
 from stiction_envs.measured.logs.formats import registry
 from stiction_envs.measured.logs.reader import read_logs
 from stiction_envs.robots import load_arm
+from tests.command_line import ROOT
 from tests.gap.small_logs import hidden, panda
 
-ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
 SECTIONS = dict(re.findall(r"^## (.+?)\n(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
 

@@ -15,14 +15,10 @@ from stiction_envs.cli import main
 from stiction_envs.experiments.sje.protocol import load_protocol
 from stiction_envs.measured import SJERow, read_amplitudes, read_base, read_sje, write_sje
 from stiction_envs.reporting.result import Result
-from tests.gap.small_logs import hidden, sliding, write_csv
+from tests.gap.small_logs import hidden, sticky, write_csv
 from tests.robots.arms import TWO
 
 FAST = load_protocol("two").replace(ramp_rate=1.0, iterations=1, return_time=0.2)
-
-
-def sticky(q, dq, ddq):
-    return 0.5 * sliding(q) + 0.4 * dq
 
 
 @pytest.fixture(scope="module")

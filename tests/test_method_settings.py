@@ -16,11 +16,11 @@ import pytest
 
 from stiction_envs.identification.settings import excitation_settings
 from stiction_envs.method_settings import Count, Positive, Share, flat, load_settings, override
+from tests.command_line import ROOT
 from tests.refusal import refusal
 from tuning.policies.settings import policy_settings
 from tuning.settings import tuning_settings
 
-ROOT = Path(__file__).parents[1]
 ROOMS = {
     "identification": excitation_settings,
     "tuning": tuning_settings,

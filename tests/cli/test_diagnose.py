@@ -14,7 +14,7 @@ from stiction_envs.gap.causes import CAUSES
 from stiction_envs.gap.signals.rigid_body import gravity_torque
 from stiction_envs.hidden.examples import log_csv
 from stiction_envs.robots import load_arm
-from tests.gap.small_logs import dry, hidden, sliding, write_csv
+from tests.gap.small_logs import dry, hidden, sticky, write_csv
 from tests.robots.arms import chain
 
 PARAMETERS = {c.name: {p.name for p in c.parameters} for c in CAUSES}
@@ -63,10 +63,6 @@ def check_schema(found: dict, n: int) -> None:
             assert len(values) == len(intervals)
             for low, high in intervals:
                 assert low <= high
-
-
-def sticky(q, dq, ddq):
-    return 0.5 * sliding(q) + 0.4 * dq
 
 
 @pytest.fixture
@@ -206,7 +202,7 @@ KEYS = {
 
 def sprung(q, dq, ddq):
     """Friction, and a cable on joint 1 that another day is not there."""
-    return 0.5 * sliding(q) + np.array([3.0, 0.0]) * q
+    return dry(q, dq, ddq) + np.array([3.0, 0.0]) * q
 
 
 @pytest.fixture

@@ -214,19 +214,7 @@ def damages(draw: st.DrawFn, content: bytes) -> bytes:
         return bytes(out)
     if kind == "word":
         words = [
-            "nan",
-            "inf",
-            "-1",
-            "1e308",
-            "0",
-            "",
-            "x",
-            "9" * 400,
-            "{",
-            "[]",
-            "\u0301",
-            '"',
-            "\n",
+            *("nan", "inf", "-1", "1e308", "0", "", "x", "9" * 400, "{", "[]", "\u0301", '"', "\n")
         ]
         text = content.decode("utf-8", "replace")
         cells = [k for k, c in enumerate(text) if c in ",= \n"] or [0]

@@ -87,6 +87,11 @@ def dry(q, dq, ddq):
     return 0.5 * sliding(q)
 
 
+def sticky(q, dq, ddq):
+    """Dry and viscous friction, for `hidden`."""
+    return 0.5 * sliding(q) + 0.4 * dq
+
+
 def found(arm: Arm, *logs: JointLog) -> Diagnosis:
     """Diagnose with a spring, dry friction and an offset as the only causes."""
     named = [replace(x, source=f"log{k}.csv") for k, x in enumerate(logs, 1)]

@@ -12,6 +12,7 @@ from stiction_envs.gap.causes import CAUSES, Part, cause_named
 from stiction_envs.gap.causes.base import OF_ARM, torque_of
 from stiction_envs.gap.extended_model import extend, load_model
 from stiction_envs.gap.model_file import Nominal, changed_arm, read
+from stiction_envs.hidden.worlds import inverse_torque
 from stiction_envs.plant import Plant
 from stiction_envs.robots import load_arm
 from stiction_envs.robots.regressor import consistent, inertial_parameters
@@ -98,14 +99,7 @@ def forces(xml: str, data) -> tuple[np.ndarray, np.ndarray]:
 def inverse(xml: str, data, rows) -> np.ndarray:
     """Torque that stock MuJoCo wants for the measured motion; friction of actuators apart."""
     model = mujoco.MjModel.from_xml_string(xml)
-    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # stops of the joints
-    work = mujoco.MjData(model)
-    out = []
-    for k in rows:
-        work.qpos[:], work.qvel[:], work.qacc[:] = data.q[k], data.dq[k], data.ddq[k]
-        mujoco.mj_inverse(model, work)
-        out.append(work.qfrc_inverse.copy())
-    return np.array(out)
+    return inverse_torque(model, data.q[rows], data.dq[rows], data.ddq[rows])
 
 
 def test_there_is_a_part_for_every_cause():

@@ -116,6 +116,14 @@ def write_arms(folder: Path) -> Path:
     return folder
 
 
+def states(arm: Arm, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles within the limits, speeds and accelerations (count, n) [rad, s]."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(*arm.limits.position.T, (count, arm.n))
+    dq, ddq = rng.uniform(-3, 3, (2, count, arm.n))
+    return q, dq, ddq
+
+
 def flange(arm: Arm, q: np.ndarray) -> np.ndarray:
     """Pose (4, 4) of the end effector at angles (n,) [rad]."""
     model = arm.model()

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from stiction_envs.robots import BUILTIN, Arm, load_arm
+from stiction_envs.robots import BUILTIN, load_arm
 from tests.refusal import refusal
-from tests.robots.arms import flange
+from tests.robots.arms import flange, states
 
 # sources.md 1.1: a, d, alpha of the modified Denavit-Hartenberg table, m and rad.
 PANDA_DH = [
@@ -49,10 +49,6 @@ def _dh(q: np.ndarray, table: list[tuple[float, float, float]]) -> np.ndarray:
     return pose
 
 
-def _samples(arm: Arm, count: int) -> np.ndarray:
-    return np.random.default_rng(3).uniform(*arm.limits.position.T, size=(count, arm.n))
-
-
 def _iiwa_dh(d1: float, d3: float, d5: float, wrist: float) -> list[tuple[float, float, float]]:
     d = (d1, 0, d3, 0, d5, 0, 0)
     return [*((0, x, alpha) for x, alpha in zip(d, IIWA_ALPHA, strict=True)), (0, wrist, 0)]
@@ -68,7 +64,7 @@ def _iiwa_dh(d1: float, d3: float, d5: float, wrist: float) -> list[tuple[float,
 def test_flange_follows_the_dh_table(name, sign, table):
     """The link frames of the iiwas differ (LBRF), joint axes and flange do not."""
     arm = load_arm(name)
-    for q in _samples(arm, 100):
+    for q in states(arm, 100)[0]:
         np.testing.assert_allclose(flange(arm, q), _dh(sign * q, table), atol=1e-12)
     # joint 2 leans forward
     assert flange(arm, np.array([0, 0.5, 0, 0, 0, 0, 0]))[0, 3] > 0.3
@@ -100,10 +96,9 @@ def test_bare_model_has_the_same_dynamics(name):
     model, bare = arm.model(), arm.bare_model()
     assert (bare.ngeom, bare.nq) == (0, arm.n)
     a, b = mujoco.MjData(model), mujoco.MjData(bare)
-    rng = np.random.default_rng(0)
-    for q in _samples(arm, 20):
+    for q, dq, _ in zip(*states(arm, 20), strict=True):
         a.qpos[:] = b.qpos[:] = q
-        a.qvel[:] = b.qvel[:] = rng.normal(size=arm.n)
+        a.qvel[:] = b.qvel[:] = dq
         mujoco.mj_forward(model, a)
         mujoco.mj_forward(bare, b)
         np.testing.assert_array_equal(a.M, b.M)

@@ -10,18 +10,12 @@ import pinocchio as pin
 import pytest
 
 from stiction_envs.robots import BUILTIN, Arm, load_arm
-from tests.robots.arms import write_arms
+from tests.robots.arms import states, write_arms
 
 STATES = 200
 TOLERANCE = 1e-9
 PAYLOAD = (1.7, 0.02, -0.03, 0.08)
 TILT = (0.2, -0.35)
-
-
-def _states(arm: Arm, count: int) -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(7)
-    q = rng.uniform(*arm.limits.position.T, size=(count, arm.n))
-    return q, rng.uniform(-1, 1, size=(count, arm.n)) * arm.limits.velocity
 
 
 def _disagreement(arm: Arm, count: int) -> dict[str, float]:
@@ -40,7 +34,7 @@ def _disagreement(arm: Arm, count: int) -> dict[str, float]:
         error = float(np.abs(ours - theirs).max() / max(scale, np.abs(theirs).max()))
         worst[what] = max(worst.get(what, 0.0), error)
 
-    for q, v in zip(*_states(arm, count), strict=True):
+    for q, v, _ in zip(*states(arm, count), strict=True):
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
